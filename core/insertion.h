@@ -1,0 +1,108 @@
+/* The tick: pose of the needle's base in, wrench out. Model constant, state mutable, no allocation, no clock. */
+#ifndef TROCAR_INSERTION_H
+#define TROCAR_INSERTION_H
+
+#include "contact.h"
+#include "needle.h"
+
+/* A named surface that resists the tip until it is punctured. */
+typedef struct {
+    int group;               /* of the mesh, dimension 2 */
+    double puncture_force;   /* N; INFINITY: never */
+} membrane;
+
+typedef struct {
+    double contact_spacing;      /* m, least distance between contact nodes along the track */
+    double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
+    double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
+    double prefetch_distance;    /* m of path ahead of the tip that the window covers */
+    int max_passes;              /* Newton passes a tick, at most */
+    double tolerance;            /* m, error of the needle's shape at which the passes stop */
+} insertion_settings;
+
+typedef struct {
+    const mesh *mesh;
+    const tissue *tissue;
+    const region_material *materials;  /* by group index */
+    const needle_model *needle;
+    const membrane *membranes;
+    int membrane_count;
+    insertion_settings settings;
+    double *node_lateral;        /* node_count: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
+    double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
+    double *node_point;          /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc, along its axis */
+} insertion_model;
+
+typedef enum {
+    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface */
+    EVENT_PUNCTURED = 1 << 1,    /* a membrane gave way (`membrane` says which) */
+    EVENT_ADDED = 1 << 2,        /* a contact became active */
+    EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
+    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side */
+    EVENT_REENTERED = 1 << 5,    /* and came back */
+    EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
+    EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
+    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
+    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium found: forces of the last tick kept */
+} insertion_event;
+
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side, shaft still in the tissue */
+
+/* One contact: a node of the tissue that the shaft passes. */
+typedef struct {
+    double arc;              /* m from the base: the needle's material point that is there */
+    double depth;            /* m along the nominal track from the skin */
+    double slid;             /* m since it last stuck */
+    double travel;           /* m, all sliding since it was made (for the tests' energy balance) */
+    friction_state friction;
+    vec3 force;              /* N, world frame, on the tissue */
+} shaft_contact;
+
+typedef struct {
+    needle_state needle;
+    uint64_t next_id;
+    refinement refined;          /* the contact nodes, base to tip */
+    shaft_contact contacts[MAX_CONTACTS];
+    int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
+    tip_phase phase;
+    int tip_tet;                 /* nominal element of the tip, -1 outside */
+    vec3 tip_nominal;            /* m, the tissue's material point at the tip */
+    double tip_depth;            /* m along the nominal track */
+    double tip_slid;             /* m, as in shaft_contact */
+    friction_state tip_friction;
+    vec3 tip_force;              /* N, world frame, on the tissue */
+    int blocked_by;              /* membrane in front of the tip, or -1 */
+    vec3 entry;                  /* m, nominal point where the track starts */
+    double next_contact_depth;   /* m, where the next contact node is due */
+    int track[2 * MAX_CONTACTS]; /* nominal elements passed, last one = the tip's */
+    int track_count;
+    remesh_request request;      /* what the tick wants next; serial grows with each change */
+} insertion_state;
+
+typedef struct {
+    vec3 force;                  /* N, world frame: what the base exerts on the hand */
+    vec3 torque;                 /* N m, world frame, about the base point */
+    double depth;                /* m, length of the track in the tissue */
+    int contacts;                /* active */
+    unsigned events;             /* insertion_event bits of this tick */
+    int membrane;                /* index of the membrane punctured in this tick, or -1 */
+    int passes, switches;        /* effort of this tick */
+} insertion_wrench;
+
+trocar_status insertion_model_create(insertion_model *model, report *why); /* fills the node_ arrays of a model that is otherwise set */
+void insertion_model_free(insertion_model *model);
+
+/* Needle outside the tissue, straight, held at `base`. */
+void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
+
+/* One tick of length dt (s): state and `base` in, state and wrench out; takes what the snapshot holds and leaves in
+   state->request what it wants next. Its time does not depend on the mesh. No allocation, no lock, no call to a
+   library. RT */
+void insertion_tick(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, pose base,
+                    double dt, insertion_wrench *wrench);
+
+/* Forces on the nodes of the refined mesh that hold the tissue in its present shape: `nodal` (node_count) and
+   `added` (refined.count + 1, the last one at the tip), N. Display and export only. */
+void insertion_tissue_forces(const insertion_model *model, const insertion_state *state, vec3 *nodal, vec3 *added);
+
+#endif

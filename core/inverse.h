@@ -1,0 +1,27 @@
+/* Who owns K^-1. Everything above asks for blocks between nodes or for a whole displacement field; how the owner
+   gets them (dense, factor, region of interest) is its own affair. */
+#ifndef TROCAR_INVERSE_H
+#define TROCAR_INVERSE_H
+
+#include "tissue.h"
+
+typedef struct inverse inverse;
+
+/* The paper's way: the whole 3n x 3n inverse, 8 (3n)^2 bytes. `t` must outlive it. */
+trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
+void inverse_free(inverse *inv);
+
+/* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
+   out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. */
+void inverse_gather(const inverse *inv, int row_count, const int *rows, int column_count, const int *columns,
+                    double *out, int ld);
+
+/* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Uses the factor's workspace:
+   one thread at a time. */
+void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
+
+/* The dense matrix itself (dof_count square, column-major, full), or NULL where the owner does not keep one. */
+const double *inverse_dense(const inverse *inv);
+const tissue *inverse_tissue(const inverse *inv);
+
+#endif

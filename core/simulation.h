@@ -1,0 +1,49 @@
+/* Everything a server or a replay needs, built from one configuration and owned by one struct. */
+#ifndef TROCAR_SIMULATION_H
+#define TROCAR_SIMULATION_H
+
+#include "insertion.h"
+
+typedef struct { char name[MESH_NAME]; region_material material; } region_config;
+typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
+
+enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
+
+typedef struct {
+    char mesh_path[1024];
+    int region_count;   region_config regions[MAX_REGIONS];
+    int membrane_count; membrane_config membranes[MAX_MEMBRANES];
+    int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
+    needle_parameters needle;
+    insertion_settings insertion;
+    remesh_method remeshing;
+} simulation_config;
+
+typedef struct {
+    simulation_config config;
+    mesh mesh;
+    region_material materials[MESH_MAX_GROUPS];
+    membrane membranes[MAX_MEMBRANES];
+    tissue tissue;
+    inverse *inverse;
+    remesher *remesher;
+    needle_model needle;
+    insertion_model insertion;
+} simulation;
+
+/* Defaults of README's parameter table; names and mesh are empty. */
+void simulation_defaults(simulation_config *config);
+region_material region_defaults(void);
+
+/* Reads the mesh and builds everything, or frees everything and says why. */
+trocar_status simulation_create(const simulation_config *config, simulation *s, report *why);
+void simulation_free(simulation *s);
+
+/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
+trocar_status simulation_step(const simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
+                              insertion_wrench *wrench, report *why);
+
+/* Displacement of all nominal nodes, and of the added ones (refined.count + 1, the tip last), m. Not for the haptic thread. */
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nodal, vec3 *added);
+
+#endif

@@ -1,0 +1,100 @@
+/* Small vectors, matrices and rotations by value. Right-handed; angles in rad. */
+#ifndef TROCAR_VEC_H
+#define TROCAR_VEC_H
+
+#include <math.h>
+
+typedef struct { double x, y, z; } vec3;
+typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
+typedef struct { double w, x, y, z; } quat;    /* unit: rotates body coordinates into world coordinates */
+typedef struct { vec3 position; quat orientation; } pose;
+
+static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
+static inline vec3 v3_add(vec3 a, vec3 b) { return v3(a.x + b.x, a.y + b.y, a.z + b.z); }
+static inline vec3 v3_sub(vec3 a, vec3 b) { return v3(a.x - b.x, a.y - b.y, a.z - b.z); }
+static inline vec3 v3_scale(double s, vec3 a) { return v3(s * a.x, s * a.y, s * a.z); }
+static inline vec3 v3_axpy(double s, vec3 a, vec3 b) { return v3(s * a.x + b.x, s * a.y + b.y, s * a.z + b.z); }
+static inline double v3_dot(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static inline vec3 v3_cross(vec3 a, vec3 b) {
+    return v3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+static inline double v3_norm(vec3 a) { return sqrt(v3_dot(a, a)); }
+static inline vec3 v3_unit(vec3 a) { return v3_scale(1.0 / v3_norm(a), a); }
+
+static inline vec3 m3_apply(const mat3 *a, vec3 v) {
+    return v3(a->m[0][0] * v.x + a->m[0][1] * v.y + a->m[0][2] * v.z,
+              a->m[1][0] * v.x + a->m[1][1] * v.y + a->m[1][2] * v.z,
+              a->m[2][0] * v.x + a->m[2][1] * v.y + a->m[2][2] * v.z);
+}
+static inline vec3 m3_apply_transposed(const mat3 *a, vec3 v) {
+    return v3(a->m[0][0] * v.x + a->m[1][0] * v.y + a->m[2][0] * v.z,
+              a->m[0][1] * v.x + a->m[1][1] * v.y + a->m[2][1] * v.z,
+              a->m[0][2] * v.x + a->m[1][2] * v.y + a->m[2][2] * v.z);
+}
+static inline mat3 m3_multiply(const mat3 *a, const mat3 *b) {
+    mat3 c;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            c.m[i][j] = a->m[i][0] * b->m[0][j] + a->m[i][1] * b->m[1][j] + a->m[i][2] * b->m[2][j];
+    return c;
+}
+static inline mat3 m3_transposed(const mat3 *a) {
+    mat3 t;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) t.m[i][j] = a->m[j][i];
+    return t;
+}
+static inline double m3_determinant(const mat3 *a) {
+    return a->m[0][0] * (a->m[1][1] * a->m[2][2] - a->m[1][2] * a->m[2][1])
+         - a->m[0][1] * (a->m[1][0] * a->m[2][2] - a->m[1][2] * a->m[2][0])
+         + a->m[0][2] * (a->m[1][0] * a->m[2][1] - a->m[1][1] * a->m[2][0]);
+}
+/* Inverse by cofactors; the caller knows that the determinant is not zero. */
+static inline mat3 m3_inverse(const mat3 *a) {
+    double s = 1.0 / m3_determinant(a);
+    mat3 b;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            int r = (j + 1) % 3, q = (j + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
+            b.m[i][j] = s * (a->m[r][c] * a->m[q][d] - a->m[r][d] * a->m[q][c]);
+        }
+    return b;
+}
+/* Matrix whose columns are a, b, c. */
+static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
+    return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
+}
+
+static inline quat q_multiply(quat a, quat b) {
+    return (quat){a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+                  a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+                  a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+                  a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
+}
+static inline quat q_conjugate(quat q) { return (quat){q.w, -q.x, -q.y, -q.z}; }
+static inline quat q_unit(quat q) {
+    double s = 1.0 / sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
+    return (quat){s * q.w, s * q.x, s * q.y, s * q.z};
+}
+static inline vec3 q_rotate(quat q, vec3 v) {
+    vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
+    return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
+}
+static inline mat3 q_matrix(quat q) {
+    return m3_columns(q_rotate(q, v3(1, 0, 0)), q_rotate(q, v3(0, 1, 0)), q_rotate(q, v3(0, 0, 1)));
+}
+/* Rotation by the vector `r` (axis times angle). */
+static inline quat q_exp(vec3 r) {
+    double angle = v3_norm(r);
+    double s = angle < 1e-8 ? 0.5 : sin(0.5 * angle) / angle;
+    return (quat){cos(0.5 * angle), s * r.x, s * r.y, s * r.z};
+}
+/* Rotation vector of `q`, angle in [0, pi]. */
+static inline vec3 q_log(quat q) {
+    if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
+    double s = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
+    double scale = s < 1e-12 ? 2.0 : 2.0 * atan2(s, q.w) / s;
+    return v3(scale * q.x, scale * q.y, scale * q.z);
+}
+
+#endif

@@ -1,0 +1,76 @@
+/* What stands between the device and the model: checks on each pose that comes in, ramps and limits on each wrench
+   that goes out. No threads, no clock: time is an argument. */
+#ifndef TROCAR_GUARD_H
+#define TROCAR_GUARD_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "vec.h"
+
+typedef struct {
+    double max_force;        /* N */
+    double max_torque;       /* N m */
+    double max_force_rate;   /* N/s */
+    double max_torque_rate;  /* N m/s */
+    double max_speed;        /* m/s, of the base point */
+    double max_turn_rate;    /* rad/s */
+    double hold_time;        /* s without a pose before the wrench is ramped down */
+    double ramp_time;        /* s from the full wrench to none, and back */
+} guard_limits;
+
+guard_limits guard_defaults(void);
+
+/* What became of one pose; each has its counter in status_t. */
+typedef enum {
+    POSE_ACCEPTED, POSE_MALFORMED, POSE_NOT_FINITE, POSE_NOT_UNIT, POSE_JUMPED, POSE_REFUSED, POSE_OLD,
+    POSE_VERDICTS
+} pose_verdict;
+
+/* ACCEPTED, NOT_FINITE, or NOT_UNIT (quaternion off unit length by more than 1e-3). */
+pose_verdict guard_check_pose(const pose *p);
+
+/* Can a device within its limits move from a to b in `elapsed` (s)? */
+bool guard_reachable(const guard_limits *limits, const pose *a, const pose *b, double elapsed);
+
+/* The newest pose as it waits for the tick. */
+typedef struct {
+    bool held;               /* somebody owns the needle; false before the first pose and after a release */
+    uint64_t engagement;     /* grows with each new owner and each reset: the insertion starts anew; 0 before the first */
+    int64_t session, seq, utime; /* of the message */
+    int64_t received;        /* ns, monotonic clock of this machine */
+    pose base;
+} pose_sample;
+
+enum { GUARD_OVERRUNS = 20 };  /* late ticks in a row that trip the ramp */
+
+/* State of the guard; all zero at the start. */
+typedef struct {
+    uint64_t engagement;     /* that the model runs in, 0: none yet */
+    pose base;               /* last one given to the model */
+    int64_t received;        /* ns, when it came */
+    bool released, stale, overrun;
+    int late_ticks;          /* in a row */
+    double good_time;        /* s without a late tick since the trip */
+    double gain;             /* 0..1 */
+    vec3 force, torque;      /* last wrench given out, N and N m */
+} guard;
+
+typedef enum { GUARD_IDLE, GUARD_ENGAGE, GUARD_FOLLOW, GUARD_HOLD } guard_decision;
+
+/* Decides what the model does with the newest pose at time `now` (ns): nothing yet, begin anew at g->base, follow to
+   g->base, or stay there. A pose that returns after a silence from further away than the limits allow engages anew. RT */
+guard_decision guard_pose(guard *g, const guard_limits *limits, const pose_sample *newest, int64_t now);
+
+/* Notes whether this tick came late by whole periods; trips after GUARD_OVERRUNS in a row, recovers after a second
+   of good timing or at the next engagement. RT */
+void guard_timing(guard *g, bool late, double dt);
+
+/* Ramps the model's wrench in or out, then limits magnitude and slew without turning it; updates both in place.
+   `wind_down` ramps to zero whatever the poses are. Returns flags of needle_wrench_t. RT */
+int guard_wrench(guard *g, const guard_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
+
+/* No wrench is left and none will follow while it winds down. RT */
+bool guard_at_rest(const guard *g);
+
+#endif

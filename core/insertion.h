@@ -101,8 +101,10 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 void insertion_tick(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, pose base,
                     double dt, insertion_wrench *wrench);
 
-/* Forces on the nodes of the refined mesh that hold the tissue in its present shape: `nodal` (node_count) and
-   `added` (refined.count + 1, the last one at the tip), N. Display and export only. */
-void insertion_tissue_forces(const insertion_model *model, const insertion_state *state, vec3 *nodal, vec3 *added);
+/* The refined mesh as the needle sees it now: active contact nodes, and the tip as the last node if it is inside. */
+void insertion_refinement(const insertion_model *model, const insertion_state *state, refinement *out);
+
+/* Force on each node of that refinement, N, world frame, on the tissue. */
+void insertion_forces(const insertion_state *state, vec3 *added_force);
 
 #endif

@@ -1,46 +1,15 @@
-/* Mesh refinement along the needle: nodes added inside elements, and the compliance of the refined mesh seen at
-   the few nodes that the needle can touch. See README.md, "Node addition is a nested refinement". */
+/* The worker's job: keep the inverse of the refined stiffness matrix at the few nodes that the needle can touch.
+   See README.md, "Node addition is a nested refinement" and "Remeshing methods". */
 #ifndef TROCAR_REMESH_H
 #define TROCAR_REMESH_H
 
-#include "inverse.h"
+#include "refinement.h"
 
 enum {
-    MAX_CONTACTS = 64,                          /* added nodes alive at once */
     MAX_WINDOW = 96,                            /* nominal nodes around the tip, behind it and ahead */
     MAX_HANDLES = MAX_CONTACTS + MAX_WINDOW,
     SNAPSHOT_LD = 3 * MAX_HANDLES,
 };
-
-/* A node that the insertion adds to the nominal mesh. */
-typedef struct {
-    uint64_t id;             /* never used twice in one insertion state */
-    int tet;                 /* nominal element that contains it */
-    vec3 position;           /* nominal, m; strictly inside its leaf */
-    int corners[4];          /* the leaf that it splits: nominal node >= 0, added node -1 - index */
-    double weights[4];       /* its barycentric weights there */
-} added_node;
-
-/* The refined part of the mesh: added nodes in order of creation; each splits the leaf that contains it in four. */
-typedef struct {
-    int count;
-    added_node nodes[MAX_CONTACTS];
-} refinement;
-
-/* A point of the refined mesh: leaf corners (coded as above) and barycentric weights. */
-typedef struct {
-    int corners[4];
-    double weights[4];
-} leaf_point;
-
-/* The leaf of nominal element `tet` that contains x, counting only the first `active` added nodes. */
-leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x);
-
-/* Appends a node at x in `tet`, shifted inside where x is nearly on a face of its leaf. Returns its index, or -1 when full. */
-int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
-
-/* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. */
-mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
 /* What the tick wants to be known about the tissue next: a complete description, so that only the newest counts. */
 typedef struct {
@@ -50,14 +19,13 @@ typedef struct {
     int window[MAX_WINDOW];  /* nominal nodes */
 } remesh_request;
 
-/* The answer: the inverse of the refined stiffness matrix between handles (added nodes first, then the window).
-   Immutable once handed over. */
+/* The answer: the inverse of the refined stiffness matrix between handles. Added node i is handle i, window entry k is
+   handle MAX_CONTACTS + k. Immutable once handed over. */
 typedef struct {
     uint64_t serial;         /* of the request that it answers; 0: none yet */
     int added_count;
     uint64_t ids[MAX_CONTACTS];
-    int window_count;
-    int window[MAX_WINDOW];
+    int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
 } compliance_snapshot;
 

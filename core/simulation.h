@@ -43,7 +43,8 @@ void simulation_free(simulation *s);
 trocar_status simulation_step(const simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
                               insertion_wrench *wrench, report *why);
 
-/* Displacement of all nominal nodes, and of the added ones (refined.count + 1, the tip last), m. Not for the haptic thread. */
-void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nodal, vec3 *added);
+/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS + 1), m.
+   Allocates nothing; not for the haptic thread. */
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 #endif

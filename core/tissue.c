@@ -1,0 +1,112 @@
+#include "tissue.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio) {
+    double mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio));
+    double lambda = youngs_modulus * poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio));
+    const double a[3] = {ga.x, ga.y, ga.z}, b[3] = {gb.x, gb.y, gb.z};
+    double shear = mu * v3_dot(ga, gb);
+    mat3 k;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            k.m[i][j] = volume * (lambda * a[i] * b[j] + mu * b[i] * a[j] + (i == j ? shear : 0.0));
+    return k;
+}
+
+void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]) {
+    vec3 g[4];
+    double volume = tet_gradients(corners, g);
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            mat3 block = stiffness_block(g[a], g[b], volume, youngs_modulus, poisson_ratio);
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) k[3 * a + i][3 * b + j] = block.m[i][j];
+        }
+}
+
+static int number_dofs(tissue *t) {
+    int next = 0;
+    for (int i = 0; i < t->mesh->node_count; i++) {
+        t->dof[i] = t->fixed[i] ? -1 : next;
+        if (!t->fixed[i]) next += 3;
+    }
+    return next;
+}
+
+/* Adds the lower triangle of one element's stiffness to the triplets. */
+static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
+    const mesh *m = t->mesh;
+    const region_material *material = &t->materials[m->region[tet]];
+    vec3 corners[4];
+    for (int a = 0; a < 4; a++) corners[a] = m->nodes[m->tets[tet][a]];
+    double k[12][12];
+    tet_stiffness(corners, material->youngs_modulus, material->poisson_ratio, k);
+
+    int *rows = triplets->i, *columns = triplets->j;
+    double *values = triplets->x;
+    for (int a = 0; a < 12; a++)
+        for (int b = 0; b < 12; b++) {
+            int row = t->dof[m->tets[tet][a / 3]], column = t->dof[m->tets[tet][b / 3]];
+            if (row < 0 || column < 0 || row + a % 3 < column + b % 3) continue;
+            size_t at = triplets->nnz++;
+            rows[at] = row + a % 3;
+            columns[at] = column + b % 3;
+            values[at] = k[a][b];
+        }
+}
+
+static trocar_status assemble(tissue *t, report *why) {
+    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78;
+    cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
+    if (!triplets) return fail(why, TROCAR_NO_MEMORY, "no memory to assemble %zu stiffness entries", entries);
+    for (int e = 0; e < t->mesh->tet_count; e++) add_element(t, e, triplets);
+    t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
+    cholmod_free_triplet(&triplets, &t->common);
+    return t->stiffness ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
+}
+
+static trocar_status factor(tissue *t, report *why) {
+    t->factor = cholmod_analyze(t->stiffness, &t->common);
+    if (!t->factor || !cholmod_factorize(t->stiffness, t->factor, &t->common) || t->common.status == CHOLMOD_OUT_OF_MEMORY)
+        return fail(why, TROCAR_NO_MEMORY, "no memory to factor the stiffness matrix (%d unknowns)", t->dof_count);
+    if (t->common.status == CHOLMOD_NOT_POSDEF || cholmod_rcond(t->factor, &t->common) < 1e-14)
+        return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not hold the whole body: name a surface or region "
+                    "under `fixed` that every part of the mesh hangs on");
+    return TROCAR_OK;
+}
+
+trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, tissue *t, report *why) {
+    memset(t, 0, sizeof *t);
+    cholmod_start(&t->common);
+    t->common.supernodal = CHOLMOD_SUPERNODAL;
+    t->common.print = 0;
+    t->mesh = m;
+    t->materials = materials;
+    t->fixed = malloc((size_t)m->node_count * sizeof *t->fixed);
+    t->dof = malloc((size_t)m->node_count * sizeof *t->dof);
+
+    trocar_status status = TROCAR_OK;
+    if (!t->fixed || !t->dof) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d nodes", m->node_count);
+    if (status == TROCAR_OK) {
+        memcpy(t->fixed, fixed, (size_t)m->node_count * sizeof *fixed);
+        t->dof_count = number_dofs(t);
+        if (t->dof_count == 0) status = fail(why, TROCAR_BAD_INPUT, "every node is fixed: nothing can move");
+        if (t->dof_count == 3 * m->node_count)
+            status = fail(why, TROCAR_BAD_INPUT, "no node is fixed: name a surface or region under `fixed`");
+    }
+    if (status == TROCAR_OK) status = assemble(t, why);
+    if (status == TROCAR_OK) status = factor(t, why);
+    if (status != TROCAR_OK) tissue_free(t);
+    return status;
+}
+
+void tissue_free(tissue *t) {
+    cholmod_free_sparse(&t->stiffness, &t->common);
+    cholmod_free_factor(&t->factor, &t->common);
+    cholmod_finish(&t->common);
+    free(t->fixed);
+    free(t->dof);
+    memset(t, 0, sizeof *t);
+}

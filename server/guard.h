@@ -30,8 +30,8 @@ typedef enum {
 /* ACCEPTED, NOT_FINITE, or NOT_UNIT (quaternion off unit length by more than 1e-3). */
 pose_verdict guard_check_pose(const pose *p);
 
-/* Can a device within its limits move from a to b in `elapsed` (s)? */
-bool guard_reachable(const guard_limits *limits, const pose *a, const pose *b, double elapsed);
+/* Least time that a device within its limits needs from a to b, s. */
+double guard_travel_time(const guard_limits *limits, const pose *a, const pose *b);
 
 /* The newest pose as it waits for the tick. */
 typedef struct {

@@ -1,0 +1,68 @@
+#define _GNU_SOURCE
+#include "realtime.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+trocar_status realtime_lock_memory(report *why) {
+    /* First all that exists, buffers and stacks that nobody has touched yet included; from then on only what is
+       touched: otherwise a library that maps 128 MiB at run time stalls its caller for 40 ms. */
+    if (mlockall(MCL_CURRENT) == 0 && mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
+    return fail(why, TROCAR_SYSTEM,
+                "cannot lock memory: %s. Raise the limit (`ulimit -l unlimited`, or `memlock` in "
+                "/etc/security/limits.conf), grant CAP_IPC_LOCK, or run with --allow-non-rt", strerror(errno));
+}
+
+trocar_status realtime_set_priority(int priority, report *why) {
+    struct sched_param wanted = {.sched_priority = priority};
+    int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+    if (error == 0) return TROCAR_OK;
+    return fail(why, TROCAR_SYSTEM,
+                "cannot use SCHED_FIFO priority %d: %s. Raise the limit (`ulimit -r %d`, or `rtprio` in "
+                "/etc/security/limits.conf), grant CAP_SYS_NICE, or run with --allow-non-rt",
+                priority, strerror(error), priority);
+}
+
+trocar_status realtime_try_priority(int priority, report *why) {
+    struct sched_param before;
+    int policy;
+    pthread_getschedparam(pthread_self(), &policy, &before);
+    trocar_status status = realtime_set_priority(priority, why);
+    if (status == TROCAR_OK) pthread_setschedparam(pthread_self(), policy, &before);
+    return status;
+}
+
+__attribute__((noinline)) void realtime_touch_stack(void) {
+    unsigned char stack[REALTIME_STACK_TOUCHED];
+    memset(stack, 0, sizeof stack);
+    __asm__ volatile("" : : "r"(stack) : "memory"); /* the compiler must not drop the writes */
+}
+
+void realtime_flush_denormals(void) {
+#if defined(__SSE2__)
+    enum { FLUSH_TO_ZERO = 0x8000, DENORMALS_ARE_ZERO = 0x0040 };
+    _mm_setcsr(_mm_getcsr() | FLUSH_TO_ZERO | DENORMALS_ARE_ZERO);
+#elif defined(__aarch64__)
+    uint64_t control;
+    __asm__ volatile("mrs %0, fpcr" : "=r"(control));
+    __asm__ volatile("msr fpcr, %0" : : "r"(control | (1u << 24)));
+#endif
+}
+
+int realtime_stay_awake(void) {
+    int descriptor = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+    int32_t microseconds = 0;
+    if (descriptor >= 0 && write(descriptor, &microseconds, sizeof microseconds) != (ssize_t)sizeof microseconds) {
+        close(descriptor);
+        return -1;
+    }
+    return descriptor;
+}

@@ -1,0 +1,31 @@
+/* What the process asks of Linux so that the loop keeps its time: locked memory, FIFO priority, flush-to-zero. */
+#ifndef TROCAR_REALTIME_H
+#define TROCAR_REALTIME_H
+
+#include "report.h"
+
+enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75 };
+
+/* Faults in and locks all memory that the process has now, and what it touches later. SYSTEM with the limit to raise. */
+trocar_status realtime_lock_memory(report *why);
+
+/* Puts the calling thread under SCHED_FIFO. SYSTEM with the limit to raise. */
+trocar_status realtime_set_priority(int priority, report *why);
+
+/* May this process use SCHED_FIFO up to `priority`? Tried on the calling thread, which keeps its own policy. */
+trocar_status realtime_try_priority(int priority, report *why);
+
+/* Touches the calling thread's stack, so that it never faults there. The thread needs a stack of
+   REALTIME_STACK bytes. */
+enum { REALTIME_STACK = 16 << 20, REALTIME_STACK_TOUCHED = 12 << 20 };
+void realtime_touch_stack(void);
+
+/* Denormal numbers count as zero, in operands and results: they cost a hundred times a normal number. Every thread
+   that computes calls this, live and in lockstep, or the two would differ. */
+void realtime_flush_denormals(void);
+
+/* Keeps the processors out of deep sleep, where waking takes long. Returns a descriptor to keep open, or -1 where the
+   machine has no such switch. */
+int realtime_stay_awake(void);
+
+#endif

@@ -1,0 +1,35 @@
+/* Clocks and histograms: how late a thread woke and how long it worked. */
+#ifndef TROCAR_TIMING_H
+#define TROCAR_TIMING_H
+
+#include <stdint.h>
+
+/* Log-linear buckets over nanoseconds: exact below 64 ns, then 32 to an octave (within 3.2 %), up to 68 s. */
+enum { HISTOGRAM_OCTAVE = 32, HISTOGRAM_BUCKETS = 32 * HISTOGRAM_OCTAVE };
+
+typedef struct {
+    int64_t count;
+    int64_t max;                          /* ns, exact */
+    uint32_t buckets[HISTOGRAM_BUCKETS];  /* the last one also takes all that is longer */
+} histogram;
+
+void histogram_clear(histogram *h);
+void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. RT */
+void histogram_merge(histogram *into, const histogram *from);
+
+/* Upper edge of the bucket that holds the quantile q (0..1), never above the maximum, s; 0 when empty. */
+double histogram_quantile(const histogram *h, double q);
+double histogram_max(const histogram *h); /* s */
+
+int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: all control. RT */
+int64_t wall_us(void);                    /* CLOCK_REALTIME: utime of messages, never control. RT */
+void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
+
+/* What one thread has suffered so far. */
+typedef struct {
+    int64_t minor_faults, major_faults, context_switches; /* involuntary */
+} thread_usage;
+
+thread_usage thread_usage_now(void);      /* of the calling thread; a cheap system call. RT */
+
+#endif

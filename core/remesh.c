@@ -24,6 +24,8 @@ struct remesher {
     /* dense Woodbury only */
     int extended;                    /* rows of `dense`: dof_count + 3 MAX_CONTACTS */
     double *dense;                   /* inverse of the refined stiffness, column-major */
+    double start;                    /* m/N: a new node starts on a spring so weak that it counts as free, the paper's
+                                        "large number" on the diagonal; the update itself takes the spring away again */
     double *left, *right;            /* extended x PATCH for each added node: dense = old - left right^T */
 };
 
@@ -127,15 +129,11 @@ static const remesh_operations nested = {nested_add, nested_remove, true};
 
 /* ---- the paper's dense Woodbury update (eq. 4) --------------------------------------------------------------------- */
 
-/* A new node starts on a spring to ground so weak that it counts as free: the paper's "large number" on the diagonal of
-   the inverse, removed again by the update itself. */
-static double start_compliance(const remesher *r) { return 1e4 * r->dense[0]; }
-
 static void isolate(remesher *r, int index) {
     size_t n = (size_t)r->extended, first = (size_t)(r->tissue->dof_count + 3 * index);
     for (size_t i = 0; i < n; i++)
         for (size_t a = first; a < first + 3; a++) r->dense[a * n + i] = r->dense[i * n + a] = 0.0;
-    for (size_t a = first; a < first + 3; a++) r->dense[a * n + a] = start_compliance(r);
+    for (size_t a = first; a < first + 3; a++) r->dense[a * n + a] = r->start;
 }
 
 /* First dof of a coded corner in the extended numbering, -1 where fixed. */
@@ -162,7 +160,7 @@ static void patch_change(const remesher *r, const added_node *node, const int co
             for (int b = 0; b < 12; b++)
                 change[3 * local[a / 3] + a % 3][3 * local[b / 3] + b % 3] += e < CORNERS ? k[a][b] : -k[a][b];
     }
-    for (int a = 3 * CORNERS; a < PATCH; a++) change[a][a] -= 1.0 / start_compliance(r);
+    for (int a = 3 * CORNERS; a < PATCH; a++) change[a][a] -= 1.0 / r->start;
 }
 
 /* dense -= A M A^T with A = dense V and M = change (I + V^T A change)^-1. */
@@ -231,6 +229,7 @@ static trocar_status woodbury_create(remesher *r, report *why) {
     if (!r->dense || !r->left || !r->right)
         return fail(why, TROCAR_NO_MEMORY, "no memory for a second dense inverse (%.1f GB); choose remeshing: nested", 8e-9 * (double)(n * n));
     for (size_t j = 0; j < dofs; j++) memcpy(r->dense + j * n, inverse + j * dofs, dofs * sizeof(double));
+    r->start = 1e4 * inverse[0];
     for (int i = 0; i < MAX_CONTACTS; i++) isolate(r, i);
     return TROCAR_OK;
 }

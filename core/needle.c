@@ -1,0 +1,270 @@
+#include "needle.h"
+
+#include <string.h>
+
+trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
+    const needle_parameters *g = given;
+    if (!(g->length > 0 && g->outer_diameter > 0 && g->youngs_modulus > 0))
+        return fail(why, TROCAR_BAD_INPUT, "needle: length, outer_diameter and youngs_modulus must be positive");
+    if (!(g->inner_diameter >= 0 && g->inner_diameter < g->outer_diameter))
+        return fail(why, TROCAR_BAD_INPUT, "needle: inner_diameter must be at least 0 and below outer_diameter");
+    if (g->segments < 2 || g->segments > NEEDLE_MAX_SEGMENTS)
+        return fail(why, TROCAR_BAD_INPUT, "needle: segments must be 2 to %d", NEEDLE_MAX_SEGMENTS);
+    double area_moment = M_PI / 64.0 * (pow(g->outer_diameter, 4) - pow(g->inner_diameter, 4));
+    *model = (needle_model){
+        .given = *given,
+        .segment_length = g->length / g->segments,
+        .radius = 0.5 * g->outer_diameter,
+        .bending = g->youngs_modulus * area_moment,
+        .torsion = g->youngs_modulus / (2.0 * (1.0 + g->poisson_ratio)) * 2.0 * area_moment,
+    };
+    return TROCAR_OK;
+}
+
+static vec3 axis(quat frame) { return q_rotate(frame, v3(0, 0, 1)); }
+
+static void place_joints(const needle_model *model, needle_state *state) {
+    state->joints[0] = state->base.position;
+    for (int k = 0; k < model->given.segments; k++)
+        state->joints[k + 1] = v3_axpy(model->segment_length, axis(state->frames[k]), state->joints[k]);
+}
+
+void needle_rest(const needle_model *model, pose base, needle_state *state) {
+    state->base = base;
+    for (int k = 0; k < model->given.segments; k++) state->frames[k] = base.orientation;
+    place_joints(model, state);
+}
+
+void needle_hold(const needle_model *model, pose base, needle_state *state) {
+    state->base = base;
+    place_joints(model, state);
+}
+
+/* ---- the centreline ------------------------------------------------------------------------------------------------ */
+
+static mat3 frame_along(vec3 tangent, quat frame) {
+    vec3 y = q_rotate(frame, v3(0, 1, 0));
+    vec3 n2 = v3_unit(v3_axpy(-v3_dot(y, tangent), tangent, y));
+    return m3_columns(v3_cross(n2, tangent), n2, tangent);
+}
+
+needle_point needle_at(const needle_model *model, const needle_state *state, double arc) {
+    int n = model->given.segments;
+    double s = arc / model->segment_length;            /* in segments from the base */
+    int joint = (int)floor(s + 0.5);                   /* nearest joint: the middle control point */
+    needle_point p;
+    vec3 tangent;
+    if (joint < 1 || joint > n - 1) {                  /* first and last half segment: straight */
+        int k = joint < 1 ? 0 : n - 1;
+        double f = s - k;
+        p.first = joint < 1 ? 0 : n - 2;
+        for (int i = 0; i < 3; i++) p.weights[i] = 0.0;
+        p.weights[k - p.first] = 1.0 - f;
+        p.weights[k - p.first + 1] = f;
+        tangent = axis(state->frames[k]);
+    } else {
+        double f = s + 0.5 - joint;                    /* 0..1 from the middle of one segment to that of the next */
+        p.first = joint - 1;
+        p.weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
+        p.weights[1] = 0.5 + f - f * f;
+        p.weights[2] = 0.5 * f * f;
+        tangent = v3_unit(v3_add(v3_scale(1.0 - f, axis(state->frames[joint - 1])), v3_scale(f, axis(state->frames[joint]))));
+    }
+    p.position = v3(0, 0, 0);
+    for (int i = 0; i < 3; i++) p.position = v3_axpy(p.weights[i], state->joints[p.first + i], p.position);
+    p.frame = frame_along(tangent, state->frames[joint < n ? joint : n - 1]);
+    return p;
+}
+
+/* ---- elasticity of the joints -------------------------------------------------------------------------------------- */
+
+/* Joint k sits before segment k; the one at the base has half a segment to bend over, the others one. */
+static double joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
+
+static vec3 joint_curvature(const needle_state *state, int k) {
+    quat before = k == 0 ? state->base.orientation : state->frames[k - 1];
+    return q_log(q_multiply(q_conjugate(before), state->frames[k]));
+}
+
+/* Inverse of the right Jacobian of SO(3): rate of the rotation vector w per body rotation (Sola et al. 2018, eq. 144). */
+static mat3 inverse_right_jacobian(vec3 w) {
+    double angle2 = v3_dot(w, w), angle = sqrt(angle2);
+    double c = angle2 < 1e-8 ? 1.0 / 12.0 : 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
+    const double v[3] = {w.x, w.y, w.z};
+    mat3 j = {{{0, -0.5 * w.z, 0.5 * w.y}, {0.5 * w.z, 0, -0.5 * w.x}, {-0.5 * w.y, 0.5 * w.x, 0}}};
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) j.m[a][b] += c * (v[a] * v[b] - (a == b ? angle2 : 0.0)) + (a == b ? 1.0 : 0.0);
+    return j;
+}
+
+/* Spatial moment of joint k and its stiffness against the relative spatial rotation of its two segments. */
+static vec3 joint_stiffness(const needle_model *model, const needle_state *state, int k, mat3 *stiffness) {
+    double length = joint_length(model, k);
+    const double b[3] = {model->bending / length, model->bending / length, model->torsion / length};
+    vec3 w = joint_curvature(state, k);
+    mat3 rotation = q_matrix(state->frames[k]), back = m3_transposed(&rotation);
+    mat3 jacobian = inverse_right_jacobian(w), g = m3_multiply(&jacobian, &back);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            stiffness->m[i][j] = g.m[0][i] * b[0] * g.m[0][j] + g.m[1][i] * b[1] * g.m[1][j] + g.m[2][i] * b[2] * g.m[2][j];
+    return m3_apply_transposed(&g, v3(b[0] * w.x, b[1] * w.y, b[2] * w.z));
+}
+
+double needle_energy(const needle_model *model, const needle_state *state) {
+    double energy = 0.0;
+    for (int k = 0; k < model->given.segments; k++) {
+        vec3 w = joint_curvature(state, k);
+        energy += 0.5 / joint_length(model, k) * (model->bending * (w.x * w.x + w.y * w.y) + model->torsion * w.z * w.z);
+    }
+    return energy;
+}
+
+/* ---- tangent ------------------------------------------------------------------------------------------------------- */
+
+static mat3 m3_add(mat3 a, const mat3 *b) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) a.m[i][j] += b->m[i][j];
+    return a;
+}
+
+/* Second variation of -N.t under spatial rotations of a segment (N: force beyond it times its length). */
+static mat3 geometric_stiffness(vec3 n, vec3 t) {
+    const double a[3] = {n.x, n.y, n.z}, b[3] = {t.x, t.y, t.z};
+    mat3 k;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) k.m[i][j] = -0.5 * (a[i] * b[j] + b[i] * a[j]) + (i == j ? v3_dot(n, t) : 0.0);
+    return k;
+}
+
+/* Block L D L^T of the tangent stiffness, from the base outward; D may be indefinite (a needle alone may be buckled
+   where needle and tissue together are stable). */
+static void factor_tangent(const needle_model *model, const needle_state *state, const vec3 *load, needle_tangent *tangent) {
+    int n = model->given.segments;
+    vec3 beyond[NEEDLE_MAX_SEGMENTS + 1];
+    beyond[n] = v3(0, 0, 0);
+    for (int k = n - 1; k >= 0; k--) beyond[k] = v3_axpy(model->segment_length, load[k + 1], beyond[k + 1]);
+
+    mat3 here, next = {{{0}}}, coupling = {{{0}}}, carried = {{{0}}};
+    tangent->moments[0] = joint_stiffness(model, state, 0, &here);
+    for (int k = 0; k < n; k++) {
+        mat3 geometric = geometric_stiffness(beyond[k], axis(state->frames[k]));
+        mat3 pivot = m3_add(m3_add(here, &geometric), &carried);
+        if (k + 1 < n) {
+            vec3 m = tangent->moments[k + 1] = joint_stiffness(model, state, k + 1, &next);
+            pivot = m3_add(pivot, &next);
+            /* coupling of segment k with k + 1: -H + [m]x / 2, the second term from the order of the two rotations */
+            coupling = (mat3){{{-next.m[0][0], -next.m[0][1] - 0.5 * m.z, -next.m[0][2] + 0.5 * m.y},
+                               {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
+                               {-next.m[2][0] - 0.5 * m.y, -next.m[2][1] + 0.5 * m.x, -next.m[2][2]}}};
+        }
+        tangent->pivot_inverse[k] = m3_inverse(&pivot);
+        if (k + 1 == n) break;
+        mat3 up = m3_transposed(&coupling), product;
+        tangent->lower[k + 1] = m3_multiply(&up, &tangent->pivot_inverse[k]);
+        product = m3_multiply(&tangent->lower[k + 1], &coupling);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) carried.m[i][j] = -product.m[i][j];
+        here = next;
+    }
+}
+
+/* Solves the tangent system for the segments' rotations in place. */
+static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) {
+    for (int k = 1; k < n; k++) rotation[k] = v3_sub(rotation[k], m3_apply(&tangent->lower[k], rotation[k - 1]));
+    for (int k = n - 1; k >= 0; k--) {
+        rotation[k] = m3_apply(&tangent->pivot_inverse[k], rotation[k]);
+        if (k + 1 < n) rotation[k] = v3_sub(rotation[k], m3_apply_transposed(&tangent->lower[k + 1], rotation[k + 1]));
+    }
+}
+
+/* Rows of the inverse tangent by the recurrence Z(k,j) = -L(k+1)^T Z(k+1,j), upper triangle mirrored as it grows. */
+static void invert_tangent(int n, needle_tangent *tangent) {
+    for (int k = n - 1; k >= 0; k--) {
+        double (*row)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * k];
+        mat3 diagonal = tangent->pivot_inverse[k];
+        if (k + 1 < n) {
+            const mat3 *l = &tangent->lower[k + 1];
+            double (*below)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * (k + 1)];
+            for (int a = 0; a < 3; a++)
+                for (int c = 3 * (k + 1); c < 3 * n; c++)
+                    row[a][c] = -l->m[0][a] * below[0][c] - l->m[1][a] * below[1][c] - l->m[2][a] * below[2][c];
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++)
+                    for (int c = 0; c < 3; c++) diagonal.m[a][b] -= row[a][3 * (k + 1) + c] * l->m[c][b];
+        }
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) row[a][3 * k + b] = 0.5 * (diagonal.m[a][b] + diagonal.m[b][a]);
+        for (int a = 0; a < 3; a++)
+            for (int c = 3 * (k + 1); c < 3 * n; c++) tangent->rows[c][3 * k + a] = row[a][c];
+    }
+}
+
+/* A joint moves by the sum over the segments before it of length * rotation x axis: two running sums over the inverse
+   give the compliance between joints. */
+static void sweep_compliance(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, width = 3 * n;
+    memset(tangent->swept[0], 0, sizeof(double[3][3 * NEEDLE_MAX_SEGMENTS]));
+    for (int k = 0; k < n; k++) {
+        vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
+        double (*z)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * k];
+        double (*from)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->swept[3 * k], (*to)[3 * NEEDLE_MAX_SEGMENTS] = from + 3;
+        for (int c = 0; c < width; c++) {
+            to[0][c] = from[0][c] + z[1][c] * t.z - z[2][c] * t.y;
+            to[1][c] = from[1][c] + z[2][c] * t.x - z[0][c] * t.z;
+            to[2][c] = from[2][c] + z[0][c] * t.y - z[1][c] * t.x;
+        }
+    }
+    for (int row = 3 * first; row < 3 * (n + 1); row++) {
+        const double *z = tangent->swept[row];
+        vec3 sum = v3(0, 0, 0);
+        for (int k = 0; k < n; k++) {
+            vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
+            sum = v3_add(sum, v3_cross(v3(z[3 * k], z[3 * k + 1], z[3 * k + 2]), t));
+            if (k + 1 < first) continue;
+            double *out = &tangent->compliance[row][3 * (k + 1)];
+            out[0] = sum.x, out[1] = sum.y, out[2] = sum.z;
+        }
+    }
+}
+
+/* Rotations that would release the elastic moments with no load at all. */
+static void release_moments(int n, const needle_tangent *tangent, vec3 *rotation) {
+    for (int k = 0; k < n; k++)
+        rotation[k] = v3_sub(k + 1 < n ? tangent->moments[k + 1] : v3(0, 0, 0), tangent->moments[k]);
+}
+
+static void move_joints(const needle_model *model, const needle_state *state, const vec3 *rotation, vec3 *displacement) {
+    displacement[0] = v3(0, 0, 0);
+    for (int k = 0; k < model->given.segments; k++)
+        displacement[k + 1] = v3_axpy(model->segment_length, v3_cross(rotation[k], axis(state->frames[k])), displacement[k]);
+}
+
+void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
+    int n = model->given.segments;
+    vec3 rotation[NEEDLE_MAX_SEGMENTS];
+    tangent->first = first;
+    factor_tangent(model, state, load, tangent);
+    release_moments(n, tangent, rotation);
+    solve_tangent(n, tangent, rotation);
+    move_joints(model, state, rotation, tangent->drift);
+    invert_tangent(n, tangent);
+    sweep_compliance(model, state, first, tangent);
+}
+
+double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {
+    int n = model->given.segments;
+    vec3 rotation[NEEDLE_MAX_SEGMENTS], beyond = v3(0, 0, 0);
+    release_moments(n, tangent, rotation);
+    for (int k = n - 1; k >= 0; k--) {
+        beyond = v3_axpy(model->segment_length, load[k + 1], beyond);
+        rotation[k] = v3_add(rotation[k], v3_cross(axis(state->frames[k]), beyond));
+    }
+    solve_tangent(n, tangent, rotation);
+    double largest = 0.0;
+    for (int k = 0; k < n; k++) {
+        largest = fmax(largest, v3_dot(rotation[k], rotation[k]));
+        state->frames[k] = q_unit(q_multiply(q_exp(rotation[k]), state->frames[k]));
+    }
+    place_joints(model, state);
+    return sqrt(largest);
+}

@@ -1,0 +1,164 @@
+/* trocar-device: a virtual haptic device. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "options.h"
+#include "output.h"
+#include "player.h"
+#include "poselog.h"
+
+const char *argp_program_version = "trocar-device " TROCAR_VERSION;
+error_t argp_err_exit_status = EXIT_BAD_INPUT;
+
+typedef struct {
+    play_settings play;
+    const char *report_path, *csv_path, *log_path;
+} options;
+
+enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
+       OPTION_WAIT, OPTION_SETTLE };
+
+static const struct argp_option option_list[] = {
+    {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
+    {"rate", 'r', "HZ", 0, "Poses a second (default 1000)", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer plays it again", 0},
+    {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.205)", 0},
+    {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
+     "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
+    {0, 0, 0, 0, "Connection:", 1},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
+    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Patience with a server that does not answer (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script begins, while the server engages (default 0.3)", 1},
+    {0, 0, 0, 0, "Output:", 2},
+    {"report", OPTION_REPORT, "FILE", 0, "Write the report as JSON too", 2},
+    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench, one row each", 2},
+    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 2},
+    {0},
+};
+
+static void list_scripts(void) {
+    for (int i = 0; motion_at(i); i++)
+        printf("%-8s %4.1f s  %s\n", motion_at(i)->name, motion_at(i)->duration, motion_at(i)->summary);
+    exit(EXIT_SUCCESS);
+}
+
+static const motion *parse_script(const struct argp_state *state, const char *name) {
+    if (strcmp(name, "list") == 0) list_scripts();
+    const motion *script = motion_find(name);
+    if (!script) argp_error(state, "--script: no script '%s'; 'list' shows all", name);
+    return script;
+}
+
+static hand parse_hand(const struct argp_state *state, const char *text) {
+    double n[3];
+    parse_numbers(state, "hand", text, 3, n);
+    if (n[0] <= 0 || n[1] < 0 || n[2] <= 0)
+        argp_error(state, "--hand: %s: mass and stiffness must be positive, damping not negative", text);
+    return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
+}
+
+static vec3 parse_vector(const struct argp_state *state, const char *option, const char *text) {
+    double n[3];
+    parse_numbers(state, option, text, 3, n);
+    return v3(n[0], n[1], n[2]);
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case 's': o->play.script = parse_script(state, text); break;
+    case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
+    case 'd': o->play.duration = parse_number(state, "duration", text, 1e-3, 1e5); break;
+    case OPTION_SPEED: o->play.speed = parse_number(state, "speed", text, 1e-3, 10); break;
+    case OPTION_START: o->play.start.position = parse_vector(state, "start", text); break;
+    case OPTION_HAND:
+        o->play.hand = parse_hand(state, text);
+        o->play.closed_loop = true;
+        break;
+    case OPTION_URL: o->play.lcm_url = text; break;
+    case OPTION_REALTIME: o->play.realtime = true; break;
+    case OPTION_WAIT: o->play.patience = parse_number(state, "wait", text, 0.01, 3600); break;
+    case OPTION_SETTLE: o->play.settle = parse_number(state, "settle", text, 0, 60); break;
+    case OPTION_REPORT: o->report_path = text; break;
+    case OPTION_CSV: o->csv_path = text; break;
+    case OPTION_LOG: o->log_path = text; break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
+            argp_error(state, "--write-log plays without a server: it takes no --csv, --report or --hand");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Plays a motion of the needle's base to trocar-server over LCM and reports round trips, losses and forces.",
+    NULL, NULL, NULL};
+
+static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
+    static const int64_t epoch = INT64_C(1000000000000000);  /* us; fixed, so that a log can be reproduced */
+    static const int64_t session = 1;
+    int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
+    for (int64_t k = 0; k < count; k++) {
+        double t = (double)k / s->rate;
+        pose base = motion_pose(s->script, s->start, t * s->speed);
+        trocar_needle_pose_t message = message_of_pose(base, epoch + llround(1e6 * t), session, k);
+        trocar_status status = log_write_pose(log, &message, path, why);
+        if (status != TROCAR_OK) return status;
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status write_log(const options *o, report *why) {
+    output place;
+    trocar_status status = output_open(&place, o->log_path, why);
+    if (status != TROCAR_OK) return status;
+    lcm_eventlog_t log = {.f = place.file};
+    status = write_poses(&o->play, &log, o->log_path, why);
+    if (status == TROCAR_OK) status = output_commit(&place, why);
+    output_abandon(&place);
+    return status;
+}
+
+static trocar_status play_and_report(const options *o, output *report_file, output *csv_file, recording *r, report *why) {
+    recording_summary summary;
+    trocar_status status = play(&o->play, r, why);
+    if (status == TROCAR_OK) status = recording_summarise(r, &summary, why);
+    if (status != TROCAR_OK) return status;
+    summary_print(&summary, stdout);
+    if (report_file->file) summary_write_json(&summary, report_file->file);
+    if (csv_file->file) recording_write_csv(r, csv_file->file);
+    status = output_commit(report_file, why);
+    return status == TROCAR_OK ? output_commit(csv_file, why) : status;
+}
+
+/* Opens the outputs first: a bad path should not cost a run. */
+static trocar_status run_live(const options *o, report *why) {
+    output report_file = {0}, csv_file = {0};
+    recording r = {0};
+    trocar_status status = TROCAR_OK;
+    if (o->report_path) status = output_open(&report_file, o->report_path, why);
+    if (status == TROCAR_OK && o->csv_path) status = output_open(&csv_file, o->csv_path, why);
+    if (status == TROCAR_OK) status = play_and_report(o, &report_file, &csv_file, &r, why);
+    output_abandon(&report_file);
+    output_abandon(&csv_file);
+    recording_free(&r);
+    return status;
+}
+
+int main(int count, char **arguments) {
+    options o = {.play = {.script = motion_find("figure8"), .start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}}, .rate = 1000,
+                          .speed = 1, .patience = 5, .settle = 0.3}};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+    if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
+
+    report why;
+    trocar_status status = o.log_path ? write_log(&o, &why) : run_live(&o, &why);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-device: %s\n", why.text);
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
+}

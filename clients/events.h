@@ -1,0 +1,11 @@
+/* Events of a tick in words. */
+#ifndef TROCAR_EVENTS_H
+#define TROCAR_EVENTS_H
+
+#include <stddef.h>
+
+/* insertion_event bits as words joined by '|', e.g. "puncture:capsule|added"; empty for none. `membrane` names the
+   punctured one. Text longer than `size` is cut. */
+void events_text(unsigned events, const char *membrane, char *text, size_t size);
+
+#endif

@@ -1,0 +1,19 @@
+/* A hand that holds the handle: a mass on a spring to where it wants to be, damped to ground, pushed by the needle. */
+#ifndef TROCAR_HAND_H
+#define TROCAR_HAND_H
+
+#include "vec.h"
+
+typedef struct {
+    double mass;             /* kg, > 0 */
+    double damping;          /* N s/m, >= 0 */
+    double stiffness;        /* N/m, > 0 */
+    vec3 position;           /* m */
+    vec3 velocity;           /* m/s */
+} hand;
+
+/* Moves the hand on by dt (s) towards `target` (m) under `force` (N, on the hand), both constant over the step: the
+   exact solution of m a + c v + k (x - target) = force, stable for every dt. */
+void hand_step(hand *h, vec3 target, vec3 force, double dt);
+
+#endif

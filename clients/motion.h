@@ -1,0 +1,39 @@
+/* Scripted motions of the needle's base: pure functions of time, so that a device and a log play the same poses. */
+#ifndef TROCAR_MOTION_H
+#define TROCAR_MOTION_H
+
+#include "vec.h"
+
+/* One move of the base: between two times it travels by `shift` and turns by `turn`, with velocity ramps of
+   MOTION_RAMP. Legs may overlap: their shifts add, their turns multiply in order. */
+typedef struct {
+    double from, to;         /* s */
+    vec3 shift;              /* m, world frame */
+    vec3 turn;               /* rad, rotation vector in the needle's frame, about the base point */
+} motion_leg;
+
+enum { MOTION_MAX_LEGS = 8 };
+
+typedef struct {
+    const char *name, *summary;
+    double duration;         /* s, what one play shows */
+    double period;           /* s >= duration: at this time all legs have led back to the start, and it may play again */
+    int leg_count;
+    motion_leg legs[MOTION_MAX_LEGS];
+} motion;
+
+#define MOTION_RAMP 0.1      /* s, or half the leg's time if that is less */
+
+/* The script of this name, or NULL. */
+const motion *motion_find(const char *name);
+
+/* All scripts in order, NULL past the last. */
+const motion *motion_at(int index);
+
+/* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: trapezoidal velocity. */
+double motion_fraction(double from, double to, double t);
+
+/* Pose at `t` (s; before 0: at rest at `start`; past the period: played again) of a script that begins at `start`. */
+pose motion_pose(const motion *script, pose start, double t);
+
+#endif

@@ -1,0 +1,24 @@
+#include "options.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers) {
+    const char *rest = text;
+    for (int i = 0; i < count; i++) {
+        char *end;
+        numbers[i] = strtod(rest, &end);
+        if (end == rest || !isfinite(numbers[i]) || *end != (i + 1 < count ? ',' : '\0'))
+            argp_error(state, "--%s: '%s': expected %d finite number%s%s", option, text, count, count > 1 ? "s" : "",
+                       count > 1 ? " separated by commas" : "");
+        rest = end + 1;
+    }
+}
+
+double parse_number(const struct argp_state *state, const char *option, const char *text, double least, double greatest) {
+    double number;
+    parse_numbers(state, option, text, 1, &number);
+    if (number < least || number > greatest)
+        argp_error(state, "--%s: %s: must lie between %g and %g", option, text, least, greatest);
+    return number;
+}

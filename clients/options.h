@@ -1,0 +1,15 @@
+/* Numbers on the command line, for argp parsers. */
+#ifndef TROCAR_OPTIONS_H
+#define TROCAR_OPTIONS_H
+
+#include <argp.h>
+
+enum { EXIT_BAD_INPUT = 2 };
+
+/* `count` finite numbers separated by commas in `text`; otherwise ends the program through argp_error. */
+void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers);
+
+/* One finite number in [least, greatest]. */
+double parse_number(const struct argp_state *state, const char *option, const char *text, double least, double greatest);
+
+#endif

@@ -1,0 +1,182 @@
+/* One thread and two events: the timer says "send the next pose", LCM's socket says "a wrench is there". Deadlines are
+   absolute, so that the rate does not drift; periods that were missed are skipped and counted. */
+#include "player.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "poselog.h"
+#include "trocar_command_t.h"
+
+static const double last_answers = 0.1;   /* s to wait for after the last pose */
+static const int fifo_priority = 70;      /* below the server's threads */
+
+typedef struct {
+    const play_settings *settings;
+    recording *record;
+    lcm_t *lcm;
+    int timer;
+    double period;           /* s */
+    hand hand;
+    vec3 force;              /* N, newest, on the hand */
+    trocar_status status;    /* of the first failure in a callback */
+    report *why;
+} player;
+
+static volatile sig_atomic_t interrupted;
+
+static void interrupt(int signal) {
+    (void)signal;
+    interrupted = 1;
+}
+
+static double seconds(clockid_t clock) {
+    struct timespec now;
+    clock_gettime(clock, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static int64_t wall_microseconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    return now.tv_sec * INT64_C(1000000) + now.tv_nsec / 1000;
+}
+
+static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
+    (void)channel;
+    player *p = user;
+    trocar_needle_wrench_t wrench;
+    if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &wrench) != (int)buffer->data_size) return;
+    if (wrench.session != p->record->session) return;
+    p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
+    trocar_status status = recording_add_wrench(p->record, seconds(CLOCK_MONOTONIC), &wrench, p->why);
+    if (p->status == TROCAR_OK) p->status = status;
+}
+
+/* Where the base is at script time t: on the script, or where the hand comes to. */
+static pose next_pose(player *p, double t) {
+    pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
+    if (!p->settings->closed_loop) return wanted;
+    hand_step(&p->hand, wanted.position, p->force, p->period);
+    return (pose){p->hand.position, wanted.orientation};
+}
+
+static trocar_status send_pose(player *p, double t) {
+    recording *r = p->record;
+    pose base = next_pose(p, t);
+    trocar_needle_pose_t message = message_of_pose(base, wall_microseconds(), r->session, r->sent_count);
+    trocar_status status = recording_add_pose(r, seconds(CLOCK_MONOTONIC), base, p->why);
+    if (status != TROCAR_OK) return status;
+    if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;
+    return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (README.md)?", POSE_CHANNEL);
+}
+
+/* Waits for a wrench or the timer; returns the periods that have passed, 0 after a wrench, -1 when interrupted. */
+static int wait_event(player *p) {
+    struct pollfd events[2] = {{.fd = p->timer, .events = POLLIN}, {.fd = lcm_get_fileno(p->lcm), .events = POLLIN}};
+    if (poll(events, 2, -1) < 0 || interrupted) return -1;
+    if (events[1].revents) lcm_handle(p->lcm);
+    uint64_t expired = 0;
+    if (events[0].revents && read(p->timer, &expired, sizeof expired) < 0) return 0;
+    return (int)expired;
+}
+
+/* Sends poses of rest until the server's first answer. */
+static trocar_status await_server(player *p) {
+    double deadline = seconds(CLOCK_MONOTONIC) + p->settings->patience;
+    while (p->record->received_count == 0) {
+        int periods = wait_event(p);
+        if (periods < 0) return fail(p->why, TROCAR_SYSTEM, "interrupted before the server answered");
+        trocar_status status = periods ? send_pose(p, 0) : p->status;
+        if (status != TROCAR_OK) return status;
+        if (seconds(CLOCK_MONOTONIC) > deadline)
+            return fail(p->why, TROCAR_SYSTEM,
+                        "no answer in %g s: does trocar-server run with the same LCM URL, and does no other device own the needle?",
+                        p->settings->patience);
+    }
+    return TROCAR_OK;
+}
+
+/* Rests for `settle`, plays the script, then listens a little longer. */
+static trocar_status play_script(player *p) {
+    double start = seconds(CLOCK_MONOTONIC) + p->settings->settle, t = 0;
+    p->record->start = start;
+    while (t < p->settings->duration + last_answers && p->status == TROCAR_OK) {
+        int periods = wait_event(p);
+        if (periods < 0) break;
+        t = seconds(CLOCK_MONOTONIC) - start;
+        if (periods > 1 && t > 0) p->record->skipped_periods += periods - 1;
+        if (periods == 0 || t >= p->settings->duration) continue;
+        trocar_status status = send_pose(p, t);
+        if (status != TROCAR_OK) return status;
+    }
+    return p->status;
+}
+
+static void release_needle(player *p) {
+    trocar_command_t release = {.utime = wall_microseconds(), .session = p->record->session,
+                                .command = TROCAR_COMMAND_T_RELEASE};
+    trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &release);
+}
+
+/* Before LCM is created: its reader thread inherits the priority. */
+static void ask_realtime(void) {
+    struct sched_param priority = {.sched_priority = fifo_priority};
+    if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0)
+        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(errno));
+}
+
+static trocar_status open_links(player *p) {
+    const char *url = p->settings->lcm_url;
+    p->lcm = lcm_create(url);
+    if (!p->lcm)
+        return fail(p->why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?",
+                    url ? url : "its default URL");
+    lcm_subscribe(p->lcm, WRENCH_CHANNEL, on_wrench, p);
+    long period = lround(1e9 * p->period);
+    struct itimerspec every = {.it_interval = {period / 1000000000, period % 1000000000}, .it_value = {0, 1}};
+    p->timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK);
+    if (p->timer < 0 || timerfd_settime(p->timer, 0, &every, NULL) != 0)
+        return fail(p->why, TROCAR_SYSTEM, "timer refused: %s", strerror(errno));
+    return TROCAR_OK;
+}
+
+static void close_links(player *p) {
+    if (p->timer >= 0) close(p->timer);
+    if (p->lcm) lcm_destroy(p->lcm);
+}
+
+/* Other sessions are told apart by a random number, never 0. */
+static int64_t random_session(void) {
+    int64_t session = 0;
+    if (getrandom(&session, sizeof session, 0) != sizeof session) session = wall_microseconds();
+    session &= INT64_MAX;
+    return session ? session : 1;
+}
+
+trocar_status play(const play_settings *settings, recording *r, report *why) {
+    *r = (recording){.session = random_session()};
+    player p = {.settings = settings, .record = r, .timer = -1, .period = 1.0 / settings->rate, .hand = settings->hand,
+                .why = why};
+    p.hand.position = settings->start.position;
+    p.hand.velocity = v3(0, 0, 0);
+
+    struct sigaction action = {.sa_handler = interrupt};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    if (settings->realtime) ask_realtime();
+
+    trocar_status status = open_links(&p);
+    if (status == TROCAR_OK) status = await_server(&p);
+    if (status == TROCAR_OK) status = play_script(&p);
+    if (p.lcm) release_needle(&p);
+    close_links(&p);
+    return status;
+}

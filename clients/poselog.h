@@ -1,0 +1,37 @@
+/* LCM event logs of poses and wrenches, with the checks that LCM's own reader leaves out. */
+#ifndef TROCAR_POSELOG_H
+#define TROCAR_POSELOG_H
+
+#include <lcm/lcm.h>
+
+#include "report.h"
+#include "trocar_needle_pose_t.h"
+#include "trocar_needle_wrench_t.h"
+#include "vec.h"
+
+#define POSE_CHANNEL "TROCAR_POSE"
+#define WRENCH_CHANNEL "TROCAR_WRENCH"
+
+/* All poses of a log, in order. */
+typedef struct {
+    int count;
+    trocar_needle_pose_t *poses;  /* count */
+    int64_t *events;              /* count: number of each pose's event in the file */
+    int64_t skipped_sessions;     /* poses of other sessions than the first pose's, left out */
+} pose_log;
+
+/* Reads the poses of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or byte, for a log
+   that is missing, damaged, cut short or without poses, and for a pose that is malformed, not finite, without a
+   unit quaternion (guard_check_pose), or not later than the one before. */
+trocar_status pose_log_read(const char *path, pose_log *log, report *why);
+void pose_log_free(pose_log *log);
+
+/* The base's pose in a message, quaternion normalised; and the message of a pose. */
+pose pose_of_message(const trocar_needle_pose_t *message);
+trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
+
+/* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM when it cannot be written. */
+trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
+trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
+
+#endif

@@ -1,0 +1,228 @@
+#include "recording.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+
+#include "events.h"
+#include "insertion.h"
+
+/* Room for one more element of a growing array. */
+static trocar_status grow(void **array, int count, int *room, size_t size, report *why) {
+    if (count < *room) return TROCAR_OK;
+    int wider = *room ? 2 * *room : 4096;
+    void *moved = realloc(*array, (size_t)wider * size);
+    if (!moved) return fail(why, TROCAR_NO_MEMORY, "no memory to record %d messages", wider);
+    *array = moved;
+    *room = wider;
+    return TROCAR_OK;
+}
+
+trocar_status recording_add_pose(recording *r, double time, pose base, report *why) {
+    void *array = r->sent;
+    trocar_status status = grow(&array, r->sent_count, &r->sent_room, sizeof *r->sent, why);
+    r->sent = array;
+    if (status == TROCAR_OK) r->sent[r->sent_count++] = (sent_pose){.time = time, .base = base};
+    return status;
+}
+
+trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, report *why) {
+    if (wrench->session != r->session || wrench->pose_seq < 0 || wrench->pose_seq >= r->sent_count) return TROCAR_OK;
+    void *array = r->received;
+    trocar_status status = grow(&array, r->received_count, &r->received_room, sizeof *r->received, why);
+    r->received = array;
+    if (status != TROCAR_OK) return status;
+    sent_pose *asked = &r->sent[wrench->pose_seq];
+    double round_trip = asked->answered ? NAN : time - asked->time;
+    asked->answered = true;
+    r->received[r->received_count++] = (received_wrench){.time = time, .round_trip = round_trip, .wrench = *wrench};
+    return TROCAR_OK;
+}
+
+void recording_free(recording *r) {
+    free(r->sent);
+    free(r->received);
+    *r = (recording){0};
+}
+
+static int ascending(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Nearest-rank percentile of sorted values, NaN of none. */
+static double percentile(const double *sorted, int count, double fraction) {
+    return count ? sorted[(int)fmax(ceil(fraction * count) - 1, 0)] : NAN;
+}
+
+static void summarise_round_trips(const recording *r, double *scratch, recording_summary *s) {
+    int count = 0;
+    for (int i = 0; i < r->received_count; i++) {
+        const received_wrench *w = &r->received[i];
+        if (w->time >= r->start && !isnan(w->round_trip)) scratch[count++] = w->round_trip;
+    }
+    qsort(scratch, (size_t)count, sizeof *scratch, ascending);
+    s->round_trip_p50 = percentile(scratch, count, 0.5);
+    s->round_trip_p99 = percentile(scratch, count, 0.99);
+    s->round_trip_max = percentile(scratch, count, 1.0);
+}
+
+static void summarise_poses(const recording *r, recording_summary *s) {
+    for (int i = 0; i < r->sent_count; i++) {
+        if (r->sent[i].time < r->start) continue;
+        s->sent++;
+        s->unanswered_poses += !r->sent[i].answered;
+    }
+}
+
+static void widen(const double value[3], double least[3], double greatest[3]) {
+    for (int i = 0; i < 3; i++) {
+        least[i] = fmin(least[i], value[i]);
+        greatest[i] = fmax(greatest[i], value[i]);
+    }
+}
+
+static void note_puncture(const trocar_needle_wrench_t *w, double time, double force_before, recording_summary *s) {
+    if (s->puncture_count < SUMMARY_MAX_PUNCTURES)
+        s->punctures[s->puncture_count] = (puncture){time, w->depth, force_before, w->membrane};
+    s->puncture_count++;
+}
+
+static void note_jump(const trocar_needle_wrench_t *before, const trocar_needle_wrench_t *after, double time,
+                      recording_summary *s) {
+    const double *a = before->raw_force, *b = after->raw_force;
+    double jump = v3_norm(v3(b[0] - a[0], b[1] - a[1], b[2] - a[2]));
+    bool at_puncture = (before->events | after->events) & EVENT_PUNCTURED;
+    if (at_puncture || after->tick != before->tick + 1 || jump <= s->largest_jump) return;
+    s->largest_jump = jump;
+    s->jump_time = time;
+}
+
+static void summarise_wrenches(const recording *r, recording_summary *s) {
+    const trocar_needle_wrench_t *last = NULL;
+    for (int i = 0; i < r->received_count; i++) {
+        if (r->received[i].time < r->start) continue;
+        const trocar_needle_wrench_t *w = &r->received[i].wrench;
+        double time = r->received[i].time - r->start;
+        s->received++;
+        widen(w->force, s->least_force, s->greatest_force);
+        widen(w->torque, s->least_torque, s->greatest_torque);
+        s->deepest = fmax(s->deepest, w->depth);
+        if (w->contacts > s->most_contacts) s->most_contacts = w->contacts;
+        s->flags |= w->flags;
+        if (w->events & EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
+        if (last) note_jump(last, w, time, s);
+        if (last && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
+        last = w;
+    }
+}
+
+trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why) {
+    *summary = (recording_summary){.skipped_periods = r->skipped_periods};
+    double *scratch = calloc((size_t)r->received_count + 1, sizeof *scratch);
+    if (!scratch) return fail(why, TROCAR_NO_MEMORY, "no memory to sort %d round trips", r->received_count);
+    summarise_round_trips(r, scratch, summary);
+    free(scratch);
+    summarise_poses(r, summary);
+    summarise_wrenches(r, summary);
+    return TROCAR_OK;
+}
+
+static const struct { int32_t bit; const char *word; } flag_words[] = {
+    {TROCAR_NEEDLE_WRENCH_T_STALE, "stale"},             {TROCAR_NEEDLE_WRENCH_T_SATURATED, "saturated"},
+    {TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, "not_realtime"}, {TROCAR_NEEDLE_WRENCH_T_RAMPING, "ramping"},
+    {TROCAR_NEEDLE_WRENCH_T_LATE_WORKER, "late_worker"}, {TROCAR_NEEDLE_WRENCH_T_UNSTABLE, "unstable"},
+    {TROCAR_NEEDLE_WRENCH_T_OVERRUN, "overrun"},
+};
+
+static void print_flags(int32_t flags, const char *quote, const char *separator, FILE *out) {
+    const char *between = "";
+    for (size_t i = 0; i < sizeof flag_words / sizeof *flag_words; i++) {
+        if (!(flags & flag_words[i].bit)) continue;
+        fprintf(out, "%s%s%s%s", between, quote, flag_words[i].word, quote);
+        between = separator;
+    }
+}
+
+static int listed_punctures(const recording_summary *s) {
+    return s->puncture_count < SUMMARY_MAX_PUNCTURES ? s->puncture_count : SUMMARY_MAX_PUNCTURES;
+}
+
+void summary_print(const recording_summary *s, FILE *out) {
+    fprintf(out, "poses sent          %d (%d not answered, %d periods skipped)\n", s->sent, s->unanswered_poses,
+            s->skipped_periods);
+    fprintf(out, "wrenches received   %d (%" PRId64 " lost)\n", s->received, s->lost_wrenches);
+    fprintf(out, "round trip          p50 %.3f ms, p99 %.3f ms, max %.3f ms\n", 1e3 * s->round_trip_p50,
+            1e3 * s->round_trip_p99, 1e3 * s->round_trip_max);
+    for (int i = 0; i < 3; i++)
+        fprintf(out, "on the hand, %c      force %+.3f to %+.3f N, torque %+.4f to %+.4f N m\n", 'x' + i, s->least_force[i],
+                s->greatest_force[i], s->least_torque[i], s->greatest_torque[i]);
+    fprintf(out, "deepest             %.1f mm, %d contacts\n", 1e3 * s->deepest, s->most_contacts);
+    fprintf(out, "punctures           %d\n", s->puncture_count);
+    for (int i = 0; i < listed_punctures(s); i++) {
+        const puncture *p = &s->punctures[i];
+        fprintf(out, "  membrane %d        at %.3f s, track %.1f mm long, axial force %+.3f N just before\n", p->membrane,
+                p->time, 1e3 * p->depth, p->force);
+    }
+    fprintf(out, "largest jump        %.4f N in one tick at %.3f s, punctures left out\n", s->largest_jump, s->jump_time);
+    fprintf(out, "flags               ");
+    print_flags(s->flags, "", ", ", out);
+    fprintf(out, "%s\n", s->flags ? "" : "none");
+}
+
+/* JSON has no NaN. */
+static void json_number(const char *name, double value, FILE *out) {
+    if (isfinite(value)) fprintf(out, "  \"%s\": %.9g,\n", name, value);
+    else fprintf(out, "  \"%s\": null,\n", name);
+}
+
+static void json_vector(const char *name, const double v[3], FILE *out) {
+    fprintf(out, "  \"%s\": [%.9g, %.9g, %.9g],\n", name, v[0], v[1], v[2]);
+}
+
+void summary_write_json(const recording_summary *s, FILE *out) {
+    fprintf(out, "{\n  \"poses_sent\": %d,\n  \"poses_unanswered\": %d,\n  \"periods_skipped\": %d,\n", s->sent,
+            s->unanswered_poses, s->skipped_periods);
+    fprintf(out, "  \"wrenches_received\": %d,\n  \"wrenches_lost\": %" PRId64 ",\n", s->received, s->lost_wrenches);
+    json_number("round_trip_p50_s", s->round_trip_p50, out);
+    json_number("round_trip_p99_s", s->round_trip_p99, out);
+    json_number("round_trip_max_s", s->round_trip_max, out);
+    json_vector("least_force_N", s->least_force, out);
+    json_vector("greatest_force_N", s->greatest_force, out);
+    json_vector("least_torque_Nm", s->least_torque, out);
+    json_vector("greatest_torque_Nm", s->greatest_torque, out);
+    json_number("deepest_m", s->deepest, out);
+    json_number("largest_jump_N", s->largest_jump, out);
+    json_number("largest_jump_time_s", s->jump_time, out);
+    fprintf(out, "  \"most_contacts\": %d,\n  \"puncture_count\": %d,\n  \"punctures\": [", s->most_contacts, s->puncture_count);
+    for (int i = 0; i < listed_punctures(s); i++)
+        fprintf(out, "%s\n    {\"membrane\": %d, \"time_s\": %.6f, \"depth_m\": %.9g, \"axial_force_N\": %.9g}", i ? "," : "",
+                s->punctures[i].membrane, s->punctures[i].time, s->punctures[i].depth, s->punctures[i].force);
+    fprintf(out, "],\n  \"flags\": [");
+    print_flags(s->flags, "\"", ", ", out);
+    fprintf(out, "]\n}\n");
+}
+
+static void csv_row(const received_wrench *row, double start, const pose *base, FILE *out) {
+    const trocar_needle_wrench_t *w = &row->wrench;
+    char membrane[16], events[160];
+    snprintf(membrane, sizeof membrane, "%d", w->membrane);
+    events_text((unsigned)w->events, membrane, events, sizeof events);
+    fprintf(out, "%.6f,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%d,%s,", row->time - start, w->force[0], w->force[1], w->force[2],
+            w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events);
+    fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,", w->raw_force[0], w->raw_force[1], w->raw_force[2], w->raw_torque[0],
+            w->raw_torque[1], w->raw_torque[2]);
+    fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,", base->position.x, base->position.y, base->position.z,
+            base->orientation.w, base->orientation.x, base->orientation.y, base->orientation.z);
+    fprintf(out, "%" PRId64 ",%" PRId64 ",%d,%.9g\n", w->tick, w->pose_seq, w->flags, row->round_trip);
+}
+
+void recording_write_csv(const recording *r, FILE *out) {
+    fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,"
+                 "raw_fx [N],raw_fy [N],raw_fz [N],raw_tx [N m],raw_ty [N m],raw_tz [N m],"
+                 "x [m],y [m],z [m],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s]\n");
+    for (int i = 0; i < r->received_count; i++) {
+        const received_wrench *row = &r->received[i];
+        if (row->time >= r->start) csv_row(row, r->start, &r->sent[row->wrench.pose_seq].base, out);
+    }
+}

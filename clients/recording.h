@@ -1,0 +1,64 @@
+/* What a device sent and received, and what it says about the link and the forces. */
+#ifndef TROCAR_RECORDING_H
+#define TROCAR_RECORDING_H
+
+#include <stdbool.h>
+
+#include "report.h"
+#include "trocar_needle_wrench_t.h"
+#include "vec.h"
+
+/* Times are s on one clock of the device. */
+typedef struct { double time; pose base; bool answered; } sent_pose;
+typedef struct {
+    double time;             /* arrival */
+    double round_trip;       /* s from the pose to its first answer; NaN for later answers to the same pose */
+    trocar_needle_wrench_t wrench;
+} received_wrench;
+
+typedef struct {
+    int64_t session;
+    double start;            /* when the script began; what came before does not count */
+    int sent_count, sent_room;
+    sent_pose *sent;         /* sent_count, by sequence number */
+    int received_count, received_room;
+    received_wrench *received;
+    int skipped_periods;     /* of the device's own loop */
+} recording;
+
+enum { SUMMARY_MAX_PUNCTURES = 16 };
+
+typedef struct { double time, depth, force; int membrane; } puncture;  /* s from start, m, N (axial raw force), index in the scene */
+
+typedef struct {
+    int sent, received;
+    int64_t lost_wrenches;   /* gaps in the ticks */
+    int unanswered_poses;    /* superseded before a tick took them, or lost */
+    int skipped_periods;
+    double round_trip_p50, round_trip_p99, round_trip_max;   /* s; NaN if nothing came */
+    double least_force[3], greatest_force[3];                /* N, rendered, world axes */
+    double least_torque[3], greatest_torque[3];              /* N m */
+    int puncture_count;      /* may exceed what the list holds */
+    puncture punctures[SUMMARY_MAX_PUNCTURES];
+    double largest_jump;     /* N, of the raw force from one tick to the next, punctures and the tick after left out */
+    double jump_time;        /* s from start */
+    double deepest;          /* m */
+    int most_contacts;
+    int32_t flags;           /* all that were set at some time */
+} recording_summary;
+
+/* Record a pose (its sequence number is its index) or a wrench. Wrenches of other sessions are passed over.
+   NO_MEMORY when full. */
+trocar_status recording_add_pose(recording *r, double time, pose base, report *why);
+trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, report *why);
+void recording_free(recording *r);
+
+trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why);
+
+void summary_print(const recording_summary *s, FILE *out);       /* for people */
+void summary_write_json(const recording_summary *s, FILE *out);
+
+/* One row a wrench since the start, named columns with units. */
+void recording_write_csv(const recording *r, FILE *out);
+
+#endif

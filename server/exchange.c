@@ -1,0 +1,68 @@
+#include "exchange.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "guard.h"
+#include "intake.h"
+#include "loop.h"
+#include "trocar_needle_wrench_t.h"
+
+enum { WRENCHES = 1024, LATENCIES = 4096 }; /* a second at 1 kHz; far more than a telemetry interval */
+
+static trocar_status create_eventfd(int *descriptor, report *why) {
+    *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    return *descriptor >= 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+}
+
+static trocar_status create_all(exchange *x, report *why) {
+    trocar_status status;
+    if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
+    if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->poses, sizeof(pose_sample), why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->requests, sizeof(request_sample), why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->snapshots, sizeof(compliance_snapshot), why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->views, sizeof(view_sample), why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
+    if ((status = newest_create(&x->intakes, sizeof(intake_record), why)) != TROCAR_OK) return status;
+    if ((status = ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
+    return ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why);
+}
+
+trocar_status exchange_create(exchange *x, report *why) {
+    *x = (exchange){.io_wake = -1, .worker_wake = -1};
+    trocar_status status = create_all(x, why);
+    if (status != TROCAR_OK) exchange_free(x);
+    return status;
+}
+
+void exchange_free(exchange *x) {
+    newest_free(&x->poses);
+    newest_free(&x->requests);
+    newest_free(&x->snapshots);
+    newest_free(&x->views);
+    newest_free(&x->loops);
+    newest_free(&x->intakes);
+    ring_free(&x->wrenches);
+    ring_free(&x->latencies);
+    if (x->io_wake >= 0) close(x->io_wake);
+    if (x->worker_wake >= 0) close(x->worker_wake);
+    x->io_wake = x->worker_wake = -1;
+}
+
+void wake(int eventfd) {
+    uint64_t one = 1;
+    ssize_t written = write(eventfd, &one, sizeof one); /* fails only when the counter is full: awake anyway */
+    (void)written;
+}
+
+void wait_for_wake(int eventfd) {
+    struct pollfd descriptor = {.fd = eventfd, .events = POLLIN};
+    while (poll(&descriptor, 1, -1) < 0 && errno == EINTR) continue;
+    uint64_t count;
+    ssize_t taken = read(eventfd, &count, sizeof count);
+    (void)taken;
+}

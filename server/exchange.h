@@ -1,0 +1,49 @@
+/* All that the server's threads share:
+
+                    poses                       requests
+     IO thread  ------------->  haptic thread  ---------->  worker
+     (LCM)      <-------------  (the tick)     <----------
+                  wrenches          |            snapshots     |
+        | intakes                   | views, loops             | latencies
+        +------------------->  telemetry thread  <-------------+
+                                  (own LCM)                                                                          */
+#ifndef TROCAR_EXCHANGE_H
+#define TROCAR_EXCHANGE_H
+
+#include "handover.h"
+#include "insertion.h"
+
+/* haptic -> worker */
+typedef struct {
+    int64_t requested;           /* ns, monotonic */
+    remesh_request request;
+} request_sample;
+
+/* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
+typedef struct {
+    int64_t tick;
+    int flags;                   /* as in needle_wrench_t */
+    int64_t wrench_dropped;      /* since start */
+    double snapshot_age;         /* s since the last request, 0 when it is answered */
+    insertion_state state;
+} view_sample;
+
+typedef struct {
+    newest_value poses;          /* pose_sample */
+    newest_value requests;       /* request_sample */
+    newest_value snapshots;      /* compliance_snapshot */
+    newest_value views;          /* view_sample */
+    newest_value loops;          /* loop_record */
+    newest_value intakes;        /* intake_record */
+    spsc_ring wrenches;          /* trocar_needle_wrench_t */
+    spsc_ring latencies;         /* int64_t: request to snapshot, ns */
+    int io_wake, worker_wake;    /* eventfds; neither read nor write ever blocks */
+} exchange;
+
+trocar_status exchange_create(exchange *x, report *why);
+void exchange_free(exchange *x);
+
+void wake(int eventfd);          /* RT */
+void wait_for_wake(int eventfd); /* blocks until the next wake, or returns at once if there was one */
+
+#endif

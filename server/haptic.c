@@ -1,0 +1,108 @@
+#include "haptic.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "trocar_needle_wrench_t.h"
+
+enum { VIEW_HZ = 60 };
+
+trocar_status haptic_create(haptic *h, const insertion_model *model, const guard_limits *limits, double rate_hz,
+                            int flags, exchange *x, report *why) {
+    *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
+    atomic_init(&h->wind_down, false);
+    h->state = malloc(sizeof *h->state);
+    if (h->state == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
+    memset(h->state, 0, sizeof *h->state);
+    return TROCAR_OK;
+}
+
+void haptic_free(haptic *h) {
+    free(h->state);
+    h->state = NULL;
+}
+
+/* The model's wrench for the newest pose; zero before the first one. RT */
+static insertion_wrench run_model(haptic *h, guard_decision decision, const compliance_snapshot *snapshot, double dt) {
+    insertion_wrench wrench = {.membrane = -1};
+    if (decision == GUARD_IDLE) return wrench;
+    if (decision == GUARD_ENGAGE) insertion_reset(h->model, h->guard.base, h->state);
+    insertion_tick(h->model, h->state, snapshot, h->guard.base, dt, &wrench);
+    return wrench;
+}
+
+static int flags_of(unsigned events) {
+    int late = events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
+    int unstable = events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;
+    return late | unstable;
+}
+
+static void store(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+static trocar_needle_wrench_t message_of(const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
+    trocar_needle_wrench_t m = {
+        .utime = wall_us(), .tick = tick, .session = answered->session,
+        .pose_seq = answered->held ? answered->seq : -1, .pose_utime = answered->held ? answered->utime : 0,
+        .depth = raw->depth, .contacts = raw->contacts, .events = (int32_t)raw->events, .membrane = raw->membrane};
+    store(raw->force, m.raw_force);
+    store(raw->torque, m.raw_torque);
+    return m;
+}
+
+/* Queues the wrench for the IO thread. RT */
+static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
+    if (!ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
+    wake(h->exchange->io_wake);
+}
+
+/* Hands the worker what the tick wants to know next, if that has changed. RT */
+static void ask_worker(haptic *h, int64_t now) {
+    if (h->state->request.serial == h->posted) return;
+    request_sample *sample = newest_slot(&h->exchange->requests);
+    sample->requested = now;
+    sample->request = h->state->request;
+    newest_publish(&h->exchange->requests);
+    wake(h->exchange->worker_wake);
+    h->posted = sample->request.serial;
+    h->posted_at = now;
+}
+
+/* Shows the state to telemetry, VIEW_HZ times a second. RT */
+static void show(haptic *h, const loop_wake *wake, int flags, uint64_t answered) {
+    int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEW_HZ * h->period));
+    if (wake->tick % ticks_per_view != 0) return;
+    view_sample *view = newest_slot(&h->exchange->views);
+    view->tick = wake->tick;
+    view->flags = flags;
+    view->wrench_dropped = h->wrench_dropped;
+    view->snapshot_age = answered == h->posted ? 0.0 : 1e-9 * (double)(wake->now - h->posted_at);
+    view->state = *h->state;
+    newest_publish(&h->exchange->views);
+}
+
+bool haptic_tick(void *context, const loop_wake *wake) {
+    haptic *h = context;
+    bool wind_down = atomic_load_explicit(&h->wind_down, memory_order_relaxed);
+    const pose_sample *newest = newest_read(&h->exchange->poses, NULL);
+    const compliance_snapshot *snapshot = newest_read(&h->exchange->snapshots, NULL);
+
+    guard_timing(&h->guard, wake->late, h->period);
+    guard_decision decision = guard_pose(&h->guard, &h->limits, newest, wake->now);
+    insertion_wrench raw = run_model(h, decision, snapshot, wake->elapsed);
+    trocar_needle_wrench_t message = message_of(&raw, newest, wake->tick);
+
+    vec3 force = raw.force, torque = raw.torque;
+    message.flags = h->flags | flags_of(raw.events)
+                  | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
+    store(force, message.force);
+    store(torque, message.torque);
+    send_wrench(h, &message);
+
+    ask_worker(h, wake->now);
+    show(h, wake, message.flags, snapshot->serial);
+    return !(wind_down && guard_at_rest(&h->guard));
+}

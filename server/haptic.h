@@ -1,0 +1,32 @@
+/* One tick of the server: newest pose -> guard -> model -> guard -> wrench. */
+#ifndef TROCAR_HAPTIC_H
+#define TROCAR_HAPTIC_H
+
+#include "exchange.h"
+#include "guard.h"
+#include "loop.h"
+
+typedef struct {
+    const insertion_model *model;
+    guard_limits limits;
+    double period;               /* s, nominal */
+    int flags;                   /* that every wrench carries: NOT_REALTIME or 0 */
+    exchange *exchange;
+    atomic_bool wind_down;       /* set by any thread: ramp to zero, then end */
+
+    insertion_state *state;      /* all below: the haptic thread's own */
+    guard guard;
+    uint64_t posted;             /* serial of the last request handed to the worker */
+    int64_t posted_at;           /* ns */
+    int64_t wrench_dropped;
+} haptic;
+
+/* `model` and `exchange` must outlive it. */
+trocar_status haptic_create(haptic *h, const insertion_model *model, const guard_limits *limits, double rate_hz,
+                            int flags, exchange *x, report *why);
+void haptic_free(haptic *h);
+
+/* A loop's tick; `context` is a haptic. False once it has wound down. RT */
+bool haptic_tick(void *context, const loop_wake *wake);
+
+#endif

@@ -1,0 +1,36 @@
+/* Every message that comes in is judged here before it may touch anything: size, numbers, owner, order, speed. No
+   network, no clock: bytes and arrival times are arguments. */
+#ifndef TROCAR_INTAKE_H
+#define TROCAR_INTAKE_H
+
+#include <stddef.h>
+
+#include "guard.h"
+
+/* What telemetry tells about it. */
+typedef struct {
+    int64_t owner;                   /* session, 0: nobody */
+    int64_t received;                /* ns, monotonic: last accepted pose; 0 before the first */
+    int64_t counts[POSE_VERDICTS];   /* poses by verdict, since start */
+    int64_t commands_refused;        /* malformed, unknown, or not from the owner */
+    char message[160];               /* last refusal in words */
+} intake_record;
+
+typedef struct {
+    guard_limits limits;
+    intake_record record;
+    pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
+    bool begin_anew;                 /* the next pose starts a new engagement */
+    double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
+} intake;
+
+void intake_init(intake *in, const guard_limits *limits);
+
+/* Judges the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` is that pose.
+   The first valid pose's session owns the needle until it releases it or is silent for two seconds. */
+pose_verdict intake_pose(intake *in, const void *data, size_t size, int64_t now);
+
+/* Judges and obeys the bytes of a command_t. Returns true for a shutdown. */
+bool intake_command(intake *in, const void *data, size_t size);
+
+#endif

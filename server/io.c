@@ -1,0 +1,117 @@
+#include "io.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <string.h>
+
+#include "realtime.h"
+#include "timing.h"
+#include "trocar_needle_wrench_t.h"
+
+enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
+
+trocar_status io_create(io *o, const char *url, const guard_limits *limits, bool realtime, int shutdown_wake,
+                        exchange *x, report *why) {
+    *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
+    intake_init(&o->intake, limits);
+    atomic_init(&o->stop, false);
+    if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
+    return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
+}
+
+void io_free(io *o) { sem_destroy(&o->ready); }
+
+static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    intake_pose(&o->intake, received->data, received->data_size, monotonic_ns());
+}
+
+static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    if (intake_command(&o->intake, received->data, received->data_size)) wake(o->shutdown_wake);
+}
+
+/* Raw subscriptions: LCM's generated ones would drop a bad message without telling anyone. */
+static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
+    lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
+    return subscription != NULL && lcm_subscription_set_queue_capacity(subscription, QUEUE) == 0;
+}
+
+trocar_status io_open(io *o) {
+    o->lcm = lcm_create(o->url);
+    if (o->lcm == NULL)
+        return fail(&o->why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": check --lcm-url and the multicast route",
+                    o->url ? o->url : "its default URL");
+    if (!subscribe(o, "TROCAR_POSE", on_pose) || !subscribe(o, "TROCAR_COMMAND", on_command))
+        return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive on \"%s\": check the multicast route",
+                    o->url ? o->url : "its default URL");
+    return TROCAR_OK;
+}
+
+void io_close(io *o) {
+    if (o->lcm != NULL) lcm_destroy(o->lcm);
+    o->lcm = NULL;
+}
+
+/* LCM's queues keep the oldest messages, so drain them; but let no flood keep the wrenches waiting. */
+static trocar_status receive(io *o) {
+    int handled = 1;
+    for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
+    if (handled < 0) return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive any more: %s", strerror(errno));
+    return TROCAR_OK;
+}
+
+static void hand_over(io *o) {
+    *(pose_sample *)newest_slot(&o->exchange->poses) = o->intake.newest;
+    newest_publish(&o->exchange->poses);
+    *(intake_record *)newest_slot(&o->exchange->intakes) = o->intake.record;
+    newest_publish(&o->exchange->intakes);
+}
+
+/* A network that refuses a datagram (no route, full buffer) loses this wrench, not the server: the next one follows. */
+static void publish_wrenches(io *o) {
+    trocar_needle_wrench_t wrench;
+    unsigned char bytes[WRENCH_BYTES];
+    while (ring_pop(&o->exchange->wrenches, &wrench)) {
+        int size = trocar_needle_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
+        if (size > 0) lcm_publish(o->lcm, "TROCAR_WRENCH", bytes, (unsigned)size);
+    }
+}
+
+trocar_status io_round(io *o) {
+    trocar_status status = receive(o);
+    hand_over(o);
+    publish_wrenches(o);
+    return status;
+}
+
+static void wait_for_work(io *o) {
+    struct pollfd work[] = {{.fd = lcm_get_fileno(o->lcm), .events = POLLIN},
+                            {.fd = o->exchange->io_wake, .events = POLLIN}};
+    if (poll(work, 2, -1) > 0 && work[1].revents != 0) wait_for_wake(o->exchange->io_wake);
+}
+
+void *io_run(void *context) {
+    io *o = context;
+    realtime_flush_denormals();
+    if (o->realtime) o->status = realtime_set_priority(PRIORITY_IO, &o->why);
+    if (o->status == TROCAR_OK) o->status = io_open(o);
+    bool listening = o->status == TROCAR_OK;
+    sem_post(&o->ready);
+
+    while (listening && o->status == TROCAR_OK && !atomic_load_explicit(&o->stop, memory_order_acquire)) {
+        wait_for_work(o);
+        o->status = io_round(o);
+    }
+    if (listening && o->status == TROCAR_OK) publish_wrenches(o);
+    else wake(o->shutdown_wake);
+    io_close(o);
+    return NULL;
+}
+
+void io_stop(io *o) {
+    atomic_store_explicit(&o->stop, true, memory_order_release);
+    wake(o->exchange->io_wake);
+}

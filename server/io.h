@@ -1,0 +1,39 @@
+/* The IO thread: the only one that receives messages, and that publishes wrenches. */
+#ifndef TROCAR_IO_H
+#define TROCAR_IO_H
+
+#include <lcm/lcm.h>
+#include <semaphore.h>
+
+#include "exchange.h"
+#include "intake.h"
+
+typedef struct {
+    exchange *exchange;
+    const char *url;             /* of LCM, NULL: its default */
+    bool realtime;               /* under SCHED_FIFO */
+    int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
+    sem_t ready;                 /* posted once, when it listens or has failed */
+    atomic_bool stop;
+    trocar_status status;        /* to be read after `ready`, and after the thread has ended */
+    report why;
+    lcm_t *lcm;                  /* all below: the thread's own */
+    intake intake;
+} io;
+
+trocar_status io_create(io *o, const char *url, const guard_limits *limits, bool realtime, int shutdown_wake,
+                        exchange *x, report *why);
+void io_free(io *o);
+
+/* Body of the thread; `context` is an io. LCM's hidden reader thread inherits its priority. */
+void *io_run(void *context);
+
+/* Ends the thread once the wrenches in the ring have been published. */
+void io_stop(io *o);
+
+/* Connects and subscribes; one round: takes what has arrived, publishes the wrenches that wait. For io_run and tests. */
+trocar_status io_open(io *o);
+trocar_status io_round(io *o);
+void io_close(io *o);
+
+#endif

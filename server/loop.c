@@ -1,0 +1,56 @@
+#include "loop.h"
+
+/* The interval's part of the timing is kept in the hand-over slot itself. RT */
+static void note(loop *l, int64_t lateness, int64_t compute) {
+    loop_record *interval = newest_slot(l->records);
+    histogram_add(&interval->lateness, lateness);
+    histogram_add(&interval->compute, compute);
+    histogram_add(&l->lateness, lateness);
+    histogram_add(&l->compute, compute);
+}
+
+/* Hands the interval over and begins the next one. RT */
+static void hand_over(loop *l) {
+    loop_record *interval = newest_slot(l->records);
+    interval->lateness_max_total = histogram_max(&l->lateness);
+    interval->compute_max_total = histogram_max(&l->compute);
+    interval->ticks = l->ticks;
+    interval->misses = l->misses;
+    interval->usage = l->usage;
+    newest_publish(l->records);
+
+    interval = newest_slot(l->records);
+    histogram_clear(&interval->lateness);
+    histogram_clear(&interval->compute);
+}
+
+static void sample_usage(loop *l, const thread_usage *start) {
+    thread_usage now = thread_usage_now();
+    l->usage.minor_faults = now.minor_faults - start->minor_faults;
+    l->usage.major_faults = now.major_faults - start->major_faults;
+    l->usage.context_switches = now.context_switches - start->context_switches;
+}
+
+void loop_run(loop *l) {
+    int64_t period = (int64_t)(1e9 / l->rate_hz + 0.5), per_interval = (int64_t)(l->rate_hz / 10.0 + 0.5);
+    thread_usage start = thread_usage_now();
+    int64_t deadline = monotonic_ns() + period, missed = 0;
+    bool running = true;
+
+    while (running) {
+        sleep_until(deadline);
+        int64_t woke = monotonic_ns();
+        running = l->tick(l->context, &(loop_wake){.tick = l->ticks, .now = woke, .late = missed > 0,
+                                                   .elapsed = 1e-9 * (double)(period * (1 + missed))});
+        int64_t ended = monotonic_ns();
+        note(l, woke - deadline, ended - woke);
+
+        missed = (ended - deadline) / period;
+        deadline += (1 + missed) * period;
+        l->misses += missed;
+        l->ticks++;
+        if (l->ticks % (10 * per_interval) == 0) sample_usage(l, &start);
+        if (l->ticks % per_interval == 0) hand_over(l);
+    }
+    sample_usage(l, &start);
+}

@@ -1,0 +1,193 @@
+#include "telemetry.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "realtime.h"
+#include "trocar_contacts_t.h"
+#include "trocar_deformation_t.h"
+#include "trocar_loop_timing_t.h"
+#include "trocar_status_t.h"
+
+enum { VIEW_HZ = 30, VIEWS_PER_STATUS = 3 };
+
+/* Marks the nodes that a viewer may see; returns how many there are. */
+static int mark_surface(const mesh *m, bool *seen) {
+    for (int f = 0; f < m->boundary_count; f++)
+        for (int i = 0; i < 3; i++) seen[m->boundary[f].nodes[i]] = true;
+    for (int g = 0; g < m->group_count; g++)
+        for (int i = 0; m->groups[g].dimension == 2 && i < m->groups[g].node_count; i++) seen[m->groups[g].nodes[i]] = true;
+    int count = 0;
+    for (int n = 0; n < m->node_count; n++) count += seen[n];
+    return count;
+}
+
+static bool list_surface(telemetry *t, const mesh *m) {
+    bool *seen = calloc((size_t)m->node_count, sizeof *seen);
+    if (seen == NULL) return false;
+    t->surface_count = mark_surface(m, seen);
+    size_t count = (size_t)t->surface_count;
+    t->surface = malloc(count * sizeof *t->surface);
+    t->surface_values = malloc(3 * count * sizeof *t->surface_values);
+    t->surface_rows = malloc(count * sizeof *t->surface_rows);
+    bool complete = t->surface && t->surface_values && t->surface_rows;
+    for (int n = 0, i = 0; complete && n < m->node_count; n++) {
+        if (!seen[n]) continue;
+        t->surface[i] = n;
+        t->surface_rows[i] = t->surface_values + 3 * (size_t)i;
+        i++;
+    }
+    free(seen);
+    return complete;
+}
+
+trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
+                               simulation *s, const worker *w, exchange *x, report *why) {
+    *t = (telemetry){.exchange = x, .simulation = s, .worker = w, .scene_path = scene_path, .rate_hz = rate_hz, .flags = flags};
+    atomic_init(&t->stop, false);
+    t->nodal = malloc((size_t)s->mesh.node_count * sizeof *t->nodal);
+    t->added = malloc((MAX_CONTACTS + 1) * sizeof *t->added);
+    t->latency = calloc(1, sizeof *t->latency);
+    if (!list_surface(t, &s->mesh) || t->nodal == NULL || t->added == NULL || t->latency == NULL) {
+        telemetry_free(t);
+        return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry buffers for %d nodes", s->mesh.node_count);
+    }
+    t->lcm = lcm_create(url);
+    if (t->lcm != NULL) return TROCAR_OK;
+    telemetry_free(t);
+    return fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": check --lcm-url and the multicast route",
+                url ? url : "its default URL");
+}
+
+void telemetry_free(telemetry *t) {
+    if (t->lcm != NULL) lcm_destroy(t->lcm);
+    free(t->latency);
+    free(t->surface);
+    free(t->surface_values);
+    free(t->surface_rows);
+    free(t->nodal);
+    free(t->added);
+    *t = (telemetry){0};
+}
+
+static void publish_timing(telemetry *t, const view_sample *view) {
+    bool fresh;
+    const loop_record *loop = newest_read(&t->exchange->loops, &fresh);
+    if (!fresh) return; /* no new interval: nothing to tell */
+    histogram_clear(t->latency);
+    for (int64_t latency; ring_pop(&t->exchange->latencies, &latency);) histogram_add(t->latency, latency);
+
+    trocar_loop_timing_t m = {
+        .utime = wall_us(), .ticks = loop->ticks, .rate_hz = t->rate_hz,
+        .lateness_p50 = histogram_quantile(&loop->lateness, 0.50),
+        .lateness_p99 = histogram_quantile(&loop->lateness, 0.99),
+        .lateness_max = histogram_max(&loop->lateness),
+        .compute_p50 = histogram_quantile(&loop->compute, 0.50),
+        .compute_p99 = histogram_quantile(&loop->compute, 0.99),
+        .compute_max = histogram_max(&loop->compute),
+        .lateness_max_total = loop->lateness_max_total, .compute_max_total = loop->compute_max_total,
+        .misses = loop->misses, .minor_faults = loop->usage.minor_faults, .major_faults = loop->usage.major_faults,
+        .context_switches = loop->usage.context_switches,
+        .worker_latency_p50 = histogram_quantile(t->latency, 0.50), .worker_latency_max = histogram_max(t->latency),
+        .snapshot_age = view->snapshot_age, .contacts = view->state.active,
+        .wrench_dropped = (int32_t)view->wrench_dropped};
+    trocar_loop_timing_t_publish(t->lcm, "TROCAR_TIMING", &m);
+}
+
+/* The worker's failure outlives the refusals: it will not go away by itself. */
+static const char *message_of(const telemetry *t, const intake_record *in) {
+    if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
+    return in->message;
+}
+
+static void publish_status(telemetry *t, const view_sample *view) {
+    const intake_record *in = newest_read(&t->exchange->intakes, NULL);
+    trocar_status_t m = {
+        .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->flags,
+        .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
+        .poses_not_finite = in->counts[POSE_NOT_FINITE], .poses_not_unit = in->counts[POSE_NOT_UNIT],
+        .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
+        .poses_old = in->counts[POSE_OLD],
+        .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
+        .scene = (char *)(uintptr_t)t->scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
+    trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
+}
+
+static void publish_deformation(telemetry *t, const view_sample *view) {
+    simulation_displacement(t->simulation, &view->state, t->nodal, t->added);
+    for (int i = 0; i < t->surface_count; i++) {
+        vec3 u = t->nodal[t->surface[i]];
+        t->surface_rows[i][0] = (float)u.x;
+        t->surface_rows[i][1] = (float)u.y;
+        t->surface_rows[i][2] = (float)u.z;
+    }
+    trocar_deformation_t m = {.utime = wall_us(), .tick = view->tick, .node_count = t->surface_count,
+                              .node = t->surface, .displacement = t->surface_rows};
+    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &m);
+}
+
+/* Rows of doubles as LCM's generated types want them. */
+typedef struct {
+    double values[MAX_POINTS][3], *rows[MAX_POINTS];
+} row_list;
+
+static void set_row(row_list *list, int i, vec3 v) {
+    list->rows[i] = list->values[i];
+    list->values[i][0] = v.x;
+    list->values[i][1] = v.y;
+    list->values[i][2] = v.z;
+}
+
+_Static_assert((int)NEEDLE_MAX_SEGMENTS + 1 <= (int)MAX_POINTS, "a row_list holds the centreline too");
+
+static void publish_contacts(telemetry *t, const view_sample *view) {
+    const insertion_state *state = &view->state;
+    const needle_model *needle = &t->simulation->needle;
+    row_list joints, positions, forces;
+    double arc[MAX_POINTS];
+    int8_t sliding[MAX_POINTS];
+    int segments = needle->given.segments, count = 0;
+
+    for (int j = 0; j <= segments; j++) set_row(&joints, j, state->needle.joints[j]);
+    for (; count < state->active; count++) {
+        const shaft_contact *c = &state->contacts[count];
+        set_row(&positions, count, needle_at(needle, &state->needle, c->arc).position);
+        set_row(&forces, count, c->force);
+        arc[count] = c->arc;
+        sliding[count] = (int8_t)c->friction;
+    }
+    if (state->phase == TIP_INSIDE) {
+        set_row(&positions, count, state->needle.joints[segments]);
+        set_row(&forces, count, state->tip_force);
+        arc[count] = needle->given.length;
+        sliding[count++] = (int8_t)state->tip_friction;
+    }
+    trocar_contacts_t m = {.utime = wall_us(), .tick = view->tick, .joint_count = segments + 1, .centreline = joints.rows,
+                           .contact_count = count, .position = positions.rows, .force = forces.rows, .arc = arc,
+                           .state = sliding};
+    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m);
+}
+
+void *telemetry_run(void *context) {
+    telemetry *t = context;
+    realtime_flush_denormals();
+    int64_t due = monotonic_ns();
+    for (int64_t view_count = 0; !atomic_load_explicit(&t->stop, memory_order_relaxed); view_count++) {
+        bool fresh;
+        const view_sample *view = newest_read(&t->exchange->views, &fresh);
+        if (view_count % VIEWS_PER_STATUS == 0) {
+            publish_timing(t, view);
+            publish_status(t, view);
+        }
+        if (fresh) {
+            publish_contacts(t, view);
+            publish_deformation(t, view);
+        }
+        due += 1000000000 / VIEW_HZ;
+        if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
+        sleep_until(due);
+    }
+    return NULL;
+}
+
+void telemetry_stop(telemetry *t) { atomic_store_explicit(&t->stop, true, memory_order_relaxed); }

@@ -1,0 +1,40 @@
+/* The telemetry thread: what monitors and viewers see. Its own LCM connection, so that a large message never holds the
+   IO thread's transmit lock. */
+#ifndef TROCAR_TELEMETRY_H
+#define TROCAR_TELEMETRY_H
+
+#include <lcm/lcm.h>
+
+#include "exchange.h"
+#include "intake.h"
+#include "loop.h"
+#include "simulation.h"
+#include "worker.h"
+
+typedef struct {
+    exchange *exchange;
+    simulation *simulation;
+    const worker *worker;        /* whose first failure is told */
+    const char *scene_path;
+    double rate_hz;
+    int flags;                   /* NOT_REALTIME or 0, until the loop tells its own */
+    atomic_bool stop;
+    lcm_t *lcm;                  /* all below: the thread's own */
+    histogram *latency;          /* of the worker, this interval */
+    int surface_count;
+    int32_t *surface;            /* surface_count: nodes of the outer and the named surfaces, ascending */
+    float *surface_values;       /* 3 surface_count, m */
+    float **surface_rows;        /* surface_count: rows of surface_values, as LCM wants them */
+    vec3 *nodal, *added;         /* displacements, m */
+} telemetry;
+
+/* Connects to LCM. `s`, `w` and `x` must outlive it. BAD_INPUT if the URL is of no use. */
+trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
+                               simulation *s, const worker *w, exchange *x, report *why);
+void telemetry_free(telemetry *t);
+
+/* Body of the thread; `context` is a telemetry. */
+void *telemetry_run(void *context);
+void telemetry_stop(telemetry *t);
+
+#endif

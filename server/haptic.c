@@ -71,10 +71,10 @@ static void ask_worker(haptic *h, int64_t now) {
     h->posted_at = now;
 }
 
-/* Shows the state to telemetry, VIEW_HZ times a second. RT */
+/* Shows the state to telemetry, VIEW_HZ times a second, once there is one. RT */
 static void show(haptic *h, const loop_wake *wake, int flags, uint64_t answered) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEW_HZ * h->period));
-    if (wake->tick % ticks_per_view != 0) return;
+    if (h->guard.engagement == 0 || wake->tick % ticks_per_view != 0) return;
     view_sample *view = newest_slot(&h->exchange->views);
     view->tick = wake->tick;
     view->flags = flags;

@@ -9,7 +9,7 @@
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 
-enum { VIEW_HZ = 30, VIEWS_PER_STATUS = 3 };
+enum { VIEW_HZ = 30, STATUS_HZ = 10 };
 
 /* Marks the nodes that a viewer may see; returns how many there are. */
 static int mark_surface(const mesh *m, bool *seen) {
@@ -70,6 +70,12 @@ void telemetry_free(telemetry *t) {
     *t = (telemetry){0};
 }
 
+static void print_timing(const trocar_loop_timing_t *m) {
+    fprintf(stderr, "tick %lld: lateness p99 %.0f max %.0f us, compute p99 %.0f max %.0f us, %lld missed, %d contacts\n",
+            (long long)m->ticks, 1e6 * m->lateness_p99, 1e6 * m->lateness_max, 1e6 * m->compute_p99, 1e6 * m->compute_max,
+            (long long)m->misses, m->contacts);
+}
+
 static void publish_timing(telemetry *t, const view_sample *view) {
     bool fresh;
     const loop_record *loop = newest_read(&t->exchange->loops, &fresh);
@@ -92,6 +98,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .snapshot_age = view->snapshot_age, .contacts = view->state.active,
         .wrench_dropped = (int32_t)view->wrench_dropped};
     trocar_loop_timing_t_publish(t->lcm, "TROCAR_TIMING", &m);
+    if (t->verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
 
 /* The worker's failure outlives the refusals: it will not go away by itself. */
@@ -175,7 +182,7 @@ void *telemetry_run(void *context) {
     for (int64_t view_count = 0; !atomic_load_explicit(&t->stop, memory_order_relaxed); view_count++) {
         bool fresh;
         const view_sample *view = newest_read(&t->exchange->views, &fresh);
-        if (view_count % VIEWS_PER_STATUS == 0) {
+        if (view_count % (VIEW_HZ / STATUS_HZ) == 0) {
             publish_timing(t, view);
             publish_status(t, view);
         }

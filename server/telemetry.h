@@ -18,8 +18,10 @@ typedef struct {
     const char *scene_path;
     double rate_hz;
     int flags;                   /* NOT_REALTIME or 0, until the loop tells its own */
+    bool verbose;                /* one line a second on stderr */
     atomic_bool stop;
     lcm_t *lcm;                  /* all below: the thread's own */
+    int64_t timings_published;
     histogram *latency;          /* of the worker, this interval */
     int surface_count;
     int32_t *surface;            /* surface_count: nodes of the outer and the named surfaces, ascending */

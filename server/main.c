@@ -1,0 +1,81 @@
+/* trocar-server: options, signals, exit status. */
+#include <argp.h>
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/signalfd.h>
+
+#include "server.h"
+
+const char *argp_program_version = "trocar-server " TROCAR_VERSION;
+
+enum { KEY_ALLOW_NON_RT = 256 };
+
+static const struct argp_option options[] = {
+    {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
+    {"lcm-url", 'l', "URL", 0, "LCM provider, default udpm://239.255.76.67:7667?ttl=0 or $LCM_DEFAULT_URL", 0},
+    {"rate", 'r', "HZ", 0, "Rate of the loop, in place of the scene's", 0},
+    {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
+    {"verbose", 'v', NULL, 0, "Print one line of timing a second", 0},
+    {0},
+};
+
+static error_t parse(int key, char *value, struct argp_state *state) {
+    server_options *chosen = state->input;
+    char *end;
+    switch (key) {
+    case 's': chosen->scene_path = value; return 0;
+    case 'l': chosen->lcm_url = value; return 0;
+    case 'v': chosen->verbose = true; return 0;
+    case KEY_ALLOW_NON_RT: chosen->allow_non_rt = true; return 0;
+    case 'r':
+        chosen->rate_hz = strtod(value, &end);
+        if (*end == '\0' && chosen->rate_hz >= SERVER_MIN_RATE && chosen->rate_hz <= SERVER_MAX_RATE) return 0;
+        argp_error(state, "--rate %s: give a number of Hz from %d to %d", value, SERVER_MIN_RATE, SERVER_MAX_RATE);
+        return EINVAL;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
+    case ARGP_KEY_END:
+        if (chosen->scene_path == NULL) argp_error(state, "--scene FILE is missing");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+/* SIGINT and SIGTERM as a readable descriptor; blocked in all threads, so that they interrupt none. */
+static int stop_signals(void) {
+    sigset_t stop;
+    sigemptyset(&stop);
+    sigaddset(&stop, SIGINT);
+    sigaddset(&stop, SIGTERM);
+    sigprocmask(SIG_BLOCK, &stop, NULL);
+    return signalfd(-1, &stop, SFD_CLOEXEC);
+}
+
+static void say_ready(void) {
+    puts("ready");
+    fflush(stdout);
+}
+
+static int complain(const report *why) {
+    fprintf(stderr, "trocar-server: %s\n", why->text);
+    return 2;
+}
+
+int main(int argc, char **argv) {
+    static const struct argp description = {
+        options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
+    server_options chosen = {0};
+    argp_err_exit_status = 2;
+    argp_parse(&description, argc, argv, 0, NULL, &chosen);
+
+    report why;
+    server *s;
+    int signals = stop_signals();
+    if (server_create(&chosen, &s, &why) != TROCAR_OK) return complain(&why);
+    server_describe(s, stdout);
+    trocar_status status = server_run(s, signals, say_ready, &why);
+    if (status == TROCAR_OK) server_summarise(s, stdout);
+    server_free(s);
+    return status == TROCAR_OK ? 0 : complain(&why);
+}

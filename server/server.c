@@ -1,0 +1,231 @@
+#define _GNU_SOURCE
+#include "server.h"
+
+#include <cblas.h>
+#include <errno.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "haptic.h"
+#include "io.h"
+#include "realtime.h"
+#include "scene.h"
+#include "telemetry.h"
+#include "trocar_needle_wrench_t.h"
+
+typedef struct {
+    pthread_t thread;
+    bool running;
+} task;
+
+struct server {
+    server_options options;
+    scene scene;
+    bool realtime;
+    report refused;              /* why it is not */
+    int awake;                   /* descriptor that keeps the processors awake, or -1 */
+    int shutdown_wake;           /* eventfd */
+    simulation simulation;
+    exchange exchange;
+    haptic haptic;
+    loop loop;
+    worker worker;
+    io io;
+    telemetry telemetry;
+    task haptic_task, worker_task, io_task, telemetry_task;
+};
+
+/* --- creation --------------------------------------------------------------------------------------------------- */
+
+static trocar_status read_scene(server *s, report *why) {
+    trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
+    if (status != TROCAR_OK) return status;
+    double rate = s->options.rate_hz != 0.0 ? s->options.rate_hz : s->scene.rate_hz;
+    if (!(rate >= SERVER_MIN_RATE && rate <= SERVER_MAX_RATE))
+        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %d to %d Hz", rate, SERVER_MIN_RATE, SERVER_MAX_RATE);
+    s->scene.rate_hz = rate;
+    return TROCAR_OK;
+}
+
+/* Memory and priority before any thread starts; what is refused is remembered for those who waive it. */
+static trocar_status ask_for_realtime(server *s, report *why) {
+    trocar_status status = realtime_try_priority(PRIORITY_HAPTIC, &s->refused);
+    if (status == TROCAR_OK) status = realtime_lock_memory(&s->refused);
+    s->realtime = status == TROCAR_OK;
+    if (s->realtime) s->awake = realtime_stay_awake();
+    if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
+    *why = s->refused;
+    return status;
+}
+
+static trocar_status create_parts(server *s, report *why) {
+    exchange *x = &s->exchange;
+    int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
+    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, &s->scene.guard, s->scene.rate_hz, flags, x, why);
+    if (status != TROCAR_OK) return status;
+    status = io_create(&s->io, s->options.lcm_url, &s->scene.guard, s->realtime, s->shutdown_wake, x, why);
+    if (status != TROCAR_OK) return status;
+    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .records = &x->loops};
+    s->worker = (worker){.exchange = x, .serve = worker_remesh, .context = s->simulation.remesher};
+    status = telemetry_create(&s->telemetry, s->options.lcm_url, s->scene.path, s->scene.rate_hz, flags, &s->simulation,
+                              &s->worker, x, why);
+    s->telemetry.verbose = s->options.verbose;
+    return status;
+}
+
+static trocar_status create_all(server *s, report *why) {
+    trocar_status status;
+    openblas_set_num_threads(1); /* more only contend with the haptic thread for its processor */
+    realtime_flush_denormals();
+    if ((status = read_scene(s, why)) != TROCAR_OK) return status;
+    s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
+    if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
+    if ((status = ask_for_realtime(s, why)) != TROCAR_OK) return status;
+    return create_parts(s, why);
+}
+
+trocar_status server_create(const server_options *options, server **created, report *why) {
+    server *s = calloc(1, sizeof *s);
+    if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
+    s->options = *options;
+    s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
+    trocar_status status = create_all(s, why);
+    if (status == TROCAR_OK) *created = s;
+    else server_free(s);
+    return status;
+}
+
+void server_free(server *s) {
+    if (s == NULL) return;
+    telemetry_free(&s->telemetry);
+    io_free(&s->io);
+    haptic_free(&s->haptic);
+    exchange_free(&s->exchange);
+    simulation_free(&s->simulation);
+    if (s->awake >= 0) close(s->awake);
+    if (s->shutdown_wake >= 0) close(s->shutdown_wake);
+    free(s);
+}
+
+/* --- threads ---------------------------------------------------------------------------------------------------- */
+
+static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, report *why) {
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
+    int error = pthread_create(&t->thread, &attributes, body, context);
+    pthread_attr_destroy(&attributes);
+    if (error != 0) return fail(why, TROCAR_SYSTEM, "cannot start the %s thread: %s", name, strerror(error));
+    t->running = true;
+    pthread_setname_np(t->thread, name);
+    return TROCAR_OK;
+}
+
+static void join(task *t) {
+    if (t->running) pthread_join(t->thread, NULL);
+    t->running = false;
+}
+
+static void *haptic_run(void *context) {
+    server *s = context;
+    report ignored;
+    realtime_flush_denormals();
+    realtime_touch_stack();
+    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* tried before */
+    loop_run(&s->loop);
+    return NULL;
+}
+
+static trocar_status start_io(server *s, report *why) {
+    trocar_status status = start(&s->io_task, "trocar-io", 0, io_run, &s->io, why);
+    if (status != TROCAR_OK) return status;
+    while (sem_wait(&s->io.ready) != 0) continue;
+    if (s->io.status != TROCAR_OK) *why = s->io.why;
+    return s->io.status;
+}
+
+static trocar_status start_all(server *s, report *why) {
+    trocar_status status;
+    if ((status = start_io(s, why)) != TROCAR_OK) return status;
+    if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
+    if ((status = start(&s->telemetry_task, "trocar-telemetry", 0, telemetry_run, &s->telemetry, why)) != TROCAR_OK)
+        return status;
+    return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
+}
+
+/* The haptic thread first, while the IO thread still carries its ramp to the device. */
+static void stop_all(server *s) {
+    atomic_store(&s->haptic.wind_down, true);
+    join(&s->haptic_task);
+    worker_stop(&s->worker);
+    telemetry_stop(&s->telemetry);
+    io_stop(&s->io);
+    join(&s->worker_task);
+    join(&s->telemetry_task);
+    join(&s->io_task);
+}
+
+static void wait_for_end(const server *s, int stop_descriptor) {
+    struct pollfd ends[] = {{.fd = stop_descriptor, .events = POLLIN}, {.fd = s->shutdown_wake, .events = POLLIN}};
+    while (poll(ends, 2, -1) < 0 && errno == EINTR) continue;
+}
+
+trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why) {
+    trocar_status status = start_all(s, why);
+    if (status == TROCAR_OK) {
+        if (ready != NULL) ready();
+        wait_for_end(s, stop_descriptor);
+    }
+    stop_all(s);
+    if (status == TROCAR_OK && s->io.status != TROCAR_OK) {
+        *why = s->io.why;
+        status = s->io.status;
+    }
+    return status;
+}
+
+/* --- words for people ------------------------------------------------------------------------------------------- */
+
+static double resident_mebibytes(void) {
+    struct rusage u;
+    getrusage(RUSAGE_SELF, &u);
+    return (double)u.ru_maxrss / 1024.0;
+}
+
+void server_describe(const server *s, FILE *out) {
+    const mesh *m = &s->simulation.mesh;
+    const simulation_config *config = &s->scene.simulation;
+    fprintf(out, "scene      %s\n", s->scene.path);
+    fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
+            m->tet_count, config->region_count, config->membrane_count);
+    fprintf(out, "inverse    %s, %d unknowns; node addition by %s\n", inverse_dense(s->simulation.inverse) ? "dense" : "factor",
+            s->simulation.tissue.dof_count, config->remeshing == REMESH_NESTED ? "nested bordering" : "Woodbury updates");
+    fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
+    fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
+    if (s->realtime) fprintf(out, "real time  yes, SCHED_FIFO %d\n", PRIORITY_HAPTIC);
+    else fprintf(out, "real time  NO: %s\n", s->refused.text);
+}
+
+static void print_times(FILE *out, const char *name, const histogram *h) {
+    fprintf(out, "%s  p50 %.1f us, p99 %.1f us, max %.1f us\n", name, 1e6 * histogram_quantile(h, 0.5),
+            1e6 * histogram_quantile(h, 0.99), 1e6 * histogram_max(h));
+}
+
+void server_summarise(const server *s, FILE *out) {
+    const loop *l = &s->loop;
+    fprintf(out, "ticks      %lld, %lld periods missed\n", (long long)l->ticks, (long long)l->misses);
+    print_times(out, "lateness ", &l->lateness);
+    print_times(out, "compute  ", &l->compute);
+    fprintf(out, "faults     %lld minor, %lld major; %lld involuntary context switches\n", (long long)l->usage.minor_faults,
+            (long long)l->usage.major_faults, (long long)l->usage.context_switches);
+    fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
+            s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
+    fprintf(out, "wrenches   %lld dropped\n", (long long)s->haptic.wrench_dropped);
+}

@@ -1,0 +1,34 @@
+/* The server as a whole: builds the simulation, owns the buffers, runs the threads. */
+#ifndef TROCAR_SERVER_H
+#define TROCAR_SERVER_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "report.h"
+
+enum { SERVER_MIN_RATE = 250, SERVER_MAX_RATE = 10000 }; /* Hz */
+
+typedef struct {
+    const char *scene_path;
+    const char *lcm_url;         /* NULL: LCM's default */
+    double rate_hz;              /* 0: the scene's */
+    bool allow_non_rt;           /* run without locked memory or SCHED_FIFO, and say so in every message */
+    bool verbose;                /* one line of timing a second on stderr */
+} server_options;
+
+typedef struct server server;
+
+/* Reads the scene and builds everything, starts nothing. BAD_INPUT for a bad scene, mesh or rate; SYSTEM, with the
+   limit to raise, when real time is refused and not waived. The strings must outlive the server. */
+trocar_status server_create(const server_options *options, server **created, report *why);
+void server_free(server *s);
+
+/* Runs until `stop_descriptor` (a signalfd, say) becomes readable, a client commands a shutdown, or the network fails;
+   then ramps the wrench to zero and joins all threads. `ready`, if not NULL, is called when the server listens. */
+trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
+
+void server_describe(const server *s, FILE *out);       /* one paragraph before the start */
+void server_summarise(const server *s, FILE *out);      /* timing, after the run */
+
+#endif

@@ -12,14 +12,21 @@ trocar_status haptic_create(haptic *h, const insertion_model *model, const guard
     *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
     atomic_init(&h->wind_down, false);
     h->state = malloc(sizeof *h->state);
-    if (h->state == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
-    memset(h->state, 0, sizeof *h->state);
+    h->scratch = malloc(sizeof *h->scratch);
+    if (h->state == NULL || h->scratch == NULL) {
+        haptic_free(h);
+        return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
+    }
+    memset(h->state, 0, sizeof *h->state); /* touched, not only zero: no page faults later */
+    memset(h->scratch, 0, sizeof *h->scratch);
     return TROCAR_OK;
 }
 
 void haptic_free(haptic *h) {
     free(h->state);
+    free(h->scratch);
     h->state = NULL;
+    h->scratch = NULL;
 }
 
 /* The model's wrench for the newest pose; zero before the first one. RT */
@@ -27,7 +34,7 @@ static insertion_wrench run_model(haptic *h, guard_decision decision, const comp
     insertion_wrench wrench = {.membrane = -1};
     if (decision == GUARD_IDLE) return wrench;
     if (decision == GUARD_ENGAGE) insertion_reset(h->model, h->guard.base, h->state);
-    insertion_tick(h->model, h->state, snapshot, h->guard.base, dt, &wrench);
+    insertion_tick(h->model, h->state, h->scratch, snapshot, h->guard.base, dt, &wrench);
     return wrench;
 }
 

@@ -15,6 +15,7 @@ typedef struct {
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then end */
 
     insertion_state *state;      /* all below: the haptic thread's own */
+    insertion_workspace *scratch;
     guard guard;
     uint64_t posted;             /* serial of the last request handed to the worker */
     int64_t posted_at;           /* ns */

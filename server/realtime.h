@@ -17,7 +17,7 @@ trocar_status realtime_try_priority(int priority, report *why);
 
 /* Touches the calling thread's stack, so that it never faults there. The thread needs a stack of
    REALTIME_STACK bytes. */
-enum { REALTIME_STACK = 16 << 20, REALTIME_STACK_TOUCHED = 12 << 20 };
+enum { REALTIME_STACK = 2 << 20, REALTIME_STACK_TOUCHED = 1 << 20 };
 void realtime_touch_stack(void);
 
 /* Denormal numbers count as zero, in operands and results: they cost a hundred times a normal number. Every thread

@@ -163,11 +163,11 @@ static void publish_contacts(telemetry *t, const view_sample *view) {
         arc[count] = c->arc;
         sliding[count] = (int8_t)c->friction;
     }
-    if (state->phase == TIP_INSIDE) {
+    if (state->tip.phase == TIP_INSIDE) {
         set_row(&positions, count, state->needle.joints[segments]);
-        set_row(&forces, count, state->tip_force);
+        set_row(&forces, count, state->tip.force);
         arc[count] = needle->given.length;
-        sliding[count++] = (int8_t)state->tip_friction;
+        sliding[count++] = (int8_t)state->tip.friction;
     }
     trocar_contacts_t m = {.utime = wall_us(), .tick = view->tick, .joint_count = segments + 1, .centreline = joints.rows,
                            .contact_count = count, .position = positions.rows, .force = forces.rows, .arc = arc,

@@ -46,38 +46,61 @@ typedef enum {
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium found: forces of the last tick kept */
 } insertion_event;
 
+enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
+
 typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side, shaft still in the tissue */
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
     double arc;              /* m from the base: the needle's material point that is there */
     double depth;            /* m along the nominal track from the skin */
-    double slid;             /* m since it last stuck */
-    double travel;           /* m, all sliding since it was made (for the tests' energy balance) */
+    double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
+    double slid;             /* m of sliding since it last stuck */
     friction_state friction;
+    double local_lateral;    /* m^2/N: local compliance times share of length, sideways */
+    double local_axial;      /* m^2/N: the same along the needle */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
+/* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
+typedef struct {
+    tip_phase phase;
+    int tet;                 /* nominal element, -1 outside */
+    vec3 nominal;            /* m, the tissue's material point at the tip */
+    double depth;            /* m along the nominal track from the skin */
+    double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
+    double slid;             /* m, as in shaft_contact */
+    friction_state friction;
+    vec3 force;              /* N, world frame, on the tissue */
+    int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
+    leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
+    int leaf_tet;            /* its nominal element, -1: none yet */
+} needle_tip;
+
+/* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
+   and restores it. */
 typedef struct {
     needle_state needle;
-    uint64_t next_id;
+    needle_tip tip;
+    vec3 entry;                  /* m, nominal point where the track starts */
     refinement refined;          /* the contact nodes, base to tip */
     shaft_contact contacts[MAX_CONTACTS];
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
-    tip_phase phase;
-    int tip_tet;                 /* nominal element of the tip, -1 outside */
-    vec3 tip_nominal;            /* m, the tissue's material point at the tip */
-    double tip_depth;            /* m along the nominal track */
-    double tip_slid;             /* m, as in shaft_contact */
-    friction_state tip_friction;
-    vec3 tip_force;              /* N, world frame, on the tissue */
-    int blocked_by;              /* membrane in front of the tip, or -1 */
-    vec3 entry;                  /* m, nominal point where the track starts */
-    double next_contact_depth;   /* m, where the next contact node is due */
-    int track[2 * MAX_CONTACTS]; /* nominal elements passed, last one = the tip's */
-    int track_count;
+    uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;
+
+/* Scratch of one tick: nothing in it outlives the call. */
+typedef struct {
+    needle_tangent tangent;
+    contact_problem problem;
+    needle_point points[MAX_POINTS];
+    vec3 nominal[MAX_POINTS];
+    double share[MAX_POINTS];                /* m of shaft that each point stands for */
+    mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
+    mat3 needle_row[MAX_POINTS];
+} insertion_workspace;
 
 typedef struct {
     vec3 force;                  /* N, world frame: what the base exerts on the hand */
@@ -92,14 +115,14 @@ typedef struct {
 trocar_status insertion_model_create(insertion_model *model, report *why); /* fills the node_ arrays of a model that is otherwise set */
 void insertion_model_free(insertion_model *model);
 
-/* Needle outside the tissue, straight, held at `base`. */
+/* Needle straight, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
 /* One tick of length dt (s): state and `base` in, state and wrench out; takes what the snapshot holds and leaves in
    state->request what it wants next. Its time does not depend on the mesh. No allocation, no lock, no call to a
    library. RT */
-void insertion_tick(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, pose base,
-                    double dt, insertion_wrench *wrench);
+void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                    const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
 
 /* The refined mesh as the needle sees it now: active contact nodes, and the tip as the last node if it is inside. */
 void insertion_refinement(const insertion_model *model, const insertion_state *state, refinement *out);

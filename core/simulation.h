@@ -29,6 +29,7 @@ typedef struct {
     remesher *remesher;
     needle_model needle;
     insertion_model insertion;
+    insertion_workspace *workspace;     /* of whichever thread runs the ticks */
 } simulation;
 
 /* Defaults of README's parameter table; names and mesh are empty. */
@@ -40,7 +41,7 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
 void simulation_free(simulation *s);
 
 /* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
-trocar_status simulation_step(const simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
+trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
                               insertion_wrench *wrench, report *why);
 
 /* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS + 1), m.

@@ -1,0 +1,383 @@
+#include "insertion.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "local.h"
+#include "tip.h"
+#include "window.h"
+
+/* ---- model ------------------------------------------------------------------------------------------------------------ */
+
+/* Means over the elements around each node, so that the local compliance is continuous across faces. */
+static void average_moduli(insertion_model *model) {
+    const mesh *m = model->mesh;
+    for (int i = 0; i < m->node_count; i++) model->node_lateral[i] = model->node_axial[i] = model->node_point[i] = 0.0;
+    int *count = calloc((size_t)m->node_count, sizeof *count);
+    for (int e = 0; count && e < m->tet_count; e++) {
+        const region_material *material = &model->materials[m->region[e]];
+        double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
+        for (int c = 0; c < 4; c++) {
+            int node = m->tets[e][c];
+            count[node]++;
+            model->node_lateral[node] += (3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu));
+            model->node_axial[node] += 1.0 / (2.0 * M_PI * mu);
+            model->node_point[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
+        }
+    }
+    for (int i = 0; count && i < m->node_count; i++) {
+        model->node_lateral[i] /= count[i];
+        model->node_axial[i] /= count[i];
+        model->node_point[i] /= count[i];
+    }
+    free(count);
+}
+
+trocar_status insertion_model_create(insertion_model *model, report *why) {
+    size_t n = (size_t)model->mesh->node_count;
+    model->node_lateral = malloc(3 * n * sizeof(double));
+    if (!model->node_lateral) return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
+    model->node_axial = model->node_lateral + n;
+    model->node_point = model->node_axial + n;
+    average_moduli(model);
+    return TROCAR_OK;
+}
+
+void insertion_model_free(insertion_model *model) {
+    free(model->node_lateral);
+    model->node_lateral = model->node_axial = model->node_point = NULL;
+}
+
+void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
+    uint64_t serial = state->request.serial, next_id = state->next_id; /* go on counting: an old snapshot must not match */
+    memset(state, 0, sizeof *state);
+    state->request.serial = serial;
+    state->next_id = next_id;
+    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .leaf_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    needle_rest(model->needle, base, &state->needle);
+    tip_engage(model, state);
+    window_request(model, state);
+}
+
+/* ---- sliding ---------------------------------------------------------------------------------------------------------- */
+
+static mat3 outer_add(mat3 a, vec3 u, vec3 g) {
+    const double p[3] = {u.x, u.y, u.z}, q[3] = {g.x, g.y, g.z};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) a.m[i][j] += p[i] * q[j];
+    return a;
+}
+
+/* Displacement of a handle under the present forces, m. */
+static vec3 displacement_of(const insertion_state *state, const compliance_snapshot *snapshot, int handle) {
+    vec3 u = v3(0, 0, 0);
+    for (int i = 0; i < state->active; i++) {
+        mat3 c = compliance_between(snapshot, handle, i);
+        u = v3_add(u, m3_apply(&c, state->contacts[i].force));
+    }
+    int corners[4];
+    if (state->tip.phase == TIP_INSIDE && state->tip.leaf_tet >= 0 && window_covers(snapshot, &state->tip.leaf, corners)) {
+        mat3 c = compliance_to_point(snapshot, corners, state->tip.leaf.weights, handle);
+        u = v3_add(u, m3_apply_transposed(&c, state->tip.force));
+    }
+    return u;
+}
+
+/* Displacement gradient in the tip's element; zero where the snapshot does not cover it. */
+static mat3 gradient_at_tip(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot) {
+    mat3 gradient = {{{0}}};
+    if (state->tip.phase != TIP_INSIDE) return gradient;
+    leaf_point whole;
+    int handles[4];
+    vec3 corners[4], g[4];
+    memcpy(whole.corners, model->mesh->tets[state->tip.tet], sizeof whole.corners);
+    if (!window_covers(snapshot, &whole, handles)) return gradient;
+    for (int c = 0; c < 4; c++) corners[c] = model->mesh->nodes[whole.corners[c]];
+    tet_gradients(corners, g);
+    for (int c = 0; c < 4; c++) gradient = outer_add(gradient, displacement_of(state, snapshot, handles[c]), g[c]);
+    return gradient;
+}
+
+static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
+
+/* The shaft moves past its contacts as the last solve said; contacts without a row yet move as their neighbour does. */
+static void slide_shaft(insertion_state *state) {
+    for (int i = 0; i < state->active; i++) {
+        shaft_contact *contact = &state->contacts[i];
+        contact->arc -= contact->slip;
+        contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
+    }
+    double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;
+    for (int i = state->active; i < state->refined.count; i++) state->contacts[i].arc -= neighbour;
+    state->tip.slid = slid_on(state->tip.slid, state->tip.slip, state->tip.friction);
+}
+
+/* ---- contacts ----------------------------------------------------------------------------------------------------------- */
+
+/* Friction limit per length after sliding `slid`: static falls to kinetic by slip weakening, independent of the rate. */
+static double friction_density(const region_material *material, double slid, double weakening_distance) {
+    double excess = material->friction_static - material->friction_kinetic;
+    return material->friction_kinetic + excess * exp(-slid / weakening_distance);
+}
+
+/* A contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
+   tip that left it there. */
+static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index) {
+    shaft_contact *contact = &state->contacts[index];
+    const added_node *node = &state->refined.nodes[index];
+    const region_material *material = &model->materials[model->mesh->region[node->tet]];
+    local_compliance local = local_at(model, node->tet, node->position);
+    contact->local_lateral = local.lateral;
+    contact->local_axial = local.axial;
+    contact->slip = 0.0;
+    contact->force = v3(0, 0, 0);
+    double limit = friction_density(material, contact->slid, model->settings.weakening_distance);
+    double ahead = contact->friction * local.axial * limit; /* (local / share) * (limit * share) */
+    vec3 tissue = v3_add(node->position, displacement_of(state, snapshot, index));
+    needle_point p = needle_at(model->needle, &state->needle, contact->arc);
+    vec3 tangent = v3(p.frame.m[0][2], p.frame.m[1][2], p.frame.m[2][2]);
+    contact->arc += ahead - v3_dot(tangent, v3_sub(p.position, tissue));
+    contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
+}
+
+static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, insertion_wrench *wrench) {
+    int known = window_known_contacts(snapshot, &state->refined);
+    if (known > state->active) wrench->events |= EVENT_ADDED;
+    for (; state->active < known; state->active++) activate_contact(model, state, snapshot, state->active);
+}
+
+/* Point of the refined mesh at the tip; where the worker is late, the last one that it covered. False: none at all. */
+static bool tip_known(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int handles[4], insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (tip->phase != TIP_INSIDE) return false;
+    leaf_point leaf = refinement_locate(model->mesh, &state->refined, state->active, tip->tet, tip->nominal);
+    if (window_covers(snapshot, &leaf, handles)) {
+        tip->leaf = leaf;
+        tip->leaf_tet = tip->tet;
+        return true;
+    }
+    wrench->events |= EVENT_LATE;
+    return tip->leaf_tet >= 0 && window_covers(snapshot, &tip->leaf, handles);
+}
+
+/* ---- one solve ---------------------------------------------------------------------------------------------------------- */
+
+/* Each point stands for the track half way to its neighbours; the tip for the rest. */
+static void share_length(const insertion_state *state, bool tip, double *share) {
+    double from = 0.0, end = state->tip.depth;
+    for (int i = 0; i < state->active; i++) {
+        double to = i + 1 < state->active ? 0.5 * (state->contacts[i].depth + state->contacts[i + 1].depth)
+                                          : tip ? 0.5 * (state->contacts[i].depth + end) : end;
+        share[i] = fmax(to - from, 1e-6);
+        from = to;
+    }
+    if (tip) share[state->active] = fmax(end - from, 0.0);
+}
+
+static void bound_contacts(const insertion_model *model, const insertion_state *state, bool tip, double dt, const double *share, contact_problem *p) {
+    double weakening = model->settings.weakening_distance;
+    for (int i = 0; i < state->active; i++) {
+        const shaft_contact *contact = &state->contacts[i];
+        const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[i].tet]];
+        double limit = share[i] * friction_density(material, contact->slid + fabs(contact->slip), weakening);
+        p->upper[i] = limit;
+        p->lower[i] = -limit;
+        p->viscosity[i][0] = p->viscosity[i][1] = material->friction_viscous * share[i] / dt;
+        p->state[i] = contact->friction;
+    }
+    if (!tip) return;
+    int t = state->active;
+    const region_material *material = &model->materials[model->mesh->region[state->tip.tet]];
+    double limit = share[t] * friction_density(material, state->tip.slid + fabs(state->tip.slip), weakening);
+    bool blocked = state->tip.blocked_by != NOT_BLOCKED;
+    p->upper[t] = limit + tip_resistance(model, &state->tip);
+    p->lower[t] = -limit;
+    p->viscosity[t][0] = material->friction_viscous * share[t] / dt;
+    p->viscosity[t][1] = blocked ? 0.0 : p->viscosity[t][0] + material->cutting_viscosity / dt;
+    p->state[t] = state->tip.friction;
+}
+
+static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
+    mat3 sum = {{{0}}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double w = p->weights[i] * q->weights[j];
+            const double *block = &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)];
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) sum.m[a][b] += w * block[a * NEEDLE_LD + b];
+        }
+    return sum;
+}
+
+/* Unknowns: two sideways for each point, then one along the needle for each. */
+static int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
+
+static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, const mat3 *frame_i, const mat3 *frame_j) {
+    mat3 half = m3_multiply(compliance, frame_j), turned = m3_transposed(frame_i);
+    turned = m3_multiply(&turned, &half);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) {
+            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
+            p->compliance[row][column] = p->compliance[column][row] = turned.m[a][b];
+        }
+}
+
+/* Tissue + needle compliance between all points, in their frames; local compliance on the diagonal. */
+static void assemble(const insertion_model *model, const insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
+    contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++)
+        for (int j = 0; j <= i; j++) {
+            mat3 tissue = tip && i == p->count - 1 ? w->tip_row[j] : compliance_between(snapshot, i, j);
+            mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) tissue.m[a][b] += needle.m[a][b];
+            put_block(p, i, j, &tissue, &w->points[i].frame, &w->points[j].frame);
+        }
+    for (int i = 0; i < p->count; i++) {
+        bool at_tip = tip && i == p->count - 1;
+        local_compliance local = {0};
+        if (at_tip) local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
+        double lateral = at_tip ? local.lateral / (w->share[i] + model->needle->radius) : state->contacts[i].local_lateral / w->share[i];
+        double axial = at_tip ? local.point : state->contacts[i].local_axial / w->share[i];
+        for (int a = 0; a < 3; a++) p->compliance[unknown(p->count, i, a)][unknown(p->count, i, a)] += a < 2 ? lateral : axial;
+        const needle_point *at = &w->points[i];
+        vec3 gap = v3_sub(at->position, w->nominal[i]);
+        for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
+        gap = m3_apply_transposed(&at->frame, gap);
+        p->gap[unknown(p->count, i, 0)] = gap.x;
+        p->gap[unknown(p->count, i, 1)] = gap.y;
+        p->gap[unknown(p->count, i, 2)] = gap.z;
+    }
+}
+
+static void locate_points(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
+    for (int i = 0; i < state->active; i++) {
+        w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
+        w->nominal[i] = state->refined.nodes[i].position;
+    }
+    if (!tip) return;
+    w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
+    w->nominal[state->active] = state->tip.nominal;
+}
+
+/* Forces of the contacts on the needle's joints. */
+static void load_needle(const insertion_state *state, const insertion_workspace *w, bool tip, int segments, vec3 *load) {
+    memset(load, 0, (size_t)(segments + 1) * sizeof *load);
+    for (int i = 0; i < state->active + tip; i++) {
+        vec3 force = i < state->active ? state->contacts[i].force : state->tip.force;
+        const needle_point *p = &w->points[i];
+        for (int k = 0; k < 3; k++) load[p->first + k] = v3_axpy(-p->weights[k], force, load[p->first + k]);
+    }
+}
+
+static void take_forces(insertion_state *state, const insertion_workspace *w, bool tip) {
+    const contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++) {
+        vec3 local = v3(p->force[2 * i], p->force[2 * i + 1], p->force[2 * p->count + i]);
+        vec3 force = m3_apply(&w->points[i].frame, local);
+        if (tip && i == p->count - 1) {
+            state->tip.force = force;
+            state->tip.slip = p->slip[i];
+            state->tip.friction = p->state[i];
+        } else {
+            state->contacts[i].force = force;
+            state->contacts[i].slip = p->slip[i];
+            state->contacts[i].friction = p->state[i];
+        }
+    }
+}
+
+/* Newton passes on the needle's shape around the condensed contact problem. */
+static void find_equilibrium(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
+                             bool tip, const int handles[4], double dt, insertion_wrench *wrench) {
+    contact_problem *p = &w->problem;
+    int segments = model->needle->given.segments;
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    p->count = state->active + tip;
+    share_length(state, tip, w->share);
+    if (tip) {
+        for (int i = 0; i < state->active; i++) w->tip_row[i] = compliance_to_point(snapshot, handles, state->tip.leaf.weights, i);
+        mat3 own = surplus_compliance(model->tissue, &state->refined, state->tip.leaf_tet, &state->tip.leaf);
+        for (int c = 0; c < 4; c++) {
+            mat3 row = compliance_to_point(snapshot, handles, state->tip.leaf.weights, handles[c]);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) own.m[a][b] += state->tip.leaf.weights[c] * row.m[a][b];
+        }
+        w->tip_row[state->active] = own;
+    }
+    locate_points(model, state, w, tip);
+    load_needle(state, w, tip, segments, load);
+    for (wrench->passes = 1;; wrench->passes++) {
+        int first = segments;
+        for (int i = 0; i < p->count; i++) first = w->points[i].first < first ? w->points[i].first : first;
+        needle_linearise(model->needle, &state->needle, load, first, &w->tangent);
+        assemble(model, state, w, snapshot, tip);
+        bound_contacts(model, state, tip, dt, w->share, p);
+        if (contact_solve(p) != TROCAR_OK) {
+            for (int i = 0; i < state->active; i++) state->contacts[i].slip = 0.0;
+            wrench->events |= EVENT_UNSTABLE;
+            return;
+        }
+        wrench->switches += p->switches;
+        take_forces(state, w, tip);
+        load_needle(state, w, tip, segments, load);
+        double turned = needle_advance(model->needle, &w->tangent, load, &state->needle);
+        locate_points(model, state, w, tip);
+        if (wrench->passes >= model->settings.max_passes || turned * turned * model->needle->given.length < model->settings.tolerance) return;
+    }
+}
+
+/* ---- the tick ----------------------------------------------------------------------------------------------------------- */
+
+/* Needle in the air: straight. Touching the outer surface starts an insertion. */
+static void move_freely(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
+    int n = model->needle->given.segments;
+    vec3 before = state->needle.joints[n];
+    needle_rest(model->needle, base, &state->needle);
+    vec3 axis = q_rotate(base.orientation, v3(0, 0, 1));
+    tip_touch(model, state, v3_axpy(-1e-4, axis, before), state->needle.joints[n], wrench);
+}
+
+static void sum_wrench(const insertion_state *state, const insertion_workspace *w, bool tip, insertion_wrench *wrench) {
+    for (int i = 0; i < state->active + tip; i++) {
+        vec3 on_needle = v3_scale(-1.0, i < state->active ? state->contacts[i].force : state->tip.force);
+        vec3 lever = v3_sub(w->points[i].position, state->needle.base.position);
+        wrench->force = v3_add(wrench->force, on_needle);
+        wrench->torque = v3_add(wrench->torque, v3_cross(lever, on_needle));
+    }
+    wrench->depth = state->tip.phase == TIP_FREE ? 0.0 : state->tip.depth;
+    wrench->contacts = state->active;
+}
+
+void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                    const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
+    *wrench = (insertion_wrench){.membrane = -1};
+    if (state->tip.phase == TIP_FREE) {
+        move_freely(model, state, base, wrench);
+    } else {
+        mat3 gradient = gradient_at_tip(model, state, snapshot);
+        needle_hold(model->needle, base, &state->needle);
+        slide_shaft(state);
+        tip_move(model, state, &gradient, wrench);
+    }
+    accept_snapshot(model, state, snapshot, wrench);
+    int handles[4];
+    bool tip = tip_known(model, state, snapshot, handles, wrench);
+    if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
+    tip_puncture(model, state, wrench);
+    sum_wrench(state, scratch, tip, wrench);
+    window_request(model, state);
+}
+
+/* ---- export ------------------------------------------------------------------------------------------------------------- */
+
+void insertion_refinement(const insertion_model *model, const insertion_state *state, refinement *out) {
+    out->count = state->active;
+    memcpy(out->nodes, state->refined.nodes, (size_t)state->active * sizeof *out->nodes);
+    if (state->tip.phase == TIP_INSIDE) refinement_add(model->mesh, out, state->tip.tet, state->tip.nominal, 0);
+}
+
+void insertion_forces(const insertion_state *state, vec3 *added_force) {
+    for (int i = 0; i < state->active; i++) added_force[i] = state->contacts[i].force;
+    if (state->tip.phase == TIP_INSIDE) added_force[state->active] = state->tip.force;
+}

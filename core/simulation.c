@@ -1,0 +1,128 @@
+#include "simulation.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+region_material region_defaults(void) {
+    return (region_material){.youngs_modulus = 30e3, .poisson_ratio = 0.45, .cutting_force = 0.4, .cutting_viscosity = 1.0,
+                             .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
+}
+
+void simulation_defaults(simulation_config *config) {
+    *config = (simulation_config){
+        .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
+                   .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
+        .insertion = {.contact_spacing = 2e-3, .resolution = 0.3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3,
+                      .max_passes = 4, .tolerance = 1e-9},
+        .remeshing = REMESH_NESTED,
+    };
+}
+
+/* "name1, name2, ..." of the mesh's groups of one dimension, for messages. */
+static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
+    size_t used = 0;
+    text[0] = '\0';
+    for (int g = 0; g < m->group_count && used < size; g++)
+        if (dimension < 0 || m->groups[g].dimension == dimension)
+            used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "", m->groups[g].name);
+    return used ? text : "none";
+}
+
+static trocar_status bind_regions(simulation *s, report *why) {
+    char known[512];
+    bool bound[MESH_MAX_GROUPS] = {false};
+    for (int i = 0; i < s->config.region_count; i++) {
+        const region_config *region = &s->config.regions[i];
+        int group = mesh_find_group(&s->mesh, region->name, 3);
+        if (group < 0)
+            return fail(why, TROCAR_BAD_INPUT, "regions: %s has no region \"%s\"; it has: %s", s->config.mesh_path, region->name,
+                        list_groups(&s->mesh, 3, known, sizeof known));
+        s->materials[group] = region->material;
+        bound[group] = true;
+    }
+    for (int g = 0; g < s->mesh.group_count; g++)
+        if (s->mesh.groups[g].dimension == 3 && !bound[g])
+            return fail(why, TROCAR_BAD_INPUT, "regions: region \"%s\" of %s has no material; add it", s->mesh.groups[g].name, s->config.mesh_path);
+    return TROCAR_OK;
+}
+
+static trocar_status bind_membranes(simulation *s, report *why) {
+    char known[512];
+    for (int i = 0; i < s->config.membrane_count; i++) {
+        const membrane_config *given = &s->config.membranes[i];
+        int group = mesh_find_group(&s->mesh, given->name, 2);
+        if (group < 0)
+            return fail(why, TROCAR_BAD_INPUT, "membranes: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, given->name,
+                        list_groups(&s->mesh, 2, known, sizeof known));
+        s->membranes[i] = (membrane){group, given->puncture_force};
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status build_tissue(simulation *s, report *why) {
+    char known[512];
+    bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
+    if (!fixed) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < s->config.fixed_count && status == TROCAR_OK; i++) {
+        int group = mesh_find_group(&s->mesh, s->config.fixed[i], -1);
+        if (group < 0)
+            status = fail(why, TROCAR_BAD_INPUT, "fixed: %s has no group \"%s\"; it has: %s", s->config.mesh_path, s->config.fixed[i],
+                          list_groups(&s->mesh, -1, known, sizeof known));
+        else
+            for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
+    }
+    if (status == TROCAR_OK) status = tissue_create(&s->mesh, s->materials, fixed, &s->tissue, why);
+    free(fixed);
+    return status;
+}
+
+static trocar_status build_insertion(simulation *s, report *why) {
+    s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
+                                     .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
+    s->workspace = calloc(1, sizeof *s->workspace);
+    if (!s->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    return insertion_model_create(&s->insertion, why);
+}
+
+trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
+    memset(s, 0, sizeof *s);
+    s->config = *config;
+    trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
+    if (status != TROCAR_OK) return status;
+    status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
+    if (status == TROCAR_OK) status = build_tissue(s, why);
+    if (status == TROCAR_OK) status = inverse_create_dense(&s->tissue, &s->inverse, why);
+    if (status == TROCAR_OK) status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
+    if (status == TROCAR_OK) status = build_insertion(s, why);
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
+void simulation_free(simulation *s) {
+    insertion_model_free(&s->insertion);
+    free(s->workspace);
+    remesher_free(s->remesher);
+    inverse_free(s->inverse);
+    if (s->tissue.mesh) tissue_free(&s->tissue);
+    mesh_free(&s->mesh);
+    memset(s, 0, sizeof *s);
+}
+
+trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
+                              insertion_wrench *wrench, report *why) {
+    insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
+    if (snapshot->serial == state->request.serial) return TROCAR_OK;
+    return remesher_serve(s->remesher, &state->request, snapshot, why);
+}
+
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
+    refinement refined;
+    vec3 force[MAX_CONTACTS + 1];
+    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
+    insertion_refinement(&s->insertion, state, &refined);
+    insertion_forces(state, force);
+    refinement_displacement(s->inverse, &refined, nominal, force, nominal, added);
+}

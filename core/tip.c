@@ -1,0 +1,246 @@
+#include "tip.h"
+
+#include <string.h>
+
+enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
+static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
+
+static const region_material *material_at(const insertion_model *model, int tet) {
+    return &model->materials[model->mesh->region[tet]];
+}
+
+double tip_resistance(const insertion_model *model, const needle_tip *tip) {
+    double cutting = material_at(model, tip->tet)->cutting_force;
+    if (tip->blocked_by == BLOCKED_BY_BONE) return INFINITY;
+    return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, model->membranes[tip->blocked_by].puncture_force);
+}
+
+/* What stops the tip at a face, with `behind` the element on the other side (-1: none): bone, the strongest membrane, or nothing. */
+static int obstacle(const insertion_model *model, int tet, int face, int behind) {
+    if (behind >= 0 && isinf(material_at(model, behind)->cutting_force)) return BLOCKED_BY_BONE;
+    int strongest = NOT_BLOCKED;
+    for (int i = 0; i < model->membrane_count; i++)
+        if (model->mesh->face_groups[tet][face] >> model->membranes[i].group & 1
+            && (strongest < 0 || model->membranes[i].puncture_force > model->membranes[strongest].puncture_force)) strongest = i;
+    return strongest;
+}
+
+/* ---- contact nodes --------------------------------------------------------------------------------------------------- */
+
+static double last_contact_depth(const insertion_state *state) {
+    int count = state->refined.count;
+    return count > 0 ? state->contacts[count - 1].depth : -INFINITY;
+}
+
+/* On entering an element: its contact node is due half way through, but not closer to the last one than the spacing. */
+static void plan_contact(const insertion_model *model, insertion_state *state, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    double chord;
+    tip->next_contact = INFINITY;
+    if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
+    double due = fmax(tip->depth + 0.5 * chord, last_contact_depth(state) + model->settings.contact_spacing);
+    if (due < tip->depth + 0.95 * chord) tip->next_contact = due;
+}
+
+/* Leaves a contact node behind at the tip; it takes part as soon as the worker has its row of the inverse. */
+static void leave_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    tip->next_contact = INFINITY;
+    if (state->refined.count == MAX_CONTACTS) {
+        wrench->events |= EVENT_FULL;
+        return;
+    }
+    int index = refinement_add(model->mesh, &state->refined, tip->tet, tip->nominal, ++state->next_id);
+    state->contacts[index] = (shaft_contact){
+        .arc = model->needle->given.length, .depth = tip->depth, .slid = tip->slid, .friction = tip->friction};
+}
+
+/* The tip has come back to its last contact node and takes its place. */
+static void take_up_contact(insertion_state *state, insertion_wrench *wrench) {
+    int last = --state->refined.count;
+    const added_node *node = &state->refined.nodes[last];
+    needle_tip *tip = &state->tip;
+    tip->nominal = node->position;
+    tip->tet = node->tet;
+    tip->depth = state->contacts[last].depth;
+    tip->slid = state->contacts[last].slid;
+    tip->next_contact = NAN;
+    if (state->active > last) state->active = last;
+    wrench->events |= EVENT_REMOVED;
+}
+
+/* ---- walking --------------------------------------------------------------------------------------------------------- */
+
+/* Follows the segment from the tip's nominal point to `target`, element by element, as far as there is tissue.
+   Returns the element reached. */
+static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
+    for (int step = 0; step < MAX_STEPS; step++) {
+        vec3 rest = v3_sub(target, *from);
+        double fraction;
+        int face = mesh_exit(m, tet, *from, rest, &fraction);
+        if (face < 0 || fraction >= 1.0 || m->neighbours[tet][face] < 0) break;
+        *from = v3_axpy(fraction, rest, *from);
+        tet = m->neighbours[tet][face];
+    }
+    *from = target;
+    return tet;
+}
+
+static void exit_tissue(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    if (state->tip.depth - last_contact_depth(state) > 0.5 * model->settings.contact_spacing) leave_contact(model, state, wrench);
+    state->tip.phase = TIP_BEYOND;
+    state->tip.force = v3(0, 0, 0);
+    state->tip.slip = 0.0;
+    state->tip.blocked_by = NOT_BLOCKED;
+    wrench->events |= EVENT_EXITED;
+}
+
+static void cross_face(const insertion_model *model, insertion_state *state, int face, vec3 direction, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    int next = model->mesh->neighbours[tip->tet][face];
+    if (next < 0) {
+        exit_tissue(model, state, wrench);
+        return;
+    }
+    tip->tet = next;
+    tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
+    plan_contact(model, state, direction);
+}
+
+/* Cuts forward by `distance` along the unit nominal direction: contacts are left where they are due, membranes stop. */
+static void cut_forward(const insertion_model *model, insertion_state *state, vec3 direction, double distance, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (isnan(tip->next_contact)) plan_contact(model, state, direction);
+    for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->phase == TIP_INSIDE && tip->blocked_by == NOT_BLOCKED; step++) {
+        double to_face, to_contact = tip->next_contact - tip->depth;
+        int face = mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &to_face);
+        if (face < 0) return;
+        double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact)));
+        tip->nominal = v3_axpy(part, direction, tip->nominal);
+        tip->depth += part;
+        distance -= part;
+        if (to_contact <= part) {
+            leave_contact(model, state, wrench);
+        } else if (to_face <= part) {
+            tip->blocked_by = obstacle(model, tip->tet, face, model->mesh->neighbours[tip->tet][face]);
+            if (tip->blocked_by == NOT_BLOCKED) cross_face(model, state, face, direction, wrench);
+        }
+    }
+}
+
+/* Draws back by `distance` along the track, taking up contact nodes on the way. */
+static void draw_back(const insertion_model *model, insertion_state *state, double distance, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    tip->blocked_by = NOT_BLOCKED;
+    tip->next_contact = NAN;
+    while (distance > 0.0) {
+        int last = state->refined.count - 1;
+        double length = tip->depth - (last >= 0 ? state->contacts[last].depth : 0.0);
+        if (distance >= length) {
+            distance -= fmax(length, 0.0);
+            if (last >= 0) {
+                take_up_contact(state, wrench);
+                continue;
+            }
+            tip->phase = TIP_FREE;
+            tip->tet = -1;
+            tip->depth = 0.0;
+            tip->force = v3(0, 0, 0);
+            wrench->events |= EVENT_WITHDRAWN;
+            return;
+        }
+        vec3 goal = last >= 0 ? state->refined.nodes[last].position : state->entry;
+        vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
+        tip->tet = follow(model->mesh, tip->tet, &tip->nominal, target);
+        tip->depth -= distance;
+        return;
+    }
+}
+
+/* Nominal direction whose image in the deformed tissue is `direction`: F^-1 direction, or as it is where the element is
+   deformed beyond what linear elasticity means. */
+static vec3 pull_back(const mat3 *gradient, vec3 direction, double *stretch) {
+    mat3 f = *gradient;
+    for (int i = 0; i < 3; i++) f.m[i][i] += 1.0;
+    mat3 g = m3_inverse(&f);
+    vec3 d = m3_apply(&g, direction);
+    double length = v3_norm(d);
+    if (!(m3_determinant(&f) > 0.2 && length > 0.5 && length < 2.0)) {
+        *stretch = 1.0;
+        return v3_unit(direction);
+    }
+    *stretch = length;
+    return v3_scale(1.0 / length, d);
+}
+
+/* ---- public ---------------------------------------------------------------------------------------------------------- */
+
+static vec3 needle_direction(const insertion_model *model, const insertion_state *state) {
+    quat frame = state->needle.frames[model->needle->given.segments - 1];
+    return q_rotate(frame, v3(0, -model->needle->given.bevel_slope, 1.0));
+}
+
+bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
+    surface_hit hit = mesh_enter(model->mesh, from, to);
+    if (!hit.hit) return false;
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .leaf_tet = -1,
+                              .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
+    state->entry = hit.point;
+    wrench->events |= EVENT_TOUCHED;
+    return true;
+}
+
+void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
+    vec3 direction = v3_unit(needle_direction(model, state));
+    double distance;
+    int face = tip->depth > 0.0 ? mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &distance) : -1;
+    wrench->events |= EVENT_PUNCTURED;
+    wrench->membrane = tip->blocked_by;
+    tip->blocked_by = NOT_BLOCKED;
+    tip->slip = 0.0;
+    if (face >= 0) cross_face(model, state, face, direction, wrench); /* at the skin the tip is on the inner side already */
+}
+
+/* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
+static void come_back(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    int last = state->refined.count - 1;
+    double exit_arc = last >= 0 ? state->contacts[last].arc + state->tip.depth - state->contacts[last].depth : INFINITY;
+    if (exit_arc < model->needle->given.length) return;
+    state->tip.phase = TIP_INSIDE;
+    wrench->events |= EVENT_REENTERED;
+}
+
+void tip_move(const insertion_model *model, insertion_state *state, const mat3 *displacement_gradient, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
+    if (tip->phase != TIP_INSIDE) return;
+    if (tip->slip > 0.0) {
+        double stretch;
+        vec3 direction = pull_back(displacement_gradient, needle_direction(model, state), &stretch);
+        cut_forward(model, state, direction, stretch * tip->slip, wrench);
+    } else if (tip->slip < 0.0) {
+        draw_back(model, state, -tip->slip, wrench);
+    }
+    tip->slip = 0.0;
+    while (tip->phase == TIP_INSIDE && state->refined.count > 0
+           && state->contacts[state->refined.count - 1].arc > model->needle->given.length) take_up_contact(state, wrench);
+}
+
+void tip_engage(const insertion_model *model, insertion_state *state) {
+    insertion_wrench ignored = {0};
+    vec3 base = state->needle.joints[0], end = state->needle.joints[model->needle->given.segments];
+    if (!tip_touch(model, state, base, end, &ignored)) return;
+    vec3 direction = v3_unit(v3_sub(end, base));
+    double whole = v3_norm(v3_sub(end, state->entry));
+    for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
+        if (state->tip.blocked_by != NOT_BLOCKED) { /* what the needle already lies in has given way before */
+            state->tip.slip = 1.0;
+            tip_puncture(model, state, &ignored);
+        }
+        cut_forward(model, state, direction, whole - state->tip.depth, &ignored);
+    }
+    for (int i = 0; i < state->refined.count; i++)
+        state->contacts[i].arc = v3_dot(v3_sub(state->refined.nodes[i].position, base), direction);
+}

@@ -1,0 +1,24 @@
+/* The tip's way through the nominal mesh: touching, cutting, being stopped by membranes, drawing back; the contact
+   nodes that it leaves behind and takes up again. */
+#ifndef TROCAR_TIP_H
+#define TROCAR_TIP_H
+
+#include "insertion.h"
+
+/* Starts an insertion where the outer surface lies between `from` and `to`; false if it does not. RT */
+bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
+
+/* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track.
+   `displacement_gradient` is that of the tissue around the tip. RT */
+void tip_move(const insertion_model *model, insertion_state *state, const mat3 *displacement_gradient, insertion_wrench *wrench);
+
+/* Lets a membrane give way that was overcome in the last solve. RT */
+void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench);
+
+/* Resistance of what is ahead of the tip, N (cutting or puncture). */
+double tip_resistance(const insertion_model *model, const needle_tip *tip);
+
+/* Puts a straight needle that lies in the tissue into the state of having been inserted without force. */
+void tip_engage(const insertion_model *model, insertion_state *state);
+
+#endif

@@ -1,0 +1,140 @@
+#include "window.h"
+
+#include <string.h>
+
+enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
+
+/* ---- what is known --------------------------------------------------------------------------------------------------- */
+
+static int handle_of(const compliance_snapshot *snapshot, int corner) {
+    if (corner < 0) return -1 - corner < snapshot->added_count ? -1 - corner : -1;
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (snapshot->window[k] == corner) return MAX_CONTACTS + k;
+    return -1;
+}
+
+bool window_covers(const compliance_snapshot *snapshot, const leaf_point *leaf, int handles[4]) {
+    if (snapshot->serial == 0) return false;
+    for (int c = 0; c < 4; c++) {
+        handles[c] = handle_of(snapshot, leaf->corners[c]);
+        if (handles[c] < 0) return false;
+    }
+    return true;
+}
+
+mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other) {
+    const double *block = &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other];
+    mat3 c;
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) c.m[a][b] = block[a * SNAPSHOT_LD + b];
+    return c;
+}
+
+mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
+    mat3 sum = {{{0}}};
+    for (int c = 0; c < 4; c++) {
+        const double *block = &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other];
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) sum.m[a][b] += weights[c] * block[a * SNAPSHOT_LD + b];
+    }
+    return sum;
+}
+
+int window_known_contacts(const compliance_snapshot *snapshot, const refinement *refined) {
+    if (snapshot->serial == 0) return 0;
+    int known = 0;
+    while (known < refined->count && known < snapshot->added_count && refined->nodes[known].id == snapshot->ids[known]) known++;
+    return known;
+}
+
+/* ---- what to ask for ------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    int count;
+    int nodes[MAX_WINDOW];
+} node_list;
+
+static bool contains(const int *nodes, int count, int node) {
+    for (int i = 0; i < count; i++)
+        if (nodes[i] == node) return true;
+    return false;
+}
+
+static void add_tet(const mesh *m, int tet, node_list *list) {
+    for (int c = 0; c < 4; c++)
+        if (list->count < MAX_WINDOW && !contains(list->nodes, list->count, m->tets[tet][c]))
+            list->nodes[list->count++] = m->tets[tet][c];
+}
+
+/* Elements on the way from x by `distance` along the unit direction. */
+static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double distance, node_list *list) {
+    for (int step = 0; step < AHEAD && tet >= 0; step++) {
+        double chord;
+        add_tet(m, tet, list);
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        if (face < 0 || chord > distance) return;
+        x = v3_axpy(chord, direction, x);
+        distance -= chord;
+        tet = m->neighbours[tet][face];
+    }
+}
+
+static void add_surroundings(const mesh *m, int tet, node_list *list) {
+    add_tet(m, tet, list);
+    for (int f = 0; f < 4; f++)
+        if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
+}
+
+/* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
+static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
+    int last = state->refined.count - 1;
+    vec3 from = last >= 0 ? state->refined.nodes[last].position : state->entry;
+    vec3 back = v3_sub(from, state->tip.nominal);
+    double length = v3_norm(back);
+    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);
+    for (int i = last; i >= 0 && i > last - BEHIND; i--) add_tet(m, state->refined.nodes[i].tet, list);
+}
+
+static node_list wanted_nodes(const insertion_model *model, const insertion_state *state) {
+    const mesh *m = model->mesh;
+    int n = model->needle->given.segments;
+    vec3 direction = q_rotate(state->needle.frames[n - 1], v3(0, 0, 1)), end = state->needle.joints[n];
+    double reach = model->settings.prefetch_distance;
+    node_list list = {.count = 0};
+    if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
+        surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
+        if (hit.hit) add_path(m, hit.tet, hit.point, direction, reach * (1.0 - hit.fraction) + 0.25 * reach, &list);
+        return list;
+    }
+    add_surroundings(m, state->tip.tet, &list);
+    add_track(m, state, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, direction, reach, &list);
+    return list;
+}
+
+static bool same_contacts(const refinement *a, const refinement *b) {
+    if (a->count != b->count) return false;
+    for (int i = 0; i < a->count; i++)
+        if (a->nodes[i].id != b->nodes[i].id) return false;
+    return true;
+}
+
+static bool window_suffices(const remesh_request *request, const node_list *wanted) {
+    for (int i = 0; i < wanted->count; i++)
+        if (!contains(request->window, request->window_count, wanted->nodes[i])) return false;
+    return true;
+}
+
+void window_request(const insertion_model *model, insertion_state *state) {
+    node_list wanted = wanted_nodes(model, state);
+    remesh_request *request = &state->request;
+    bool same = same_contacts(&request->wanted, &state->refined);
+    if (same && window_suffices(request, &wanted)) return;
+    request->serial++;
+    if (!same) {
+        request->wanted.count = state->refined.count;
+        memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);
+    }
+    request->window_count = wanted.count;
+    memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);
+}

@@ -1,0 +1,220 @@
+/* trocar-replay: a recorded pose log through the mechanics in lockstep, one tick a pose, without a network or a clock. */
+#include <inttypes.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "events.h"
+#include "options.h"
+#include "output.h"
+#include "poselog.h"
+#include "realtime.h"
+#include "scene.h"
+#include "vtu.h"
+
+const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
+error_t argp_err_exit_status = EXIT_BAD_INPUT;
+
+static const double longest_tick = 0.1;   /* s; a longer gap in the log counts as this */
+
+typedef struct {
+    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix;
+    double at;               /* s after the first pose; NaN: the last one */
+    bool quiet;
+} options;
+
+typedef struct {
+    const options *options;
+    scene scene;
+    pose_log poses;
+    simulation simulation;
+    insertion_state state;
+    compliance_snapshot *snapshot;
+    insertion_wrench wrench;
+    output log_file, csv_file;
+    int dump_tick;           /* whose state goes to --vtu */
+    int gaps;                /* shortened to longest_tick */
+} replay;
+
+/* ---- command line ------------------------------------------------------------------------------------------------ */
+
+enum { OPTION_OUT = 256, OPTION_CSV, OPTION_VTU, OPTION_AT };
+
+static const struct argp_option option_list[] = {
+    {"scene", 's', "FILE", 0, "Scene (required)", 0},
+    {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
+    {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row a tick: time, base force and torque, depth, contacts, events", 0},
+    {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
+    {"at", OPTION_AT, "SECONDS", 0, "When --vtu takes its picture, from the first pose (default: the end)", 0},
+    {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
+    {0},
+};
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case 's': o->scene_path = text; break;
+    case 'p': o->pose_path = text; break;
+    case OPTION_OUT: o->log_path = text; break;
+    case OPTION_CSV: o->csv_path = text; break;
+    case OPTION_VTU: o->vtu_prefix = text; break;
+    case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
+    case 'q': o->quiet = true; break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (!o->scene_path) argp_error(state, "--scene is missing");
+        if (!o->pose_path) argp_error(state, "--poses is missing");
+        if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Runs recorded poses through the simulation in lockstep: one tick a pose, model time = the poses' utime. The same binary "
+    "gives the same bits.", NULL, NULL, NULL};
+
+/* ---- set-up ------------------------------------------------------------------------------------------------------ */
+
+static double pose_time(const replay *r, int tick) {
+    return 1e-6 * (double)(r->poses.poses[tick].utime - r->poses.poses[0].utime);
+}
+
+/* The first tick at or after --at. */
+static trocar_status find_dump_tick(replay *r, report *why) {
+    int last = r->poses.count - 1;
+    r->dump_tick = isnan(r->options->at) ? last : 0;
+    while (r->dump_tick <= last && pose_time(r, r->dump_tick) < r->options->at) r->dump_tick++;
+    if (r->dump_tick <= last) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at,
+                pose_time(r, last));
+}
+
+static trocar_status open_outputs(replay *r, report *why) {
+    trocar_status status = TROCAR_OK;
+    if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
+    if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
+    if (r->csv_file.file)
+        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events\n");
+    return status;
+}
+
+static trocar_status prepare(replay *r, report *why) {
+    trocar_status status = scene_load(r->options->scene_path, &r->scene, why);
+    if (status == TROCAR_OK) status = pose_log_read(r->options->pose_path, &r->poses, why);
+    if (status == TROCAR_OK) status = find_dump_tick(r, why);
+    if (status == TROCAR_OK) status = open_outputs(r, why);
+    if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
+    if (status != TROCAR_OK) return status;
+    r->snapshot = calloc(1, sizeof *r->snapshot);
+    return r->snapshot ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
+}
+
+static void clean_up(replay *r) {
+    output_abandon(&r->log_file);
+    output_abandon(&r->csv_file);
+    if (r->snapshot) simulation_free(&r->simulation);
+    free(r->snapshot);
+    pose_log_free(&r->poses);
+}
+
+/* ---- the run ----------------------------------------------------------------------------------------------------- */
+
+static double tick_length(replay *r, int tick) {
+    if (tick == 0) return 1.0 / r->scene.rate_hz;
+    double dt = 1e-6 * (double)(r->poses.poses[tick].utime - r->poses.poses[tick - 1].utime);
+    if (dt <= longest_tick) return dt;
+    r->gaps++;
+    return longest_tick;
+}
+
+static trocar_status log_tick(replay *r, int tick, report *why) {
+    const trocar_needle_pose_t *p = &r->poses.poses[tick];
+    const vec3 f = r->wrench.force, m = r->wrench.torque;
+    trocar_needle_wrench_t message = {
+        .utime = p->utime, .tick = tick, .session = p->session, .pose_seq = p->seq, .pose_utime = p->utime,
+        .force = {f.x, f.y, f.z}, .torque = {m.x, m.y, m.z}, .raw_force = {f.x, f.y, f.z}, .raw_torque = {m.x, m.y, m.z},
+        .depth = r->wrench.depth, .contacts = r->wrench.contacts, .events = (int32_t)r->wrench.events,
+        .membrane = r->wrench.membrane,
+        .flags = (r->wrench.events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0)
+               | (r->wrench.events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0)};
+    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = 2 * (int64_t)tick};
+    trocar_status status = log_write_pose(&log, p, r->options->log_path, why);
+    return status == TROCAR_OK ? log_write_wrench(&log, &message, r->options->log_path, why) : status;
+}
+
+static void csv_tick(const replay *r, int tick) {
+    const insertion_wrench *w = &r->wrench;
+    const char *membrane = w->membrane >= 0 ? r->simulation.config.membranes[w->membrane].name : "";
+    char events[256];
+    events_text(w->events, membrane, events, sizeof events);
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_time(r, tick), w->force.x,
+            w->force.y, w->force.z, w->torque.x, w->torque.y, w->torque.z, w->depth, w->contacts, events);
+}
+
+static trocar_status export_state(replay *r, report *why) {
+    trocar_status status = vtu_write_tissue(&r->simulation, &r->state, r->options->vtu_prefix, why);
+    if (status != TROCAR_OK) return status;
+    return vtu_write_needle(&r->simulation, &r->state, &r->wrench, r->options->vtu_prefix, why);
+}
+
+static trocar_status run_tick(replay *r, int tick, report *why) {
+    pose base = pose_of_message(&r->poses.poses[tick]);
+    double dt = tick_length(r, tick);
+    trocar_status status = simulation_step(&r->simulation, &r->state, r->snapshot, base, dt, &r->wrench, why);
+    if (status != TROCAR_OK) return status;
+    if (r->csv_file.file) csv_tick(r, tick);
+    if (r->log_file.file) status = log_tick(r, tick, why);
+    if (status == TROCAR_OK && r->options->vtu_prefix && tick == r->dump_tick) status = export_state(r, why);
+    return status;
+}
+
+/* Redrawn every percent. */
+static void show_progress(int done, int count) {
+    enum { WIDTH = 40, LONG_LOG = 5000 };
+    int step = count / 100;
+    if (count < LONG_LOG || (done % step != 0 && done != count)) return;
+    int filled = (int)((int64_t)WIDTH * done / count);
+    fprintf(stderr, "\r[%.*s%*s] %3d %%%s", filled, "########################################", WIDTH - filled, "",
+            (int)((int64_t)100 * done / count), done == count ? "\n" : "");
+}
+
+static trocar_status run_all(replay *r, report *why) {
+    bool progress = !r->options->quiet && isatty(STDERR_FILENO);
+    insertion_reset(&r->simulation.insertion, pose_of_message(&r->poses.poses[0]), &r->state);
+    for (int tick = 0; tick < r->poses.count; tick++) {
+        trocar_status status = run_tick(r, tick, why);
+        if (status != TROCAR_OK) return status;
+        if (progress) show_progress(tick + 1, r->poses.count);
+    }
+    trocar_status status = output_commit(&r->log_file, why);
+    return status == TROCAR_OK ? output_commit(&r->csv_file, why) : status;
+}
+
+static void summarise(const replay *r) {
+    fprintf(stderr, "%d poses over %.3f s\n", r->poses.count, pose_time(r, r->poses.count - 1));
+    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, longest_tick, longest_tick);
+    if (r->poses.skipped_sessions)
+        fprintf(stderr, "%" PRId64 " poses of other sessions left out\n", r->poses.skipped_sessions);
+}
+
+int main(int count, char **arguments) {
+    options o = {.at = NAN};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+    realtime_flush_denormals();   /* as every thread of the server does */
+
+    static replay r;
+    r.options = &o;
+    report why;
+    trocar_status status = prepare(&r, &why);
+    if (status == TROCAR_OK) status = run_all(&r, &why);
+    if (status == TROCAR_OK && !o.quiet) summarise(&r);
+    clean_up(&r);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-replay: %s\n", why.text);
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
+}

@@ -7,26 +7,21 @@
 
 enum { VIEW_HZ = 60 };
 
-trocar_status haptic_create(haptic *h, const insertion_model *model, const guard_limits *limits, double rate_hz,
-                            int flags, exchange *x, report *why) {
-    *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
+trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const guard_limits *limits,
+                            double rate_hz, int flags, exchange *x, report *why) {
+    *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x,
+                  .scratch = scratch};
     atomic_init(&h->wind_down, false);
     h->state = malloc(sizeof *h->state);
-    h->scratch = malloc(sizeof *h->scratch);
-    if (h->state == NULL || h->scratch == NULL) {
-        haptic_free(h);
-        return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
-    }
+    if (h->state == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
     memset(h->state, 0, sizeof *h->state); /* touched, not only zero: no page faults later */
-    memset(h->scratch, 0, sizeof *h->scratch);
+    memset(scratch, 0, sizeof *scratch);
     return TROCAR_OK;
 }
 
 void haptic_free(haptic *h) {
     free(h->state);
-    free(h->scratch);
     h->state = NULL;
-    h->scratch = NULL;
 }
 
 /* The model's wrench for the newest pose; zero before the first one. RT */

@@ -8,6 +8,7 @@
 
 typedef struct {
     const insertion_model *model;
+    insertion_workspace *scratch;
     guard_limits limits;
     double period;               /* s, nominal */
     int flags;                   /* that every wrench carries: NOT_REALTIME or 0 */
@@ -15,16 +16,15 @@ typedef struct {
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then end */
 
     insertion_state *state;      /* all below: the haptic thread's own */
-    insertion_workspace *scratch;
     guard guard;
     uint64_t posted;             /* serial of the last request handed to the worker */
     int64_t posted_at;           /* ns */
     int64_t wrench_dropped;
 } haptic;
 
-/* `model` and `exchange` must outlive it. */
-trocar_status haptic_create(haptic *h, const insertion_model *model, const guard_limits *limits, double rate_hz,
-                            int flags, exchange *x, report *why);
+/* `model`, `scratch` and `x` must outlive it; `scratch` is used by nobody else. */
+trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const guard_limits *limits,
+                            double rate_hz, int flags, exchange *x, report *why);
 void haptic_free(haptic *h);
 
 /* A loop's tick; `context` is a haptic. False once it has wound down. RT */

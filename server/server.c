@@ -66,7 +66,8 @@ static trocar_status ask_for_realtime(server *s, report *why) {
 static trocar_status create_parts(server *s, report *why) {
     exchange *x = &s->exchange;
     int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
-    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, &s->scene.guard, s->scene.rate_hz, flags, x, why);
+    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.guard,
+                                         s->scene.rate_hz, flags, x, why);
     if (status != TROCAR_OK) return status;
     status = io_create(&s->io, s->options.lcm_url, &s->scene.guard, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;

@@ -1,0 +1,238 @@
+/* The guard, tick by tick, with a clock made by hand. */
+#include "guard.h"
+#include "trocar_needle_wrench_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static const double DT = 1e-3;
+enum { MILLISECOND = 1000000 };
+
+static pose at(double x) { return (pose){{x, 0, 0}, {1, 0, 0, 0}}; }
+
+static pose_sample sample(uint64_t engagement, double x, int64_t received) {
+    return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
+}
+
+/* One tick with a wrench that the model keeps giving; returns the flags. */
+static int tick(guard *g, const guard_limits *limits, bool wind_down, double model_force, vec3 *force) {
+    vec3 torque = v3(0, 0, 0);
+    *force = v3(model_force, 0, 0);
+    return guard_wrench(g, limits, wind_down, DT, force, &torque);
+}
+
+/* A guard that has followed a pose at x = 0 for a second, full wrench; the last pose came at `now`. */
+static guard engaged(const guard_limits *limits, int64_t now, double model_force) {
+    guard g = {0};
+    vec3 force;
+    pose_sample s = sample(1, 0, now);
+    assert_int_equal(guard_pose(&g, limits, &s, now), GUARD_ENGAGE);
+    for (int i = 0; i < 1000; i++) tick(&g, limits, false, model_force, &force);
+    assert_int_equal(guard_pose(&g, limits, &s, now), GUARD_FOLLOW);
+    assert_true(g.gain == 1.0);
+    return g;
+}
+
+static void bad_numbers_are_named(void **unused) {
+    (void)unused;
+    pose p = at(0);
+    assert_int_equal(guard_check_pose(&p), POSE_ACCEPTED);
+    p.position.y = NAN;
+    assert_int_equal(guard_check_pose(&p), POSE_NOT_FINITE);
+    p = at(INFINITY);
+    assert_int_equal(guard_check_pose(&p), POSE_NOT_FINITE);
+    p = at(0);
+    p.orientation.z = NAN;
+    assert_int_equal(guard_check_pose(&p), POSE_NOT_FINITE);
+    p.orientation = (quat){1.002, 0, 0, 0};
+    assert_int_equal(guard_check_pose(&p), POSE_NOT_UNIT);
+    p.orientation = (quat){0, 0, 0, 0};
+    assert_int_equal(guard_check_pose(&p), POSE_NOT_UNIT);
+    p.orientation = (quat){0, 0, -0.9995, 0};
+    assert_int_equal(guard_check_pose(&p), POSE_ACCEPTED);
+}
+
+static void travel_time_is_the_slower_of_moving_and_turning(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults(); /* 2 m/s, 20 rad/s */
+    pose a = at(0), b = at(0.5);
+    assert_true(fabs(guard_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
+    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* half an rad: 25 ms */
+    assert_true(fabs(guard_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
+    b.position.x = 0;
+    assert_true(fabs(guard_travel_time(&limits, &a, &b) - 0.025) < 1e-12);
+    b.orientation = (quat){-1, 0, 0, 0}; /* the same orientation */
+    assert_true(guard_travel_time(&limits, &a, &b) < 1e-12);
+}
+
+static void nothing_happens_before_the_first_pose(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = {0};
+    pose_sample none = {0};
+    vec3 force;
+    assert_int_equal(guard_pose(&g, &limits, &none, 5 * MILLISECOND), GUARD_IDLE);
+    assert_int_equal(tick(&g, &limits, false, 3.0, &force), 0);
+    assert_true(force.x == 0.0 && guard_at_rest(&g));
+}
+
+static void engaging_ramps_in_over_the_ramp_time(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults(); /* ramp of 100 ms */
+    guard g = {0};
+    vec3 force;
+    pose_sample s = sample(1, 0, 0);
+    assert_int_equal(guard_pose(&g, &limits, &s, 0), GUARD_ENGAGE);
+    for (int i = 1; i <= 100; i++) {
+        assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_RAMPING);
+        assert_true(fabs(force.x - 0.1 * i) < 1e-9);
+    }
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+    assert_true(fabs(force.x - 10.0) < 1e-9);
+}
+
+static void stale_poses_hold_then_ramp_then_return(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults(); /* hold 10 ms, ramp 100 ms */
+    guard g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    vec3 force;
+    for (int ms = 1; ms <= 10; ms++) {
+        assert_int_equal(guard_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), GUARD_FOLLOW);
+        assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+        assert_true(fabs(force.x - 10.0) < 1e-9);
+    }
+    for (int ms = 11; ms <= 111; ms++) {
+        assert_int_equal(guard_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), GUARD_HOLD);
+        assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_STALE);
+    }
+    assert_true(force.x == 0.0);
+    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back, 10 mm on: within the limits */
+    assert_int_equal(guard_pose(&g, &limits, &s, 121 * (int64_t)MILLISECOND), GUARD_FOLLOW);
+    assert_true(g.base.position.x == 0.01);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
+    assert_true(force.x > 0.0 && force.x < 0.2);
+}
+
+static void a_return_from_far_away_begins_anew(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    guard_pose(&g, &limits, &s, 150 * (int64_t)MILLISECOND);
+    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s: over 2 m/s */
+    assert_int_equal(guard_pose(&g, &limits, &s, 151 * (int64_t)MILLISECOND), GUARD_ENGAGE);
+    assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
+}
+
+static void a_new_engagement_begins_anew_and_a_release_ramps_out(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    vec3 force;
+    s.held = false;
+    for (int ms = 0; ms < 101; ms++) {
+        assert_int_equal(guard_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), GUARD_HOLD);
+        tick(&g, &limits, false, 10.0, &force);
+    }
+    assert_true(guard_at_rest(&g));
+    s = sample(2, 5.0, 200 * (int64_t)MILLISECOND);
+    assert_int_equal(guard_pose(&g, &limits, &s, 200 * (int64_t)MILLISECOND), GUARD_ENGAGE);
+    assert_true(g.base.position.x == 5.0);
+}
+
+static void limits_keep_the_direction(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    limits.max_force_rate = limits.max_torque_rate = 1e9;
+    guard g = engaged(&limits, 0, 0.0);
+    vec3 force = v3(30, -40, 0), torque = v3(0, 0, 7);
+    assert_int_equal(guard_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(force.x - 12) < 1e-12 && fabs(force.y + 16) < 1e-12 && force.z == 0); /* 20 N */
+    assert_true(fabs(torque.z - 1.0) < 1e-12);
+}
+
+static void slew_is_limited(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults(); /* 2000 N/s: 2 N a tick */
+    guard g = engaged(&limits, 0, 0.0);
+    vec3 force;
+    for (int i = 1; i <= 5; i++) {
+        assert_int_equal(tick(&g, &limits, false, 11.0, &force), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+        assert_true(fabs(force.x - 2.0 * i) < 1e-12);
+    }
+    assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
+    assert_true(fabs(force.x - 11.0) < 1e-12);
+    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s: 0.1 N m a tick */
+    force = v3(11, 0, 0);
+    assert_int_equal(guard_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(torque.y - 0.1) < 1e-12);
+}
+
+static void a_wrench_that_is_not_finite_never_leaves(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = engaged(&limits, 0, 3.0);
+    vec3 force = v3(0, 0, 0), torque = v3(0, 0, 0);
+    for (int i = 0; i < 10; i++) {
+        force = v3(3, NAN, 0);
+        torque = v3(0, 0, INFINITY);
+        int flags = guard_wrench(&g, &limits, false, DT, &force, &torque);
+        assert_true(flags & TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
+        assert_true(isfinite(force.x) && isfinite(force.y) && isfinite(torque.z));
+    }
+    assert_true(v3_norm(force) == 0.0);
+}
+
+static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = engaged(&limits, 0, 10.0);
+    vec3 force;
+    for (int i = 0; i < GUARD_OVERRUNS - 1; i++) guard_timing(&g, true, DT);
+    guard_timing(&g, false, DT); /* one in time: the row is broken */
+    for (int i = 0; i < GUARD_OVERRUNS - 1; i++) guard_timing(&g, true, DT);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+    guard_timing(&g, true, DT);
+    for (int i = 0; i < 101; i++) assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_OVERRUN);
+    assert_true(guard_at_rest(&g));
+    for (int i = 0; i < 998; i++) guard_timing(&g, false, DT);
+    assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_OVERRUN);
+    for (int i = 0; i < 4; i++) guard_timing(&g, false, DT);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
+}
+
+static void winding_down_comes_to_rest(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults();
+    guard g = engaged(&limits, 0, 10.0);
+    vec3 force;
+    int ticks = 0;
+    while (!guard_at_rest(&g) && ticks < 1000) {
+        tick(&g, &limits, true, 10.0, &force);
+        ticks++;
+    }
+    assert_in_range(ticks, 100, 102);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bad_numbers_are_named),
+        cmocka_unit_test(travel_time_is_the_slower_of_moving_and_turning),
+        cmocka_unit_test(nothing_happens_before_the_first_pose),
+        cmocka_unit_test(engaging_ramps_in_over_the_ramp_time),
+        cmocka_unit_test(stale_poses_hold_then_ramp_then_return),
+        cmocka_unit_test(a_return_from_far_away_begins_anew),
+        cmocka_unit_test(a_new_engagement_begins_anew_and_a_release_ramps_out),
+        cmocka_unit_test(limits_keep_the_direction),
+        cmocka_unit_test(slew_is_limited),
+        cmocka_unit_test(a_wrench_that_is_not_finite_never_leaves),
+        cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),
+        cmocka_unit_test(winding_down_comes_to_rest),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

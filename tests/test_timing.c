@@ -1,0 +1,108 @@
+/* Histograms against sorting, clocks against each other. */
+#define _GNU_SOURCE
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "timing.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+enum { SAMPLES = 20001 };
+
+static int ascending(const void *a, const void *b) {
+    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* Spread over six decades, as real latencies are; a fixed generator (Numerical Recipes' LCG). */
+static void draw(int64_t *samples) {
+    uint32_t random = 12345;
+    for (int i = 0; i < SAMPLES; i++) {
+        random = 1664525u * random + 1013904223u;
+        int shift = (int)(random >> 27);
+        random = 1664525u * random + 1013904223u;
+        samples[i] = (int64_t)(random >> 3) >> (shift % 28);
+    }
+}
+
+static void quantiles_agree_with_sorting(void **unused) {
+    (void)unused;
+    static int64_t samples[SAMPLES];
+    static histogram h;
+    draw(samples);
+    for (int i = 0; i < SAMPLES; i++) histogram_add(&h, samples[i]);
+    qsort(samples, SAMPLES, sizeof *samples, ascending);
+    const double quantiles[] = {0.01, 0.1, 0.5, 0.9, 0.99, 0.999};
+    for (size_t k = 0; k < sizeof quantiles / sizeof *quantiles; k++) {
+        double exact = 1e-9 * (double)samples[(int)(quantiles[k] * SAMPLES)];
+        double found = histogram_quantile(&h, quantiles[k]);
+        assert_true(found >= exact * (1 - 1e-12));           /* the bucket's upper edge */
+        assert_true(found <= exact * (1 + 1.0 / 32) + 1e-9); /* and no wider than an octave's 32nd */
+    }
+    assert_int_equal(h.count, SAMPLES);
+    assert_int_equal(h.max, samples[SAMPLES - 1]);
+    assert_true(histogram_quantile(&h, 1.0) == histogram_max(&h));
+}
+
+static void extremes_are_kept(void **unused) {
+    (void)unused;
+    static histogram h;
+    assert_true(histogram_quantile(&h, 0.99) == 0.0);
+    histogram_add(&h, -5);
+    assert_true(histogram_quantile(&h, 0.5) == 0.0);
+    histogram_add(&h, INT64_MAX);
+    assert_int_equal(h.max, INT64_MAX);
+    assert_true(histogram_quantile(&h, 1.0) == 1e-9 * (double)INT64_MAX);
+    assert_int_equal(h.count, 2);
+}
+
+static void merging_equals_adding(void **unused) {
+    (void)unused;
+    static int64_t samples[SAMPLES];
+    static histogram all, part[2];
+    draw(samples);
+    for (int i = 0; i < SAMPLES; i++) {
+        histogram_add(&all, samples[i]);
+        histogram_add(&part[i % 3 == 0], samples[i]);
+    }
+    histogram_merge(&part[0], &part[1]);
+    assert_memory_equal(&all, &part[0], sizeof all);
+    histogram_clear(&all);
+    assert_int_equal(all.count + all.max, 0);
+}
+
+static void sleeps_until_the_time_given(void **unused) {
+    (void)unused;
+    int64_t start = monotonic_ns(), wall = wall_us();
+    sleep_until(start + 20000000);
+    int64_t passed = monotonic_ns() - start;
+    assert_true(passed >= 20000000);
+    assert_true(llabs((wall_us() - wall) * 1000 - passed) < 1000000000); /* the same second by the other clock */
+    sleep_until(start); /* in the past: returns at once */
+}
+
+static void usage_counts_page_faults(void **unused) {
+    (void)unused;
+    enum { PAGES = 64 };
+    thread_usage before = thread_usage_now();
+    char *memory = mmap(NULL, PAGES * 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    madvise(memory, PAGES * 4096, MADV_NOHUGEPAGE);
+    memset(memory, 1, PAGES * 4096);
+    thread_usage after = thread_usage_now();
+    munmap(memory, PAGES * 4096);
+    assert_true(after.minor_faults - before.minor_faults >= PAGES);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(quantiles_agree_with_sorting), cmocka_unit_test(extremes_are_kept),
+        cmocka_unit_test(merging_equals_adding),        cmocka_unit_test(sleeps_until_the_time_given),
+        cmocka_unit_test(usage_counts_page_faults),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -14,7 +14,8 @@ static bool finite3(vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(
 pose_verdict guard_check_pose(const pose *p) {
     quat q = p->orientation;
     double norm = sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
-    if (!finite3(p->position) || !isfinite(norm)) return POSE_NOT_FINITE;
+    bool finite = finite3(p->position) && isfinite(q.w) && finite3(v3(q.x, q.y, q.z));
+    if (!finite) return POSE_NOT_FINITE;
     return fabs(norm - 1.0) > 1e-3 ? POSE_NOT_UNIT : POSE_ACCEPTED;
 }
 

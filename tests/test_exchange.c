@@ -1,0 +1,50 @@
+/* The shared buffers exist, are empty at first, and a wake is never lost. */
+#include <poll.h>
+
+#include "exchange.h"
+#include "guard.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static bool readable(int descriptor) {
+    struct pollfd p = {.fd = descriptor, .events = POLLIN};
+    return poll(&p, 1, 0) == 1;
+}
+
+static void all_is_empty_at_first(void **unused) {
+    (void)unused;
+    exchange x;
+    report why;
+    bool fresh;
+    int64_t latency;
+    assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
+    const pose_sample *s = newest_read(&x.poses, &fresh);
+    assert_false(fresh || s->held);
+    const compliance_snapshot *snapshot = newest_read(&x.snapshots, &fresh);
+    assert_false(fresh);
+    assert_int_equal(snapshot->serial, 0);
+    assert_false(ring_pop(&x.latencies, &latency));
+    exchange_free(&x);
+    exchange_free(&x); /* twice does no harm */
+}
+
+static void wakes_before_the_wait_count(void **unused) {
+    (void)unused;
+    exchange x;
+    report why;
+    assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
+    for (int i = 0; i < 3; i++) wake(x.worker_wake);
+    assert_false(readable(x.io_wake));
+    wait_for_wake(x.worker_wake); /* returns at once */
+    assert_false(readable(x.worker_wake));
+    exchange_free(&x);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(all_is_empty_at_first), cmocka_unit_test(wakes_before_the_wait_count)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,155 @@
+/* The IO side through a real LCM object (memq, no network): what goes in as messages comes out in the hand-over
+   buffers, and the other way round. */
+#include <poll.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "io.h"
+#include "trocar_command_t.h"
+#include "trocar_needle_pose_t.h"
+#include "trocar_needle_wrench_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+typedef struct {
+    exchange exchange;
+    io io;
+    int shutdown;
+    trocar_needle_wrench_t_subscription_t *subscription;
+    int wrenches;
+    trocar_needle_wrench_t last;
+} fixture;
+
+static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar_needle_wrench_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    f->wrenches++;
+    f->last = *m;
+}
+
+static int open_fixture(void **state) {
+    static fixture f;
+    report why;
+    guard_limits limits = guard_defaults();
+    memset(&f, 0, sizeof f);
+    f.shutdown = eventfd(0, EFD_NONBLOCK);
+    assert_int_equal(exchange_create(&f.exchange, &why), TROCAR_OK);
+    assert_int_equal(io_create(&f.io, "memq://", &limits, false, f.shutdown, &f.exchange, &why), TROCAR_OK);
+    assert_int_equal(io_open(&f.io), TROCAR_OK);
+    f.subscription = trocar_needle_wrench_t_subscribe(f.io.lcm, "TROCAR_WRENCH", on_wrench, &f);
+    *state = &f;
+    return 0;
+}
+
+static int close_fixture(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t_unsubscribe(f->io.lcm, f->subscription);
+    io_close(&f->io);
+    io_free(&f->io);
+    exchange_free(&f->exchange);
+    close(f->shutdown);
+    return 0;
+}
+
+static void send_pose(fixture *f, int64_t seq) {
+    trocar_needle_pose_t m = {.session = 4, .seq = seq, .position = {0, 0, 0.001 * (double)seq}, .orientation = {1, 0, 0, 0}};
+    trocar_needle_pose_t_publish(f->io.lcm, "TROCAR_POSE", &m);
+}
+
+static bool readable(int descriptor) {
+    struct pollfd p = {.fd = descriptor, .events = POLLIN};
+    return poll(&p, 1, 0) == 1;
+}
+
+static void one_round_takes_all_poses_and_keeps_the_newest(void **state) {
+    fixture *f = *state;
+    for (int64_t seq = 1; seq <= 5; seq++) send_pose(f, seq);
+    assert_int_equal(io_round(&f->io), TROCAR_OK);
+    bool fresh;
+    const pose_sample *s = newest_read(&f->exchange.poses, &fresh);
+    assert_true(fresh && s->held);
+    assert_int_equal(s->seq, 5);
+    assert_true(s->base.position.z == 0.005);
+    const intake_record *in = newest_read(&f->exchange.intakes, NULL);
+    assert_int_equal(in->counts[POSE_ACCEPTED], 5);
+}
+
+static void foreign_bytes_are_counted_and_do_no_harm(void **state) {
+    fixture *f = *state;
+    unsigned char noise[1500];
+    memset(noise, 0xa5, sizeof noise);
+    send_pose(f, 1);
+    for (unsigned size = 0; size < sizeof noise; size += 7) lcm_publish(f->io.lcm, "TROCAR_POSE", noise, size);
+    lcm_publish(f->io.lcm, "TROCAR_COMMAND", noise, sizeof noise);
+    io_round(&f->io);
+    const intake_record *in = newest_read(&f->exchange.intakes, NULL);
+    assert_int_equal(in->counts[POSE_MALFORMED], (sizeof noise + 6) / 7);
+    assert_int_equal(in->commands_refused, 1);
+    assert_int_equal(((const pose_sample *)newest_read(&f->exchange.poses, NULL))->seq, 1);
+    assert_false(readable(f->shutdown));
+}
+
+static void every_wrench_goes_out_in_order(void **state) {
+    fixture *f = *state;
+    for (int i = 0; i < 20; i++) {
+        trocar_needle_wrench_t w = {.tick = i, .pose_seq = 100 + i, .force = {1, 2, 3.5}, .raw_torque = {0, 0, -1}, .flags = 5};
+        assert_true(ring_push(&f->exchange.wrenches, &w));
+    }
+    io_round(&f->io); /* publishes */
+    io_round(&f->io); /* memq delivers in the next round */
+    assert_int_equal(f->wrenches, 20);
+    assert_int_equal(f->last.tick, 19);
+    assert_int_equal(f->last.pose_seq, 119);
+    assert_int_equal(f->last.flags, 5);
+    assert_true(f->last.force[2] == 3.5 && f->last.raw_torque[2] == -1);
+}
+
+static void a_release_reaches_the_loop(void **state) {
+    fixture *f = *state;
+    send_pose(f, 1);
+    io_round(&f->io);
+    trocar_command_t m = {.session = 4, .command = TROCAR_COMMAND_T_RELEASE};
+    trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
+    io_round(&f->io);
+    assert_false(((const pose_sample *)newest_read(&f->exchange.poses, NULL))->held);
+}
+
+static void a_shutdown_wakes_the_server(void **state) {
+    fixture *f = *state;
+    trocar_command_t m = {.session = 9, .command = TROCAR_COMMAND_T_SHUTDOWN};
+    trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
+    io_round(&f->io);
+    assert_true(readable(f->shutdown));
+}
+
+static void a_bad_url_is_named(void **unused) {
+    (void)unused;
+    exchange x;
+    io o;
+    report why;
+    guard_limits limits = guard_defaults();
+    assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
+    assert_int_equal(io_create(&o, "nonsense://x", &limits, false, -1, &x, &why), TROCAR_OK);
+    assert_int_equal(io_open(&o), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(o.why.text, "nonsense://x"));
+    io_close(&o);
+    io_free(&o);
+    exchange_free(&x);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(one_round_takes_all_poses_and_keeps_the_newest, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(foreign_bytes_are_counted_and_do_no_harm, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(every_wrench_goes_out_in_order, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_release_reaches_the_loop, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_shutdown_wakes_the_server, open_fixture, close_fixture),
+        cmocka_unit_test(a_bad_url_is_named),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -4,8 +4,10 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/signalfd.h>
+#include <sys/eventfd.h>
 
+#include "exchange.h"
+#include "scene.h"
 #include "server.h"
 
 const char *argp_program_version = "trocar-server " TROCAR_VERSION;
@@ -31,8 +33,8 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case KEY_ALLOW_NON_RT: chosen->allow_non_rt = true; return 0;
     case 'r':
         chosen->rate_hz = strtod(value, &end);
-        if (*end == '\0' && chosen->rate_hz >= SERVER_MIN_RATE && chosen->rate_hz <= SERVER_MAX_RATE) return 0;
-        argp_error(state, "--rate %s: give a number of Hz from %d to %d", value, SERVER_MIN_RATE, SERVER_MAX_RATE);
+        if (*end == '\0' && chosen->rate_hz >= SCENE_MIN_RATE && chosen->rate_hz <= SCENE_MAX_RATE) return 0;
+        argp_error(state, "--rate %s: give a number of Hz from %g to %g", value, SCENE_MIN_RATE, SCENE_MAX_RATE);
         return EINVAL;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:
@@ -42,14 +44,23 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     }
 }
 
-/* SIGINT and SIGTERM as a readable descriptor; blocked in all threads, so that they interrupt none. */
+static int stop_wake = -1;
+
+static void on_stop(int signal) {
+    (void)signal;
+    int error = errno;
+    wake(stop_wake);
+    errno = error;
+}
+
+/* SIGINT and SIGTERM as a readable descriptor. A handler, not a signalfd: a library's threads, older than main, would
+   not have the signals blocked. */
 static int stop_signals(void) {
-    sigset_t stop;
-    sigemptyset(&stop);
-    sigaddset(&stop, SIGINT);
-    sigaddset(&stop, SIGTERM);
-    sigprocmask(SIG_BLOCK, &stop, NULL);
-    return signalfd(-1, &stop, SFD_CLOEXEC);
+    stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    struct sigaction action = {.sa_handler = on_stop};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    return stop_wake;
 }
 
 static void say_ready(void) {

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -46,8 +47,8 @@ static trocar_status read_scene(server *s, report *why) {
     trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
     if (status != TROCAR_OK) return status;
     double rate = s->options.rate_hz != 0.0 ? s->options.rate_hz : s->scene.rate_hz;
-    if (!(rate >= SERVER_MIN_RATE && rate <= SERVER_MAX_RATE))
-        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %d to %d Hz", rate, SERVER_MIN_RATE, SERVER_MAX_RATE);
+    if (!(rate >= SCENE_MIN_RATE && rate <= SCENE_MAX_RATE))
+        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", rate, SCENE_MIN_RATE, SCENE_MAX_RATE);
     s->scene.rate_hz = rate;
     return TROCAR_OK;
 }
@@ -121,7 +122,11 @@ static trocar_status start(task *t, const char *name, size_t stack, void *(*body
     pthread_attr_t attributes;
     pthread_attr_init(&attributes);
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited: signals are the main thread's affair */
     int error = pthread_create(&t->thread, &attributes, body, context);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
     pthread_attr_destroy(&attributes);
     if (error != 0) return fail(why, TROCAR_SYSTEM, "cannot start the %s thread: %s", name, strerror(error));
     t->running = true;

@@ -7,8 +7,6 @@
 
 #include "report.h"
 
-enum { SERVER_MIN_RATE = 250, SERVER_MAX_RATE = 10000 }; /* Hz */
-
 typedef struct {
     const char *scene_path;
     const char *lcm_url;         /* NULL: LCM's default */
@@ -24,7 +22,7 @@ typedef struct server server;
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s);
 
-/* Runs until `stop_descriptor` (a signalfd, say) becomes readable, a client commands a shutdown, or the network fails;
+/* Runs until `stop_descriptor` (an eventfd, say) becomes readable, a client commands a shutdown, or the network fails;
    then ramps the wrench to zero and joins all threads. `ready`, if not NULL, is called when the server listens. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
 

@@ -8,17 +8,24 @@
 
 #include "guard.h"
 
-/* An event on disk, all big-endian: magic, event number (8), timestamp (8), two lengths (4 each), channel, data. */
-enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63 };
+/* LCM's own reader trusts the lengths that it finds, prints to stderr and resumes at the next magic number: a damaged
+   log would pass for a shorter one. The format is simple enough to read with checks. An event on disk, big-endian:
+   magic, event number (8), timestamp (8), two lengths (4 each), channel, data. */
+enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, POSE_MAX = 256 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
 /* A log being read. */
 typedef struct {
     const char *path;
-    lcm_eventlog_t *file;
+    FILE *file;
     int64_t size, offset;    /* bytes */
-    int64_t event;           /* events read */
+    int64_t event;           /* number of the current event */
 } reader;
+
+typedef struct {
+    int64_t channel_length, data_length;
+    char channel[CHANNEL_MAX + 1];
+} event_header;
 
 static int64_t big_endian_32(const unsigned char *bytes) {
     return (int64_t)bytes[0] << 24 | (int64_t)bytes[1] << 16 | (int64_t)bytes[2] << 8 | bytes[3];
@@ -30,43 +37,35 @@ static trocar_status reader_open(const char *path, reader *r, report *why) {
     if (stat(path, &status) != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, strerror(errno));
     if (!S_ISREG(status.st_mode)) return fail(why, TROCAR_BAD_INPUT, "%s: not a regular file", path);
     r->size = status.st_size;
-    r->file = lcm_eventlog_create(path, "r");
+    r->file = fopen(path, "r");
     return r->file ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
 }
 
-/* LCM's reader trusts the lengths that it finds and skips to the next magic number where one is missing: look at the
-   header before it does. */
-static trocar_status check_header(reader *r, report *why) {
-    unsigned char header[EVENT_HEADER];
-    int64_t left = r->size - r->offset;
-    size_t got = fread(header, 1, sizeof header, r->file->f);
-    if (got == sizeof header && memcmp(header, event_magic, sizeof event_magic) != 0)
-        return fail(why, TROCAR_BAD_INPUT, "%s: byte %" PRId64 ": no LCM event here (event %" PRId64 "): %s", r->path,
-                    r->offset, r->event, r->event ? "the log is damaged" : "not an LCM log");
-    int64_t channel = big_endian_32(header + EVENT_CHANNEL_LENGTH), data = big_endian_32(header + EVENT_DATA_LENGTH);
-    if (got < sizeof header || EVENT_HEADER + channel + data > left)
-        return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 " at byte %" PRId64 ": the log is cut short", r->path,
-                    r->event, r->offset);
-    if (channel < 1 || channel > CHANNEL_MAX)
-        return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 " at byte %" PRId64 ": channel name of %" PRId64
-                    " bytes: the log is damaged", r->path, r->event, r->offset, channel);
-    return fseeko(r->file->f, r->offset, SEEK_SET) == 0 ? TROCAR_OK
-         : fail(why, TROCAR_SYSTEM, "%s: %s", r->path, strerror(errno));
+static trocar_status bad_event(const reader *r, const char *fault, report *why) {
+    return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 " at byte %" PRId64 ": %s", r->path, r->event, r->offset, fault);
 }
 
-/* The next event, or NULL at the end. */
-static trocar_status reader_next(reader *r, lcm_eventlog_event_t **event, report *why) {
-    *event = NULL;
-    if (r->offset == r->size) return TROCAR_OK;
-    trocar_status status = check_header(r, why);
-    if (status != TROCAR_OK) return status;
-    *event = lcm_eventlog_read_next_event(r->file);
-    if (!*event)
-        return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 " at byte %" PRId64 " cannot be read", r->path, r->event,
-                    r->offset);
-    r->offset += EVENT_HEADER + (*event)->channellen + (*event)->datalen;
+static trocar_status read_header(reader *r, event_header *h, report *why) {
+    unsigned char bytes[EVENT_HEADER] = {0};
+    size_t got = fread(bytes, 1, sizeof bytes, r->file), compared = got < sizeof event_magic ? got : sizeof event_magic;
+    if (memcmp(bytes, event_magic, compared) != 0)
+        return bad_event(r, r->event ? "no LCM event here: the log is damaged" : "not an LCM log", why);
+    h->channel_length = big_endian_32(bytes + EVENT_CHANNEL_LENGTH);
+    h->data_length = big_endian_32(bytes + EVENT_DATA_LENGTH);
+    if (got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset)
+        return bad_event(r, "the log is cut short", why);
+    if (h->channel_length < 1 || h->channel_length > CHANNEL_MAX)
+        return bad_event(r, "impossible length of the channel's name: the log is damaged", why);
+    size_t length = (size_t)h->channel_length;
+    h->channel[length] = '\0';
+    return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
+}
+
+/* Leaves the file at the next event. */
+static trocar_status skip_event(reader *r, const event_header *h, report *why) {
+    r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
-    return TROCAR_OK;
+    return fseeko(r->file, r->offset, SEEK_SET) == 0 ? TROCAR_OK : bad_event(r, strerror(errno), why);
 }
 
 static pose raw_pose(const trocar_needle_pose_t *message) {
@@ -74,17 +73,16 @@ static pose raw_pose(const trocar_needle_pose_t *message) {
     return (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
 }
 
-static trocar_status decode_pose(const reader *r, const lcm_eventlog_event_t *event, trocar_needle_pose_t *p, report *why) {
-    const char *fault = NULL;
-    if (trocar_needle_pose_t_decode(event->data, 0, event->datalen, p) != event->datalen) {
-        fault = "not a trocar.needle_pose_t";
-    } else {
-        pose base = raw_pose(p);
-        pose_verdict verdict = guard_check_pose(&base);
-        if (verdict == POSE_NOT_FINITE) fault = "pose is not finite";
-        else if (verdict != POSE_ACCEPTED) fault = "orientation is not a unit quaternion";
-    }
-    return fault ? fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": %s", r->path, r->event - 1, fault) : TROCAR_OK;
+static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, report *why) {
+    unsigned char data[POSE_MAX];
+    int length = h->data_length <= POSE_MAX ? (int)h->data_length : 0;
+    if (fread(data, 1, (size_t)length, r->file) != (size_t)length) return bad_event(r, "cannot be read", why);
+    if (length == 0 || trocar_needle_pose_t_decode(data, 0, length, p) != length)
+        return bad_event(r, "not a trocar.needle_pose_t", why);
+    pose base = raw_pose(p);
+    pose_verdict verdict = guard_check_pose(&base);
+    if (verdict == POSE_NOT_FINITE) return bad_event(r, "pose is not finite", why);
+    return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
 /* Doubles the room when the count reaches a power of two. */
@@ -107,27 +105,23 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     }
     if (last && p->utime <= last->utime)
         return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": time does not advance: utime %" PRId64 " after %" PRId64,
-                    r->path, r->event - 1, p->utime, last->utime);
+                    r->path, r->event, p->utime, last->utime);
     trocar_status status = make_room(log, why);
     if (status != TROCAR_OK) return status;
     log->poses[log->count] = *p;
-    log->events[log->count++] = r->event - 1;
+    log->events[log->count++] = r->event;
     return TROCAR_OK;
 }
 
-static trocar_status read_all(reader *r, pose_log *log, report *why) {
-    for (;;) {
-        lcm_eventlog_event_t *event;
+static trocar_status read_event(reader *r, pose_log *log, report *why) {
+    event_header h;
+    trocar_status status = read_header(r, &h, why);
+    if (status == TROCAR_OK && strcmp(h.channel, POSE_CHANNEL) == 0) {
         trocar_needle_pose_t p;
-        trocar_status status = reader_next(r, &event, why);
-        if (status != TROCAR_OK || !event) return status;
-        if (strcmp(event->channel, POSE_CHANNEL) == 0) {
-            status = decode_pose(r, event, &p, why);
-            if (status == TROCAR_OK) status = append_pose(r, &p, log, why);
-        }
-        lcm_eventlog_free_event(event);
-        if (status != TROCAR_OK) return status;
+        status = read_pose(r, &h, &p, why);
+        if (status == TROCAR_OK) status = append_pose(r, &p, log, why);
     }
+    return status == TROCAR_OK ? skip_event(r, &h, why) : status;
 }
 
 trocar_status pose_log_read(const char *path, pose_log *log, report *why) {
@@ -135,8 +129,8 @@ trocar_status pose_log_read(const char *path, pose_log *log, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
-    status = read_all(&r, log, why);
-    lcm_eventlog_destroy(r.file);
+    while (status == TROCAR_OK && r.offset < r.size) status = read_event(&r, log, why);
+    fclose(r.file);
     if (status == TROCAR_OK && log->count == 0)
         status = fail(why, TROCAR_BAD_INPUT, "%s: no pose on channel %s in %" PRId64 " events", path, POSE_CHANNEL, r.event);
     if (status != TROCAR_OK) pose_log_free(log);

@@ -1,0 +1,85 @@
+#include "motion.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <cmocka.h>
+
+static const pose start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}};
+
+static vec3 at(const char *name, double t) { return motion_pose(motion_find(name), start, t).position; }
+
+static void assert_near(vec3 a, vec3 b) { assert_true(v3_norm(v3_sub(a, b)) < 1e-12); }
+
+/* The times of the paper's section on figure 8. */
+static void figure8_follows_the_paper(void **state) {
+    (void)state;
+    assert_near(at("figure8", 0), start.position);
+    assert_near(at("figure8", 1.3), v3(0.005, 0.003, -0.120));
+    assert_true(at("figure8", 1.35).y > 0.003);
+    assert_near(v3(0, 0, at("figure8", 1.4).z), v3(0, 0, -0.120));
+    assert_near(at("figure8", 2.1), v3(0.005, 0.013, -0.205));
+    assert_near(at("figure8", 2.4), v3(0.005, 0.013, -0.205));
+}
+
+/* The needle, 200 mm long, reaches the skin at z = 0 after 5 mm: near 0.1 s, as reported. */
+static void figure8_reaches_the_skin_at_a_tenth_of_a_second(void **state) {
+    (void)state;
+    assert_true(at("figure8", 0.10).z + 0.2 < 0);
+    assert_true(at("figure8", 0.13).z + 0.2 > 0);
+}
+
+static void fraction_covers_the_leg_symmetrically(void **state) {
+    (void)state;
+    assert_true(motion_fraction(1, 2, 0.5) == 0 && motion_fraction(1, 2, 2.5) == 1);
+    for (double t = 1; t <= 2; t += 0.01)
+        assert_true(fabs(motion_fraction(1, 2, t) + motion_fraction(1, 2, 3 - t) - 1) < 1e-12);
+    assert_true(fabs(motion_fraction(0, 0.1, 0.05) - 0.5) < 1e-12);  /* shorter than two ramps */
+}
+
+/* Second differences stay below the accelerations of the legs, v / ramp, summed: no step in position or velocity. */
+static void all_scripts_are_smooth_and_come_home(void **state) {
+    (void)state;
+    static const double dt = 1e-3, fastest = 0.2, most_acceleration = 4;  /* m/s, m/s^2 */
+    for (int i = 0; motion_at(i); i++) {
+        const motion *script = motion_at(i);
+        for (double t = -0.1; t < 2 * script->period; t += dt) {
+            vec3 a = motion_pose(script, start, t).position, b = motion_pose(script, start, t + dt).position,
+                 c = motion_pose(script, start, t + 2 * dt).position;
+            assert_true(v3_norm(v3_sub(b, a)) <= fastest * dt);
+            assert_true(v3_norm(v3_add(v3_sub(c, b), v3_sub(a, b))) <= most_acceleration * dt * dt);
+        }
+        pose home = motion_pose(script, start, script->period);
+        assert_near(home.position, start.position);
+        assert_true(v3_norm(q_log(home.orientation)) < 1e-9);
+        assert_true(script->duration <= script->period && script->leg_count <= MOTION_MAX_LEGS);
+    }
+}
+
+static void roll_turns_about_the_needles_axis(void **state) {
+    (void)state;
+    pose p = motion_pose(motion_find("roll"), start, 1.45);
+    vec3 axis = q_rotate(p.orientation, v3(0, 0, 1)), normal = q_rotate(p.orientation, v3(1, 0, 0));
+    assert_near(axis, v3(0, 0, 1));
+    assert_near(normal, v3(-1, 0, 0));
+}
+
+static void unknown_script_is_not_found(void **state) {
+    (void)state;
+    assert_null(motion_find("figure9"));
+    assert_null(motion_at(-1));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(figure8_follows_the_paper),
+        cmocka_unit_test(figure8_reaches_the_skin_at_a_tenth_of_a_second),
+        cmocka_unit_test(fraction_covers_the_leg_symmetrically),
+        cmocka_unit_test(all_scripts_are_smooth_and_come_home),
+        cmocka_unit_test(roll_turns_about_the_needles_axis),
+        cmocka_unit_test(unknown_script_is_not_found),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

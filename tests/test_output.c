@@ -1,0 +1,79 @@
+#include "output.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+static char folder[] = "/tmp/trocar-test-output-XXXXXX", path[64];
+
+static int make_folder(void **state) {
+    (void)state;
+    if (!mkdtemp(folder)) return -1;
+    snprintf(path, sizeof path, "%s/result", folder);
+    return 0;
+}
+
+static int remove_folder(void **state) {
+    (void)state;
+    return rmdir(folder);   /* fails if anything is left behind */
+}
+
+static void appears_when_committed(void **state) {
+    (void)state;
+    report why;
+    output o;
+    assert_int_equal(output_open(&o, path, &why), TROCAR_OK);
+    fprintf(o.file, "whole");
+    assert_int_not_equal(access(path, F_OK), 0);
+    assert_int_equal(output_commit(&o, &why), TROCAR_OK);
+    output_abandon(&o);
+    char text[16] = "";
+    FILE *file = fopen(path, "r");
+    assert_non_null(fgets(text, sizeof text, file));
+    fclose(file);
+    assert_string_equal(text, "whole");
+    unlink(path);
+}
+
+static void leaves_nothing_when_abandoned(void **state) {
+    (void)state;
+    report why;
+    output o;
+    assert_int_equal(output_open(&o, path, &why), TROCAR_OK);
+    output_abandon(&o);
+    assert_int_not_equal(access(path, F_OK), 0);
+    assert_int_not_equal(access(o.temporary, F_OK), 0);
+}
+
+static void says_when_the_disk_is_full(void **state) {
+    (void)state;
+    report why;
+    output o = {.path = "/dev/full", .temporary = "/nowhere/x", .file = fopen("/dev/full", "w")};
+    fprintf(o.file, "more than fits");
+    assert_int_equal(output_commit(&o, &why), TROCAR_SYSTEM);
+    assert_non_null(strstr(why.text, "/dev/full"));
+}
+
+static void refuses_a_place_that_cannot_be_written(void **state) {
+    (void)state;
+    report why;
+    output o;
+    assert_int_equal(output_open(&o, "/nowhere/x.csv", &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "/nowhere/x.csv"));
+    output_abandon(&o);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(appears_when_committed),
+        cmocka_unit_test(leaves_nothing_when_abandoned),
+        cmocka_unit_test(says_when_the_disk_is_full),
+        cmocka_unit_test(refuses_a_place_that_cannot_be_written),
+    };
+    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+}

@@ -1,0 +1,176 @@
+#include "poselog.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+static char path[] = "/tmp/trocar-test-poselog-XXXXXX";
+
+static int make_file(void **state) {
+    (void)state;
+    int descriptor = mkstemp(path);
+    return descriptor < 0 ? -1 : close(descriptor);
+}
+
+static int remove_file(void **state) {
+    (void)state;
+    return unlink(path);
+}
+
+static trocar_needle_pose_t sample(int64_t k) {
+    pose p = {{0.001 * (double)k, 0, -0.2}, {1, 0, 0, 0}};
+    return message_of_pose(p, 1000000 + 1000 * k, 7, k);
+}
+
+/* `count` poses, wrenches of another channel between them; `change` may spoil the one at `where`. */
+static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
+    report why;
+    lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
+    for (int k = 0; k < count; k++) {
+        trocar_needle_pose_t p = sample(k);
+        trocar_needle_wrench_t w = {.pose_utime = p.utime, .tick = k};
+        if (change && k == where) change(&p);
+        assert_int_equal(log_write_pose(log, &p, path, &why), TROCAR_OK);
+        assert_int_equal(log_write_wrench(log, &w, path, &why), TROCAR_OK);
+    }
+    lcm_eventlog_destroy(log);
+}
+
+static void overwrite(long offset, const char *bytes, size_t count) {
+    FILE *file = fopen(path, "r+");
+    fseek(file, offset, SEEK_SET);
+    fwrite(bytes, 1, count, file);
+    fclose(file);
+}
+
+static void expect_bad(const char *place, const char *reason) {
+    report why;
+    pose_log log;
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_BAD_INPUT);
+    if (!strstr(why.text, path) || !strstr(why.text, place) || !strstr(why.text, reason)) fail_msg("message: %s", why.text);
+    assert_null(log.poses);
+}
+
+static void reads_what_was_written(void **state) {
+    (void)state;
+    report why;
+    pose_log log;
+    write_log(100, -1, NULL);
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+    assert_int_equal(log.count, 100);
+    for (int k = 0; k < 100; k++) {
+        trocar_needle_pose_t p = sample(k);
+        assert_memory_equal(&log.poses[k], &p, sizeof p);
+        assert_int_equal(log.events[k], 2 * k);
+    }
+    pose_log_free(&log);
+}
+
+enum { POSE_EVENT = 28 + 11 + 88, WRENCH_EVENT = 28 + 13 + 168, PAIR = POSE_EVENT + WRENCH_EVENT };
+
+/* Every length but whole events is refused; none may crash or allocate wildly. */
+static void refuses_a_log_cut_anywhere(void **state) {
+    (void)state;
+    write_log(2, -1, NULL);
+    for (long length = 2 * PAIR - 1; length > 0; length--) {
+        assert_int_equal(truncate(path, length), 0);
+        report why;
+        pose_log log;
+        bool whole = length == PAIR + POSE_EVENT || length == PAIR || length == POSE_EVENT;
+        assert_int_equal(pose_log_read(path, &log, &why), whole ? TROCAR_OK : TROCAR_BAD_INPUT);
+        if (!whole) assert_non_null(strstr(why.text, "cut short"));
+        pose_log_free(&log);
+    }
+}
+
+static void refuses_damage_and_names_the_place(void **state) {
+    (void)state;
+    char place[32];
+    snprintf(place, sizeof place, "byte %d", PAIR);
+    write_log(3, -1, NULL);
+    overwrite(PAIR, "XXXX", 4);
+    expect_bad(place, "damaged");
+    write_log(3, -1, NULL);
+    overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* data of 2 GiB */
+    expect_bad(place, "cut short");
+    write_log(3, -1, NULL);
+    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* negative, were it signed */
+    expect_bad(place, "cut short");
+    write_log(3, -1, NULL);
+    overwrite(PAIR + 20, "\0\0\0\0", 4);
+    expect_bad(place, "channel name");
+    write_log(3, -1, NULL);
+    overwrite(28 + 11, "\1\2\3\4", 4);              /* fingerprint of another type */
+    expect_bad("event 0", "not a trocar.needle_pose_t");
+    write_log(3, -1, NULL);
+    overwrite(0, "solid\n", 6);
+    expect_bad("byte 0", "not an LCM log");
+}
+
+static void spoil_number(trocar_needle_pose_t *p) { p->position[1] = 0.0 / 0.0; }
+static void spoil_quaternion(trocar_needle_pose_t *p) { p->orientation[0] = 1.01; }
+static void spoil_time(trocar_needle_pose_t *p) { p->utime -= 1000; }
+static void change_session(trocar_needle_pose_t *p) { p->session = 8; }
+
+static void refuses_impossible_poses(void **state) {
+    (void)state;
+    write_log(5, 2, spoil_number);
+    expect_bad("event 4", "not finite");
+    write_log(5, 2, spoil_quaternion);
+    expect_bad("event 4", "unit quaternion");
+    write_log(5, 2, spoil_time);
+    expect_bad("event 4", "time does not advance");
+}
+
+static void refuses_a_log_without_poses(void **state) {
+    (void)state;
+    write_log(0, -1, NULL);
+    expect_bad(path, "no pose");
+    report why;
+    pose_log log;
+    assert_int_equal(pose_log_read("/nowhere/poses.log", &log, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "/nowhere/poses.log"));
+    assert_int_equal(pose_log_read("/tmp", &log, &why), TROCAR_BAD_INPUT);
+}
+
+static void leaves_other_sessions_out(void **state) {
+    (void)state;
+    report why;
+    pose_log log;
+    write_log(5, 3, change_session);
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+    assert_int_equal(log.count, 4);
+    assert_int_equal(log.skipped_sessions, 1);
+    pose_log_free(&log);
+}
+
+static void poses_survive_the_message(void **state) {
+    (void)state;
+    pose p = {{1, 2, 3}, {0.5, -0.5, 0.5, 0.5}};
+    trocar_needle_pose_t message = message_of_pose(p, 0, 0, 0);
+    pose q = pose_of_message(&message);
+    assert_memory_equal(&p, &q, sizeof p);
+    message.orientation[0] = 0.5005;
+    q = pose_of_message(&message);
+    double length = q.orientation.w * q.orientation.w + 3 * q.orientation.x * q.orientation.x;
+    assert_true(fabs(length - 1) < 1e-15);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(reads_what_was_written),
+        cmocka_unit_test(refuses_a_log_cut_anywhere),
+        cmocka_unit_test(refuses_damage_and_names_the_place),
+        cmocka_unit_test(refuses_impossible_poses),
+        cmocka_unit_test(refuses_a_log_without_poses),
+        cmocka_unit_test(leaves_other_sessions_out),
+        cmocka_unit_test(poses_survive_the_message),
+    };
+    return cmocka_run_group_tests(tests, make_file, remove_file);
+}

@@ -7,6 +7,10 @@
 #include "tip.h"
 #include "window.h"
 
+static const double TIP_FADE = 3.0;      /* radii of depth over which the tip gets its full hold sideways, */
+static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
+static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
+
 /* ---- model ------------------------------------------------------------------------------------------------------------ */
 
 /* Means over the elements around each node, so that the local compliance is continuous across faces. */
@@ -112,6 +116,8 @@ static void slide_shaft(insertion_state *state) {
     state->tip.slid = slid_on(state->tip.slid, state->tip.slip, state->tip.friction);
 }
 
+static vec3 tangent_of(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
+
 /* ---- contacts ----------------------------------------------------------------------------------------------------------- */
 
 /* Friction limit per length after sliding `slid`: static falls to kinetic by slip weakening, independent of the rate. */
@@ -135,8 +141,7 @@ static void activate_contact(const insertion_model *model, insertion_state *stat
     double ahead = contact->friction * local.axial * limit; /* (local / share) * (limit * share) */
     vec3 tissue = v3_add(node->position, displacement_of(state, snapshot, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
-    vec3 tangent = v3(p.frame.m[0][2], p.frame.m[1][2], p.frame.m[2][2]);
-    contact->arc += ahead - v3_dot(tangent, v3_sub(p.position, tissue));
+    contact->arc += ahead - v3_dot(tangent_of(&p), v3_sub(p.position, tissue));
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
 }
 
@@ -223,7 +228,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
 }
 
 /* Tissue + needle compliance between all points, in their frames; local compliance on the diagonal. */
-static void assemble(const insertion_model *model, const insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
+static void assemble(const insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
@@ -234,12 +239,7 @@ static void assemble(const insertion_model *model, const insertion_state *state,
             put_block(p, i, j, &tissue, &w->points[i].frame, &w->points[j].frame);
         }
     for (int i = 0; i < p->count; i++) {
-        bool at_tip = tip && i == p->count - 1;
-        local_compliance local = {0};
-        if (at_tip) local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
-        double lateral = at_tip ? local.lateral / (w->share[i] + model->needle->radius) : state->contacts[i].local_lateral / w->share[i];
-        double axial = at_tip ? local.point : state->contacts[i].local_axial / w->share[i];
-        for (int a = 0; a < 3; a++) p->compliance[unknown(p->count, i, a)][unknown(p->count, i, a)] += a < 2 ? lateral : axial;
+        for (int a = 0; a < 3; a++) p->compliance[unknown(p->count, i, a)][unknown(p->count, i, a)] += a < 2 ? w->lateral[i] : w->axial[i];
         const needle_point *at = &w->points[i];
         vec3 gap = v3_sub(at->position, w->nominal[i]);
         for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
@@ -248,6 +248,32 @@ static void assemble(const insertion_model *model, const insertion_state *state,
         p->gap[unknown(p->count, i, 1)] = gap.y;
         p->gap[unknown(p->count, i, 2)] = gap.z;
     }
+    if (tip) p->gap[unknown(p->count, p->count - 1, 2)] += w->axial[p->count - 1] * state->tip.shaft_force;
+}
+
+/* Local compliances of the points, m/N. Shaft: by its share of length. Tip: sideways as shaft of its share and one
+   radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force. */
+static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
+    for (int i = 0; i < state->active; i++) {
+        w->lateral[i] = state->contacts[i].local_lateral / w->share[i];
+        w->axial[i] = state->contacts[i].local_axial / w->share[i];
+    }
+    if (!tip) return;
+    double radius = model->needle->radius, pressing = fmax(v3_dot(state->tip.force, tangent_of(&w->points[state->active])), 0.0);
+    double own = radius * fmin(1.0, state->tip.depth / (TIP_FADE * radius) + pressing / TIP_BITE);
+    local_compliance local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
+    w->lateral[state->active] = local.lateral / fmax(w->share[state->active] + own, 1e-9);
+    w->axial[state->active] = local.point;
+}
+
+/* The part of the tip's force that is friction follows its limit over the shaft's elastic distance of sliding. */
+static void follow_friction(const insertion_model *model, insertion_state *state, double share) {
+    needle_tip *tip = &state->tip;
+    const region_material *material = &model->materials[model->mesh->region[tip->tet]];
+    double density = friction_density(material, tip->slid, model->settings.weakening_distance), limit = density * share;
+    double stretch = density * local_at(model, tip->tet, tip->nominal).axial;
+    tip->shaft_force += (tip->friction * limit - tip->shaft_force) * (stretch > 0.0 ? -expm1(-fabs(tip->slip) / stretch) : 1.0);
+    tip->shaft_force = fmin(fmax(tip->shaft_force, -limit), limit);
 }
 
 static void locate_points(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
@@ -306,12 +332,13 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         w->tip_row[state->active] = own;
     }
     locate_points(model, state, w, tip);
+    find_local_compliance(model, state, w, tip);
     load_needle(state, w, tip, segments, load);
     for (wrench->passes = 1;; wrench->passes++) {
         int first = segments;
         for (int i = 0; i < p->count; i++) first = w->points[i].first < first ? w->points[i].first : first;
         needle_linearise(model->needle, &state->needle, load, first, &w->tangent);
-        assemble(model, state, w, snapshot, tip);
+        assemble(state, w, snapshot, tip);
         bound_contacts(model, state, tip, dt, w->share, p);
         if (contact_solve(p) != TROCAR_OK) {
             for (int i = 0; i < state->active; i++) state->contacts[i].slip = 0.0;
@@ -328,6 +355,18 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
 }
 
 /* ---- the tick ----------------------------------------------------------------------------------------------------------- */
+
+/* Before it is in, the tip grips the surface by friction: pushed sideways harder than that, it glides. */
+static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    const needle_tip *tip = &state->tip;
+    vec3 axis = q_rotate(state->needle.frames[model->needle->given.segments - 1], v3(0, 0, 1));
+    double pressing = v3_dot(tip->force, axis);
+    vec3 sideways = v3_axpy(-pressing, axis, tip->force);
+    double excess = v3_norm(sideways) - SURFACE_GRIP * fmax(pressing, 0.0);
+    if (excess <= 0.0) return;
+    double compliance = local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
+    tip_glide(model, state, axis, v3_scale(excess * compliance / v3_norm(sideways), sideways), wrench);
+}
 
 /* Needle in the air: straight. Touching the outer surface starts an insertion. */
 static void move_freely(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
@@ -359,11 +398,13 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
         needle_hold(model->needle, base, &state->needle);
         slide_shaft(state);
         tip_move(model, state, &gradient, wrench);
+        if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) glide_on_surface(model, state, wrench);
     }
     accept_snapshot(model, state, snapshot, wrench);
     int handles[4];
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
+    if (tip) follow_friction(model, state, scratch->share[state->active]);
     tip_puncture(model, state, wrench);
     sum_wrench(state, scratch, tip, wrench);
     window_request(model, state);

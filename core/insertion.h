@@ -72,6 +72,7 @@ typedef struct {
     double slid;             /* m, as in shaft_contact */
     friction_state friction;
     vec3 force;              /* N, world frame, on the tissue */
+    double shaft_force;      /* N, the part of it along the needle that is shaft friction, not cutting */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
@@ -98,8 +99,8 @@ typedef struct {
     needle_point points[MAX_POINTS];
     vec3 nominal[MAX_POINTS];
     double share[MAX_POINTS];                /* m of shaft that each point stands for */
+    double lateral[MAX_POINTS], axial[MAX_POINTS]; /* local compliance, m/N */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
-    mat3 needle_row[MAX_POINTS];
 } insertion_workspace;
 
 typedef struct {

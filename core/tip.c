@@ -4,6 +4,7 @@
 
 enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
+static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
     return &model->materials[model->mesh->region[tet]];
@@ -23,6 +24,12 @@ static int obstacle(const insertion_model *model, int tet, int face, int behind)
         if (model->mesh->face_groups[tet][face] >> model->membranes[i].group & 1
             && (strongest < 0 || model->membranes[i].puncture_force > model->membranes[strongest].puncture_force)) strongest = i;
     return strongest;
+}
+
+/* Where the tip cuts to: along the needle, and sideways away from the bevel's face. */
+static vec3 needle_direction(const insertion_model *model, const insertion_state *state) {
+    quat frame = state->needle.frames[model->needle->given.segments - 1];
+    return q_rotate(frame, v3(0, -model->needle->given.bevel_slope, 1.0));
 }
 
 /* ---- contact nodes --------------------------------------------------------------------------------------------------- */
@@ -56,7 +63,7 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
 }
 
 /* The tip has come back to its last contact node and takes its place. */
-static void take_up_contact(insertion_state *state, insertion_wrench *wrench) {
+static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
@@ -64,6 +71,7 @@ static void take_up_contact(insertion_state *state, insertion_wrench *wrench) {
     tip->tet = node->tet;
     tip->depth = state->contacts[last].depth;
     tip->slid = state->contacts[last].slid;
+    tip->shaft_force = v3_dot(state->contacts[last].force, v3_unit(needle_direction(model, state)));
     tip->next_contact = NAN;
     if (state->active > last) state->active = last;
     wrench->events |= EVENT_REMOVED;
@@ -128,6 +136,11 @@ static void cut_forward(const insertion_model *model, insertion_state *state, ve
     }
 }
 
+static void leave_tissue(needle_tip *tip, insertion_wrench *wrench) {
+    *tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .leaf_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    wrench->events |= EVENT_WITHDRAWN;
+}
+
 /* Draws back by `distance` along the track, taking up contact nodes on the way. */
 static void draw_back(const insertion_model *model, insertion_state *state, double distance, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
@@ -139,14 +152,10 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
         if (distance >= length) {
             distance -= fmax(length, 0.0);
             if (last >= 0) {
-                take_up_contact(state, wrench);
+                take_up_contact(model, state, wrench);
                 continue;
             }
-            tip->phase = TIP_FREE;
-            tip->tet = -1;
-            tip->depth = 0.0;
-            tip->force = v3(0, 0, 0);
-            wrench->events |= EVENT_WITHDRAWN;
+            leave_tissue(tip, wrench);
             return;
         }
         vec3 goal = last >= 0 ? state->refined.nodes[last].position : state->entry;
@@ -175,11 +184,6 @@ static vec3 pull_back(const mat3 *gradient, vec3 direction, double *stretch) {
 
 /* ---- public ---------------------------------------------------------------------------------------------------------- */
 
-static vec3 needle_direction(const insertion_model *model, const insertion_state *state) {
-    quat frame = state->needle.frames[model->needle->given.segments - 1];
-    return q_rotate(frame, v3(0, -model->needle->given.bevel_slope, 1.0));
-}
-
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
@@ -188,6 +192,19 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
     state->entry = hit.point;
     wrench->events |= EVENT_TOUCHED;
     return true;
+}
+
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    vec3 goal = v3_add(tip->nominal, sideways);
+    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, axis, goal), v3_axpy(GLIDE_REACH, axis, goal));
+    if (!hit.hit) { /* over the edge */
+        leave_tissue(tip, wrench);
+        return;
+    }
+    tip->tet = hit.tet;
+    tip->nominal = state->entry = hit.point;
+    tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
 }
 
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
@@ -200,7 +217,12 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     wrench->membrane = tip->blocked_by;
     tip->blocked_by = NOT_BLOCKED;
     tip->slip = 0.0;
-    if (face >= 0) cross_face(model, state, face, direction, wrench); /* at the skin the tip is on the inner side already */
+    if (face >= 0) {
+        cross_face(model, state, face, direction, wrench);
+    } else { /* at the skin the tip is on the inner side already */
+        tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
+        tip->depth = FACE_CLEARANCE;
+    }
 }
 
 /* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
@@ -225,7 +247,7 @@ void tip_move(const insertion_model *model, insertion_state *state, const mat3 *
     }
     tip->slip = 0.0;
     while (tip->phase == TIP_INSIDE && state->refined.count > 0
-           && state->contacts[state->refined.count - 1].arc > model->needle->given.length) take_up_contact(state, wrench);
+           && state->contacts[state->refined.count - 1].arc > model->needle->given.length) take_up_contact(model, state, wrench);
 }
 
 void tip_engage(const insertion_model *model, insertion_state *state) {

@@ -12,6 +12,9 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
    `displacement_gradient` is that of the tissue around the tip. RT */
 void tip_move(const insertion_model *model, insertion_state *state, const mat3 *displacement_gradient, insertion_wrench *wrench);
 
+/* Moves the tip's material point on the outer surface by `sideways`, m. RT */
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench);
+
 /* Lets a membrane give way that was overcome in the last solve. RT */
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench);
 

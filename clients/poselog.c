@@ -55,7 +55,7 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
     if (got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset)
         return bad_event(r, "the log is cut short", why);
     if (h->channel_length < 1 || h->channel_length > CHANNEL_MAX)
-        return bad_event(r, "impossible length of the channel's name: the log is damaged", why);
+        return bad_event(r, "impossible length of the channel name: the log is damaged", why);
     size_t length = (size_t)h->channel_length;
     h->channel[length] = '\0';
     return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);

@@ -1,0 +1,96 @@
+#!/bin/bash
+# The clients as a user runs them, without a network: bad input, the replay's files, the balance of its exports.
+# usage: test_clients.sh PROGRAMS_DIR SOURCE_DIR CASE
+set -euo pipefail
+programs=$1 source=$2
+scene=$source/meshes/figure8.yaml
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+# Exit status 2, a message with this text, and no file left behind.
+refuses() {
+    local text=$1 status=0
+    shift
+    "$@" >stdout 2>stderr || status=$?
+    [ "$status" -eq 2 ] || fail "status $status, not 2: $*"
+    grep -qF -- "$text" stderr || fail "no '$text' in: $(cat stderr)"
+    rm -f stdout stderr
+    [ -z "$(find . -newer marker -type f)" ] || fail "left behind by '$*': $(find . -newer marker -type f)"
+}
+
+bad_input() {
+    local device=$programs/trocar-device replay=$programs/trocar-replay
+    "$device" --script insert --write-log poses.log
+    head -c 1000 poses.log >cut.log
+    head -c 1000 /dev/zero >zero.log
+    : >empty.log
+    touch marker && sleep 0.02
+    refuses --nonsense "$device" --nonsense
+    refuses figure9 "$device" --script figure9
+    refuses --rate "$device" --rate 0
+    refuses --hand "$device" --hand 1,2
+    refuses --start "$device" --start 1,2,nan
+    refuses /nowhere/x.log "$device" --write-log /nowhere/x.log
+    refuses /nowhere/x.csv "$device" --csv /nowhere/x.csv
+    refuses --nonsense "$replay" --nonsense
+    refuses --scene "$replay" --poses poses.log
+    refuses --poses "$replay" --scene "$scene"
+    refuses none.yaml "$replay" --scene none.yaml --poses poses.log
+    refuses none.log "$replay" --scene "$scene" --poses none.log --csv x.csv
+    refuses "cut.log: event 7 at byte" "$replay" --scene "$scene" --poses cut.log --csv x.csv --out x.log
+    refuses "zero.log: event 0 at byte 0: not an LCM log" "$replay" --scene "$scene" --poses zero.log --csv x.csv
+    refuses empty.log "$replay" --scene "$scene" --poses empty.log --csv x.csv
+    refuses /nowhere/x.csv "$replay" --scene "$scene" --poses poses.log --csv /nowhere/x.csv --out x.log
+    refuses "--at 99 s is after the last pose" "$replay" --scene "$scene" --poses poses.log --vtu x --at 99
+    for program in "$device" "$replay"; do
+        "$program" --version | grep -q '^trocar-' || fail "$program --version"
+        "$program" --help | grep -q Usage || fail "$program --help"
+    done
+}
+
+# Twice the same bits; the log's wrenches are the table's rows.
+replay() {
+    "$programs/trocar-device" --write-log poses.log
+    for run in a b; do
+        "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv $run.csv --out $run.log --vtu $run --at 1.38 --quiet
+    done
+    for part in .csv .log -tissue.vtu -needle.vtu; do
+        cmp "a$part" "b$part"
+    done
+    [ "$(wc -l <a.csv)" -eq 2402 ] || fail "rows: $(wc -l <a.csv)"
+    # the log's own poses replay to the same table: wrenches in it are passed over
+    "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --quiet
+    cmp a.csv again.csv
+    grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
+    grep -q 'puncture:capsule' a.csv || fail "no puncture of the capsule"
+    [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
+}
+
+# Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.
+balance() {
+    "$programs/trocar-device" --write-log poses.log
+    for at in 0.3 1.0 1.38 1.8; do
+        "$programs/trocar-replay" --scene "$scene" --poses poses.log --vtu "at-$at" --at $at --quiet
+        python3 "$source/tests/check_vtu.py" "at-$at"
+    done
+}
+
+# The figure is drawn from the table and labels what happened.
+figure() {
+    "$programs/trocar-device" --write-log poses.log
+    "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv forces.csv --quiet
+    "$source/scripts/plot_forces" forces.csv forces.svg
+    python3 -c 'import sys, xml.etree.ElementTree as x; x.parse(sys.argv[1])' forces.svg
+    for label in axial sagittal coronal skin capsule; do
+        grep -q "$label" forces.svg || fail "no '$label' in the figure"
+    done
+    touch marker && sleep 0.02
+    : >bad.csv
+    touch -d '1 hour ago' bad.csv
+    refuses bad.csv "$source/scripts/plot_forces" bad.csv x.svg
+}
+
+"$3"

@@ -1,0 +1,245 @@
+/* The loop's shell against the clock, and the whole haptic thread, real model and all, against its promises: no
+   allocation, no page fault, and no wait for a worker that takes its time. */
+#define _GNU_SOURCE
+#include <pthread.h>
+#include <sched.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "haptic.h"
+#include "motion.h"
+#include "realtime.h"
+#include "scene.h"
+#include "trocar_needle_wrench_t.h"
+#include "worker.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+/* --- allocation functions that count, in a thread that asks for it ---------------------------------------------- */
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 }; /* the sanitizers have allocators of their own, and fault in shadow memory */
+#else
+enum { SANITIZED = 0 };
+#endif
+
+static _Thread_local bool counting;
+static atomic_int allocations;
+
+static void count(void) {
+    if (counting) atomic_fetch_add(&allocations, 1);
+}
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+void *__libc_malloc(size_t);
+void *__libc_calloc(size_t, size_t);
+void *__libc_realloc(void *, size_t);
+void *__libc_memalign(size_t, size_t);
+void __libc_free(void *);
+
+void *malloc(size_t size) { return count(), __libc_malloc(size); }
+void *calloc(size_t n, size_t size) { return count(), __libc_calloc(n, size); }
+void *realloc(void *p, size_t size) { return count(), __libc_realloc(p, size); }
+void *aligned_alloc(size_t alignment, size_t size) { return count(), __libc_memalign(alignment, size); }
+void *memalign(size_t alignment, size_t size) { return count(), __libc_memalign(alignment, size); }
+int posix_memalign(void **p, size_t alignment, size_t size) {
+    count();
+    *p = __libc_memalign(alignment, size);
+    return *p == NULL ? 12 : 0; /* ENOMEM */
+}
+void free(void *p) { count(), __libc_free(p); }
+#endif
+
+static void the_counter_counts(void **unused) {
+    (void)unused;
+    if (SANITIZED) skip();
+    atomic_store(&allocations, 0);
+    counting = true;
+    void *volatile p = malloc(10);
+    free(p);
+    counting = false;
+    assert_int_equal(atomic_load(&allocations), 2);
+}
+
+/* --- the shell alone -------------------------------------------------------------------------------------------- */
+
+enum { TICKS = 200, SLOW_TICK = 50 };
+
+typedef struct { loop_wake wakes[TICKS]; } diary;
+
+/* Sleeps through some periods once. */
+static bool keep_diary(void *context, const loop_wake *wake) {
+    diary *d = context;
+    d->wakes[wake->tick] = *wake;
+    if (wake->tick == SLOW_TICK) sleep_until(wake->now + 10500000);
+    return wake->tick + 1 < TICKS;
+}
+
+static void missed_periods_are_skipped_and_counted(void **unused) {
+    (void)unused;
+    static diary d;
+    static loop l;
+    newest_value records;
+    report why;
+    assert_int_equal(newest_create(&records, sizeof(loop_record), &why), TROCAR_OK);
+    l = (loop){.rate_hz = 1000, .tick = keep_diary, .context = &d, .records = &records};
+    loop_run(&l);
+
+    assert_int_equal(l.ticks, TICKS);
+    assert_true(l.misses >= 10);
+    assert_true(d.wakes[SLOW_TICK + 1].late);
+    assert_true(d.wakes[SLOW_TICK + 1].elapsed > 0.0109);
+
+    /* Model time keeps up with the clock: deadlines stay on the grid of periods, nothing is replayed. */
+    double model = 0.0, missed = 0.0;
+    for (int i = 1; i < TICKS; i++) {
+        model += d.wakes[i].elapsed;
+        missed += d.wakes[i].elapsed / 1e-3 - 1;
+        assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
+    }
+    double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
+    assert_true(fabs(model - clock) < 0.05); /* both ends as late as a busy virtual machine wakes */
+    assert_true(fabs(missed - (double)l.misses) < 0.5);
+
+    bool fresh;
+    const loop_record *record = newest_read(&records, &fresh); /* of ticks 101..200 */
+    assert_true(fresh);
+    assert_int_equal(record->ticks, TICKS);
+    assert_int_equal(record->lateness.count, TICKS / 2);
+    assert_true(record->compute_max_total > 0.0104);
+    assert_int_equal(l.lateness.count, TICKS);
+    newest_free(&records);
+}
+
+/* --- the haptic thread with model, worker and a device of its own ------------------------------------------------ */
+
+enum { RATE = 1000 };
+
+typedef struct {
+    scene scene;
+    simulation simulation;
+    exchange exchange;
+    haptic haptic;
+    loop loop;
+    worker worker;
+    int nap_ms;                  /* the worker sleeps that long in each request */
+    int64_t ticks_wanted;
+    int most_contacts;
+    thread_usage start, used;    /* of the haptic thread: at the first tick, and from there on */
+    int64_t wrenches;
+} rig;
+
+static trocar_status nap_and_serve(void *context, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    rig *r = context;
+    if (r->nap_ms > 0) sleep_until(monotonic_ns() + r->nap_ms * (int64_t)1000000);
+    return remesher_serve(r->simulation.remesher, request, snapshot, why);
+}
+
+/* The haptic tick between a mock IO thread's work: a pose that comes, a wrench that is taken. */
+static bool rigged_tick(void *context, const loop_wake *wake) {
+    rig *r = context;
+    if (wake->tick == 0) r->start = thread_usage_now();
+    static const pose start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm before the skin */
+    pose_sample *sample = newest_slot(&r->exchange.poses);
+    *sample = (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = wake->tick, .received = wake->now,
+                            .base = motion_pose(motion_find("figure8"), start, 1e-3 * (double)wake->tick)};
+    newest_publish(&r->exchange.poses);
+
+    haptic_tick(&r->haptic, wake);
+
+    trocar_needle_wrench_t wrench;
+    while (ring_pop(&r->exchange.wrenches, &wrench)) {
+        r->wrenches++;
+        if (wrench.contacts > r->most_contacts) r->most_contacts = wrench.contacts;
+    }
+    if (wake->tick + 1 < r->ticks_wanted) return true;
+    thread_usage now = thread_usage_now();
+    r->used = (thread_usage){now.minor_faults - r->start.minor_faults, now.major_faults - r->start.major_faults, 0};
+    return false;
+}
+
+static void *haptic_thread(void *context) {
+    rig *r = context;
+    report ignored;
+    realtime_flush_denormals();
+    realtime_touch_stack();
+    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* as far as the machine allows it */
+    counting = true;
+    loop_run(&r->loop);
+    counting = false;
+    return NULL;
+}
+
+static rig *rig_create(int nap_ms, int64_t ticks) {
+    rig *r = calloc(1, sizeof *r);
+    report why = {""};
+    if (scene_load(MESHES "/figure8.yaml", &r->scene, &why) != TROCAR_OK
+        || simulation_create(&r->scene.simulation, &r->simulation, &why) != TROCAR_OK
+        || exchange_create(&r->exchange, &why) != TROCAR_OK
+        || haptic_create(&r->haptic, &r->simulation.insertion, r->simulation.workspace, &r->scene.guard, RATE, 0,
+                         &r->exchange, &why) != TROCAR_OK)
+        fail_msg("%s", why.text);
+    r->nap_ms = nap_ms;
+    r->ticks_wanted = ticks;
+    r->loop = (loop){.rate_hz = RATE, .tick = rigged_tick, .context = r, .records = &r->exchange.loops};
+    r->worker = (worker){.exchange = &r->exchange, .serve = nap_and_serve, .context = r};
+    return r;
+}
+
+static void rig_run(rig *r) {
+    pthread_t haptic, worker;
+    assert_int_equal(pthread_create(&worker, NULL, worker_run, &r->worker), 0);
+    assert_int_equal(pthread_create(&haptic, NULL, haptic_thread, r), 0);
+    pthread_join(haptic, NULL);
+    worker_stop(&r->worker);
+    pthread_join(worker, NULL);
+}
+
+static void rig_free(rig *r) {
+    haptic_free(&r->haptic);
+    exchange_free(&r->exchange);
+    simulation_free(&r->simulation);
+    free(r);
+}
+
+static void nothing_is_allocated_and_no_page_faults(void **unused) {
+    (void)unused;
+    rig *r = rig_create(0, 2 * RATE);
+    report why;
+    bool locked = realtime_lock_memory(&why) == TROCAR_OK;
+    atomic_store(&allocations, 0);
+    rig_run(r);
+    assert_int_equal(r->wrenches, 2 * RATE);
+    assert_true(r->most_contacts >= 5); /* the model was really at work */
+    assert_true(r->worker.served > 10);
+    assert_int_equal(atomic_load(&allocations), 0);
+    if (locked && !SANITIZED) {
+        assert_int_equal(r->used.minor_faults, 0);
+        assert_int_equal(r->used.major_faults, 0);
+    } else print_message("page faults not tested: %s\n", locked ? "sanitizer" : why.text);
+    rig_free(r);
+}
+
+static void a_slow_worker_never_stalls_the_loop(void **unused) {
+    (void)unused;
+    rig *r = rig_create(50, 2 * RATE);
+    rig_run(r);
+    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: the newest request, no queue */
+    assert_true(histogram_quantile(&r->loop.compute, 0.99) < (SANITIZED ? 20e-3 : 1e-3));
+    if (!SANITIZED) assert_true(r->loop.misses < RATE / 10); /* stalls of the machine, not of the worker */
+    rig_free(r);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_counter_counts),
+        cmocka_unit_test(missed_periods_are_skipped_and_counted),
+        cmocka_unit_test(nothing_is_allocated_and_no_page_faults),
+        cmocka_unit_test(a_slow_worker_never_stalls_the_loop),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

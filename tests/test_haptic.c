@@ -1,0 +1,184 @@
+/* The server's tick by hand: one pose in, one wrench out, no threads, a clock made by the test. */
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "haptic.h"
+#include "scene.h"
+#include "trocar_needle_wrench_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+enum { RATE = 1000 };
+static const int64_t MS = 1000000;
+
+typedef struct {
+    scene scene;
+    simulation simulation;
+    exchange exchange;
+    haptic haptic;
+    int64_t tick;
+} fixture;
+
+static int open_scene(void **state) {
+    fixture *f = calloc(1, sizeof *f);
+    report why = {""};
+    *state = f;
+    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) == TROCAR_OK
+        && simulation_create(&f->scene.simulation, &f->simulation, &why) == TROCAR_OK) return 0;
+    print_error("%s\n", why.text);
+    return -1;
+}
+
+static int close_scene(void **state) {
+    fixture *f = *state;
+    simulation_free(&f->simulation);
+    free(f);
+    return 0;
+}
+
+static int begin(void **state) {
+    fixture *f = *state;
+    report why;
+    f->tick = 0;
+    assert_int_equal(exchange_create(&f->exchange, &why), TROCAR_OK);
+    return haptic_create(&f->haptic, &f->simulation.insertion, f->simulation.workspace, &f->scene.guard, RATE,
+                         TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange, &why);
+}
+
+static int end(void **state) {
+    fixture *f = *state;
+    haptic_free(&f->haptic);
+    exchange_free(&f->exchange);
+    return 0;
+}
+
+static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
+    pose_sample *s = newest_slot(&f->exchange.poses);
+    *s = (pose_sample){.held = true, .engagement = engagement, .session = 8, .seq = seq, .utime = 1000 + seq,
+                       .received = f->tick * MS, .base = {{0.005, 0.003, z}, {1, 0, 0, 0}}};
+    newest_publish(&f->exchange.poses);
+}
+
+static bool tick(fixture *f, trocar_needle_wrench_t *out) {
+    loop_wake wake = {.tick = f->tick, .now = f->tick * MS, .elapsed = 1e-3};
+    f->tick++;
+    bool on = haptic_tick(&f->haptic, &wake);
+    if (out != NULL) assert_true(ring_pop(&f->exchange.wrenches, out));
+    return on;
+}
+
+static bool readable(int descriptor) {
+    struct pollfd p = {.fd = descriptor, .events = POLLIN};
+    return poll(&p, 1, 0) == 1;
+}
+
+static void before_the_first_pose_a_zero_wrench_goes_out(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w;
+    assert_true(tick(f, &w));
+    assert_int_equal(w.pose_seq, -1);
+    assert_int_equal(w.session, 0);
+    assert_int_equal(w.flags, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME);
+    assert_true(w.force[0] == 0 && w.force[1] == 0 && w.force[2] == 0);
+    assert_true(readable(f->exchange.io_wake));
+}
+
+static void a_wrench_echoes_the_pose_that_it_answers(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w;
+    put_pose(f, 1, 41, -0.205);
+    tick(f, &w);
+    assert_int_equal(w.session, 8);
+    assert_int_equal(w.pose_seq, 41);
+    assert_int_equal(w.pose_utime, 1041);
+    assert_int_equal(w.tick, 0);
+}
+
+/* Pushes the tip to `mm` behind where it started, 1 mm in 20 ticks; serves the requests in between. */
+static trocar_needle_wrench_t push(fixture *f, double mm) {
+    trocar_needle_wrench_t w = {0};
+    report why;
+    for (int i = 0; i < 20 * mm; i++) {
+        put_pose(f, 1, i, -0.205 + 0.05e-3 * i);
+        tick(f, &w);
+        bool fresh;
+        const request_sample *r = newest_read(&f->exchange.requests, &fresh);
+        if (!fresh) continue;
+        assert_int_equal(r->requested, (f->tick - 1) * MS);
+        assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, newest_slot(&f->exchange.snapshots), &why),
+                         TROCAR_OK);
+        newest_publish(&f->exchange.snapshots);
+    }
+    return w;
+}
+
+static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = push(f, 20);
+    assert_true(w.force[2] < -0.3);                        /* against the push */
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: untouched */
+    assert_true(w.depth > 0.005 && w.contacts >= 1);
+    assert_true(readable(f->exchange.worker_wake));
+    assert_true(f->haptic.posted > 1);
+    bool fresh;
+    const view_sample *view = newest_read(&f->exchange.views, &fresh);
+    assert_true(fresh && view->state.active >= 1);
+    assert_true(view->snapshot_age < 2e-3);
+}
+
+static void silence_ramps_to_zero_and_is_flagged(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = push(f, 20);
+    for (int i = 0; i < 9; i++) tick(f, &w); /* held: as the model gives it, for the needle rests */
+    assert_false(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12);
+    for (int i = 0; i < 105; i++) tick(f, &w);
+    assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
+    assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's stays visible */
+}
+
+static void a_full_ring_drops_and_counts(void **state) {
+    fixture *f = *state;
+    size_t capacity = f->exchange.wrenches.capacity;
+    for (size_t i = 0; i < capacity + 7; i++) tick(f, NULL);
+    assert_int_equal(f->haptic.wrench_dropped, 7);
+}
+
+static void winding_down_ends_the_loop_at_zero(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = push(f, 20);
+    atomic_store(&f->haptic.wind_down, true);
+    int ticks = 1;
+    for (; tick(f, &w); ticks++) put_pose(f, 1, 10000 + ticks, -0.185);
+    assert_in_range(ticks, 95, 110);
+    assert_true(w.force[0] == 0 && w.force[1] == 0 && w.force[2] == 0 && w.torque[0] == 0);
+}
+
+/* A new engagement far away: no needle is dragged there, no force jumps. */
+static void a_new_engagement_starts_outside(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = push(f, 20), next;
+    put_pose(f, 2, 100000, -0.5);
+    tick(f, &next);
+    assert_int_equal(next.contacts, 0);
+    assert_true(next.depth == 0.0 && next.raw_force[2] == 0.0);
+    assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.guard.max_force_rate / RATE + 1e-9);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(before_the_first_pose_a_zero_wrench_goes_out, begin, end),
+        cmocka_unit_test_setup_teardown(a_wrench_echoes_the_pose_that_it_answers, begin, end),
+        cmocka_unit_test_setup_teardown(the_needle_is_pushed_back_and_the_worker_asked, begin, end),
+        cmocka_unit_test_setup_teardown(silence_ramps_to_zero_and_is_flagged, begin, end),
+        cmocka_unit_test_setup_teardown(a_full_ring_drops_and_counts, begin, end),
+        cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),
+        cmocka_unit_test_setup_teardown(a_new_engagement_starts_outside, begin, end),
+    };
+    return cmocka_run_group_tests(tests, open_scene, close_scene);
+}

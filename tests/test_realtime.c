@@ -1,0 +1,130 @@
+/* What realtime.c asks of Linux has its effect, or says which limit to raise. */
+#define _GNU_SOURCE
+#include <float.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "realtime.h"
+#include "timing.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static void *underflow(void *flush) {
+    static double result[2];
+    if (flush != NULL) realtime_flush_denormals();
+    volatile double tiny = DBL_MIN, half = 0.5;
+    int index = flush != NULL;
+    result[index] = tiny * half;
+    return &result[index];
+}
+
+static double in_a_thread(void *flush) {
+    pthread_t thread;
+    void *result;
+    pthread_create(&thread, NULL, underflow, flush);
+    pthread_join(thread, &result);
+    return *(double *)result;
+}
+
+static void denormals_become_zero(void **unused) {
+    (void)unused;
+    assert_true(in_a_thread(NULL) > 0.0);
+    assert_true(in_a_thread("flush") == 0.0);
+}
+
+__attribute__((noinline)) static void use_stack(void) {
+    unsigned char deep[REALTIME_STACK_TOUCHED - 65536];
+    memset(deep, 1, sizeof deep);
+    __asm__ volatile("" : : "r"(deep) : "memory");
+}
+
+static void *faults_on_a_touched_stack(void *faults) {
+    realtime_touch_stack();
+    int64_t before = thread_usage_now().minor_faults;
+    use_stack();
+    *(int64_t *)faults = thread_usage_now().minor_faults - before;
+    return NULL;
+}
+
+static void a_touched_stack_does_not_fault(void **unused) {
+    (void)unused;
+    int64_t faults = -1;
+    pthread_t thread;
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    pthread_attr_setstacksize(&attributes, REALTIME_STACK);
+    assert_int_equal(pthread_create(&thread, &attributes, faults_on_a_touched_stack, &faults), 0);
+    pthread_join(thread, NULL);
+    pthread_attr_destroy(&attributes);
+    assert_int_equal(faults, 0);
+}
+
+static void *set_priority(void *policy) {
+    report why = {""};
+    struct sched_param p;
+    bool granted = realtime_set_priority(PRIORITY_IO, &why) == TROCAR_OK;
+    pthread_getschedparam(pthread_self(), policy, &p);
+    if (granted) assert_int_equal(p.sched_priority, PRIORITY_IO);
+    else assert_non_null(strstr(why.text, "ulimit -r"));
+    return granted ? policy : NULL;
+}
+
+static void priority_is_set_or_the_limit_named(void **unused) {
+    (void)unused;
+    int policy = -1;
+    pthread_t thread;
+    void *granted;
+    pthread_create(&thread, NULL, set_priority, &policy);
+    pthread_join(thread, &granted);
+    assert_int_equal(policy, granted != NULL ? SCHED_FIFO : SCHED_OTHER);
+}
+
+static void trying_a_priority_leaves_the_thread_alone(void **unused) {
+    (void)unused;
+    report why;
+    int policy;
+    struct sched_param p;
+    realtime_try_priority(PRIORITY_HAPTIC, &why);
+    pthread_getschedparam(pthread_self(), &policy, &p);
+    assert_int_equal(policy, SCHED_OTHER);
+    assert_int_equal(realtime_try_priority(1000, &why), TROCAR_SYSTEM); /* beyond what any system grants */
+    assert_non_null(strstr(why.text, "1000"));
+}
+
+/* Pages in locked memory, kB. */
+static long locked_kilobytes(void) {
+    char line[256];
+    long kilobytes = -1;
+    FILE *f = fopen("/proc/self/status", "r");
+    while (f != NULL && fgets(line, sizeof line, f) != NULL) sscanf(line, "VmLck: %ld", &kilobytes);
+    if (f != NULL) fclose(f);
+    return kilobytes;
+}
+
+static void memory_is_locked_or_the_limit_named(void **unused) {
+    (void)unused;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    skip(); /* they turn mlockall into nothing */
+#endif
+    report why = {""};
+    if (realtime_lock_memory(&why) == TROCAR_OK) assert_true(locked_kilobytes() > 1000);
+    else assert_non_null(strstr(why.text, "ulimit -l"));
+    munlockall();
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(denormals_become_zero),
+        cmocka_unit_test(a_touched_stack_does_not_fault),
+        cmocka_unit_test(priority_is_set_or_the_limit_named),
+        cmocka_unit_test(trying_a_priority_leaves_the_thread_alone),
+        cmocka_unit_test(memory_is_locked_or_the_limit_named),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

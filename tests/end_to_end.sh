@@ -1,0 +1,73 @@
+#!/bin/sh
+# Server and device over LCM in a private network namespace: the figure-8 motion, then each way to end.
+# usage: end_to_end.sh SERVER DEVICE SCENE
+set -eu
+
+if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
+    unshare -n true 2>/dev/null || { echo "skipped: no permission for a network namespace (run as root)"; exit 77; }
+    TROCAR_NAMESPACE=yes exec unshare -n "$0" "$@"
+fi
+server=$1 device=$2 scene=$3
+ip link set lo up multicast on
+ip route add 224.0.0.0/4 dev lo
+work=$(mktemp -d)
+pid=
+trap 'test -z "$pid" || kill -KILL "$pid" 2>/dev/null || true; rm -rf "$work"' EXIT
+
+die() { echo "FAILED: $*"; cat "$work"/*.out 2>/dev/null || true; exit 1; }
+
+# Value of a number in the device's report.
+value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
+
+# Is the arithmetic condition true?
+holds() { awk "BEGIN { exit !($1) }"; }
+
+start_server() {
+    "$server" --scene "$scene" --allow-non-rt "$@" >"$work/server.out" 2>&1 &
+    pid=$!
+    for _ in $(seq 100); do
+        grep -q '^ready' "$work/server.out" && return
+        kill -0 "$pid" 2>/dev/null || die "the server ended before it was ready"
+        sleep 0.1
+    done
+    die "the server is not ready after 10 s"
+}
+
+# Sends SIGNAL (if not -) and expects exit status 0 within 5 s.
+end_server() {
+    if [ "$1" != - ]; then kill -"$1" "$pid"; fi
+    for _ in $(seq 50); do
+        kill -0 "$pid" 2>/dev/null || break
+        sleep 0.1
+    done
+    ! kill -0 "$pid" 2>/dev/null || die "the server does not end after $1"
+    status=0
+    wait "$pid" || status=$?
+    pid=
+    [ "$status" = 0 ] || die "exit status $status after $1"
+}
+
+start_server
+"$device" --script figure8 --report "$work/report.json" >"$work/device.out" 2>&1 || die "the device failed"
+end_server TERM
+cat "$work/device.out" "$work/server.out"
+
+holds "$(value poses_sent) > 2000" || die "the device sent too few poses"
+holds "$(value wrenches_received) > 2000" || die "too few wrenches came"
+holds "$(value wrenches_lost) == 0" || die "wrenches were lost"
+holds "$(value puncture_count) == 2" || die "skin and capsule were not both punctured"
+holds "$(value round_trip_p50_s) < 1.2e-3" || die "round trip longer than a period and 0.2 ms"
+
+start_server --rate 500
+end_server INT
+
+# What is wrong is said, with exit status 2.
+status=0
+"$server" --scene "$work/none.yaml" >"$work/bad.out" 2>&1 || status=$?
+[ "$status" = 2 ] || die "a missing scene: exit status $status"
+grep -q none.yaml "$work/bad.out" || die "the message does not name the scene"
+status=0
+"$server" >"$work/bad.out" 2>&1 || status=$?
+[ "$status" = 2 ] || die "no scene given: exit status $status"
+"$server" --version | grep -q '^trocar-server [0-9]' || die "--version"
+echo passed

@@ -1,0 +1,100 @@
+/* The whole server in this process, over memq: starts, says that it listens, stops for each reason, refuses bad input. */
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "exchange.h"
+#include "server.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static int stop = -1;
+static int readies;
+
+static void on_ready(void) {
+    readies++;
+    usleep(500000); /* let it run */
+    wake(stop);
+}
+
+static server_options options(void) {
+    return (server_options){.scene_path = MESHES "/figure8.yaml", .lcm_url = "memq://", .allow_non_rt = true};
+}
+
+static char *described(const server *s, void (*describe)(const server *, FILE *)) {
+    char *text = NULL;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    describe(s, out);
+    fclose(out);
+    return text;
+}
+
+static void it_runs_and_stops_when_asked(void **unused) {
+    (void)unused;
+    server_options o = options();
+    server *s;
+    report why = {""};
+    readies = 0;
+    stop = eventfd(0, EFD_NONBLOCK);
+    assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
+    char *before = described(s, server_describe);
+    assert_non_null(strstr(before, "figure8.yaml"));
+    assert_non_null(strstr(before, "1000 Hz"));
+    free(before);
+
+    assert_int_equal(server_run(s, stop, on_ready, &why), TROCAR_OK);
+    assert_int_equal(readies, 1);
+    char *after = described(s, server_summarise);
+    long long ticks = 0;
+    assert_int_equal(sscanf(after, "ticks %lld", &ticks), 1);
+    assert_in_range(ticks, 100, 1500); /* about half a second at 1 kHz */
+    free(after);
+    server_free(s);
+    close(stop);
+}
+
+static void the_rate_can_be_replaced(void **unused) {
+    (void)unused;
+    server_options o = options();
+    server *s;
+    report why;
+    o.rate_hz = 250;
+    assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
+    char *text = described(s, server_describe);
+    assert_non_null(strstr(text, "250 Hz"));
+    free(text);
+    server_free(s);
+    o.rate_hz = 100;
+    assert_int_equal(server_create(&o, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "100 Hz"));
+}
+
+static void bad_input_is_named_and_nothing_starts(void **unused) {
+    (void)unused;
+    server_options o = options();
+    server *s;
+    report why;
+    o.scene_path = "no-such-scene.yaml";
+    assert_int_equal(server_create(&o, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "no-such-scene.yaml"));
+
+    o = options();
+    o.lcm_url = "nonsense://";
+    assert_int_equal(server_create(&o, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "nonsense://"));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(it_runs_and_stops_when_asked),
+        cmocka_unit_test(the_rate_can_be_replaced),
+        cmocka_unit_test(bad_input_is_named_and_nothing_starts),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,190 @@
+/* What monitors and viewers receive, through a real LCM object (memq, no network). */
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene.h"
+#include "telemetry.h"
+#include "trocar_contacts_t.h"
+#include "trocar_deformation_t.h"
+#include "trocar_loop_timing_t.h"
+#include "trocar_needle_wrench_t.h"
+#include "trocar_status_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+typedef struct {
+    scene scene;
+    simulation simulation;
+    exchange exchange;
+    worker worker;
+    telemetry telemetry;
+    trocar_loop_timing_t *timing;      /* first of each kind */
+    trocar_status_t *status;
+    trocar_deformation_t *deformation;
+    trocar_contacts_t *contacts;
+} fixture;
+
+#define KEEP_FIRST(name, type)                                                                                  \
+    static void on_##name(const lcm_recv_buf_t *b, const char *channel, const type *m, void *context) {         \
+        (void)b, (void)channel;                                                                                 \
+        fixture *f = context;                                                                                   \
+        if (f->name == NULL) f->name = type##_copy(m);                                                          \
+    }
+KEEP_FIRST(timing, trocar_loop_timing_t)
+KEEP_FIRST(status, trocar_status_t)
+KEEP_FIRST(deformation, trocar_deformation_t)
+KEEP_FIRST(contacts, trocar_contacts_t)
+
+static int open_fixture(void **state) {
+    fixture *f = calloc(1, sizeof *f);
+    report why = {""};
+    *state = f;
+    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) != TROCAR_OK
+        || simulation_create(&f->scene.simulation, &f->simulation, &why) != TROCAR_OK
+        || exchange_create(&f->exchange, &why) != TROCAR_OK
+        || telemetry_create(&f->telemetry, "memq://", f->scene.path, 1000, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME,
+                            &f->simulation, &f->worker, &f->exchange, &why) != TROCAR_OK) {
+        print_error("%s\n", why.text);
+        return -1;
+    }
+    return 0;
+}
+
+static int close_fixture(void **state) {
+    fixture *f = *state;
+    if (f->timing != NULL) trocar_loop_timing_t_destroy(f->timing);
+    if (f->status != NULL) trocar_status_t_destroy(f->status);
+    if (f->deformation != NULL) trocar_deformation_t_destroy(f->deformation);
+    if (f->contacts != NULL) trocar_contacts_t_destroy(f->contacts);
+    telemetry_free(&f->telemetry);
+    exchange_free(&f->exchange);
+    simulation_free(&f->simulation);
+    free(f);
+    return 0;
+}
+
+/* A needle pushed 20 mm into the tissue in lockstep, as the haptic thread would show it. */
+static void show_a_needle(fixture *f) {
+    view_sample *view = newest_slot(&f->exchange.views);
+    compliance_snapshot *snapshot = calloc(1, sizeof *snapshot);
+    insertion_wrench wrench;
+    report why;
+    pose base = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}};
+    insertion_reset(&f->simulation.insertion, base, &view->state);
+    for (int i = 0; i < 500; i++) {
+        base.position.z += 0.05e-3;
+        assert_int_equal(simulation_step(&f->simulation, &view->state, snapshot, base, 1e-3, &wrench, &why), TROCAR_OK);
+    }
+    view->tick = 499;
+    view->flags = TROCAR_NEEDLE_WRENCH_T_STALE;
+    view->wrench_dropped = 3;
+    newest_publish(&f->exchange.views);
+    free(snapshot);
+}
+
+static void show_the_rest(fixture *f) {
+    loop_record *loop = newest_slot(&f->exchange.loops);
+    for (int i = 0; i < 100; i++) histogram_add(&loop->compute, 50000);
+    loop->ticks = 500;
+    loop->misses = 2;
+    newest_publish(&f->exchange.loops);
+    intake_record *in = newest_slot(&f->exchange.intakes);
+    in->owner = 8;
+    in->received = monotonic_ns() - 500000000;
+    in->counts[POSE_ACCEPTED] = 490;
+    in->counts[POSE_JUMPED] = 4;
+    strcpy(in->message, "session 9 refused: session 8 holds the needle");
+    newest_publish(&f->exchange.intakes);
+    int64_t latency = 3000000;
+    ring_push(&f->exchange.latencies, &latency);
+}
+
+static void receive(fixture *f) {
+    lcm_t *lcm = f->telemetry.lcm;
+    trocar_loop_timing_t_subscription_t *a = trocar_loop_timing_t_subscribe(lcm, "TROCAR_TIMING", on_timing, f);
+    trocar_status_t_subscription_t *b = trocar_status_t_subscribe(lcm, "TROCAR_STATUS", on_status, f);
+    trocar_deformation_t_subscription_t *c = trocar_deformation_t_subscribe(lcm, "TROCAR_DEFORMATION", on_deformation, f);
+    trocar_contacts_t_subscription_t *d = trocar_contacts_t_subscribe(lcm, "TROCAR_CONTACTS", on_contacts, f);
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, telemetry_run, &f->telemetry), 0);
+    sleep_until(monotonic_ns() + 300000000);
+    telemetry_stop(&f->telemetry);
+    pthread_join(thread, NULL);
+    while (lcm_handle_timeout(lcm, 0) > 0) continue;
+    trocar_loop_timing_t_unsubscribe(lcm, a);
+    trocar_status_t_unsubscribe(lcm, b);
+    trocar_deformation_t_unsubscribe(lcm, c);
+    trocar_contacts_t_unsubscribe(lcm, d);
+}
+
+static void all_four_messages_say_what_was_shown(void **state) {
+    fixture *f = *state;
+    show_a_needle(f);
+    show_the_rest(f);
+    receive(f);
+    assert_true(f->timing && f->status && f->deformation && f->contacts);
+
+    assert_int_equal(f->timing->ticks, 500);
+    assert_int_equal(f->timing->misses, 2);
+    assert_int_equal(f->timing->wrench_dropped, 3);
+    assert_true(fabs(f->timing->compute_p99 - 50e-6) < 2e-6);
+    assert_true(fabs(f->timing->worker_latency_max - 3e-3) < 1e-9);
+
+    assert_int_equal(f->status->owner, 8);
+    assert_int_equal(f->status->poses_accepted, 490);
+    assert_int_equal(f->status->poses_jumped, 4);
+    assert_true(f->status->pose_age > 0.5 && f->status->pose_age < 5);
+    assert_int_equal(f->status->flags, TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME);
+    assert_string_equal(f->status->message, "session 9 refused: session 8 holds the needle");
+    assert_non_null(strstr(f->status->scene, "figure8.yaml"));
+}
+
+/* The viewer's picture is consistent: nodes on the surface only, pulled along with the needle, none moved if fixed. */
+static void the_surface_moves_with_the_needle(void **state) {
+    fixture *f = *state;
+    show_a_needle(f);
+    receive(f);
+    assert_true(f->deformation && f->deformation->node_count > 100);
+    assert_int_equal(f->deformation->tick, 499);
+    double furthest = 0.0;
+    for (int i = 0; i < f->deformation->node_count; i++) {
+        const float *u = f->deformation->displacement[i];
+        int node = f->deformation->node[i];
+        assert_true(i == 0 || node > f->deformation->node[i - 1]);
+        if (f->simulation.tissue.fixed[node]) assert_true(u[0] == 0 && u[1] == 0 && u[2] == 0);
+        furthest = fmax(furthest, fabs((double)u[2]));
+    }
+    assert_true(furthest > 1e-5 && furthest < 0.02);
+}
+
+static void the_contacts_lie_on_the_needle(void **state) {
+    fixture *f = *state;
+    show_a_needle(f);
+    receive(f);
+    const trocar_contacts_t *c = f->contacts;
+    assert_non_null(c);
+    assert_int_equal(c->joint_count, f->simulation.needle.given.segments + 1);
+    assert_true(c->contact_count >= 2);
+    const double *tip = c->centreline[c->joint_count - 1], *last = c->position[c->contact_count - 1];
+    for (int a = 0; a < 3; a++) assert_true(tip[a] == last[a]);
+    double pull = 0.0;
+    for (int i = 0; i < c->contact_count; i++) {
+        assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight along z */
+        pull += c->force[i][2];
+    }
+    assert_true(pull > 0.2); /* the tissue is pushed forward */
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(all_four_messages_say_what_was_shown, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_surface_moves_with_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -59,8 +59,7 @@ static const cyaml_schema_value_t scene_schema = {CYAML_VALUE_MAPPING(CYAML_FLAG
 typedef struct {
     char cause[256];
     char path[256];          /* keys and indices of the backtrace, as in "regions[1].friction" */
-    size_t line;             /* innermost, 0 if unknown */
-    bool in_key;             /* the innermost step is a key */
+    bool ends_in_key;        /* the innermost step is a key */
     int steps;
 } load_log;
 
@@ -71,21 +70,19 @@ static void prepend_step(load_log *log, const char *step) {
     strcpy(log->path, joined);
 }
 
-/* One line of the backtrace, such as "  in mapping field 'needle' (line: 3, column: 1)". */
-static void note_place(load_log *log, const char *text) {
-    char key[101], step[24];
-    unsigned index;
-    size_t line;
-    bool is_key = sscanf(text, "  in mapping field '%100[^']' (line: %zu", key, &line) == 2;
-    bool is_entry = !is_key && sscanf(text, "  in sequence entry '%u' (line: %zu", &index, &line) == 2;
-    bool is_mapping = !is_key && !is_entry && sscanf(text, "  in mapping (line: %zu", &line) == 1;
-    if (!is_key && !is_entry && !is_mapping) return;
-    if (log->steps++ == 0) {
-        log->line = line;
-        log->in_key = is_key;
+/* One line of the backtrace, such as "  in mapping field 'needle' (line: 3, column: 1)". Its lines are those of the
+   last event read, which is often the one before the fault; the key's own line is looked up instead. */
+static void note_step(load_log *log, const char *text) {
+    char key[101], entry[24];
+    unsigned number;
+    bool is_key = sscanf(text, "  in mapping field '%100[^']'", key) == 1;
+    if (log->steps++ == 1) log->ends_in_key = is_key; /* after the heading */
+    if (is_key) {
+        prepend_step(log, key);
+    } else if (sscanf(text, "  in sequence entry '%u'", &number) == 1) {
+        snprintf(entry, sizeof entry, "[%u]", number - 1); /* libcyaml counts from 1 */
+        prepend_step(log, entry);
     }
-    snprintf(step, sizeof step, "[%u]", is_entry ? index - 1 : 0); /* libcyaml counts from 1 */
-    if (!is_mapping) prepend_step(log, is_key ? key : step);
 }
 
 __attribute__((format(printf, 3, 0)))
@@ -96,18 +93,26 @@ static void take_log(cyaml_log_t level, void *context, const char *format, va_li
     vsnprintf(text, sizeof text, format, arguments);
     text[strcspn(text, "\n")] = '\0';
     if (log->cause[0] == '\0') strcpy(log->cause, text);
-    else note_place(log, text);
+    else note_step(log, text);
 }
 
-/* libcyaml's causes in plain words; `drops_key`: the key in the backtrace is only the last one read before. */
-static const struct { const char *cause, *words; bool quotes_rest, drops_key; } CAUSES[] = {
-    {"Load: Unexpected key: ", "unknown key", true, false},
-    {"Load: Missing required mapping field: ", "missing key", true, true},
-    {"Load: Mapping field already seen: ", "repeated key", true, true},
-    {"Load: Expecting STRING", "expected a single value", false, false},
-    {"Load: Expecting MAPPING", "expected keys with values", false, false},
-    {"Load: Expecting SEQUENCE", "expected a list", false, false},
+/* libcyaml's causes in plain words. The first ones end in the name of a key. */
+typedef enum { KEY_HERE, KEY_MISSING, NO_KEY } cause_kind;
+static const struct { const char *cause, *words; cause_kind kind; } CAUSES[] = {
+    {"Load: Unexpected key: ", "unknown key", KEY_HERE},
+    {"Load: Mapping field already seen: ", "repeated key", KEY_HERE},
+    {"Load: Missing required mapping field: ", "missing key", KEY_MISSING},
+    {"Load: Expecting STRING", "expected a single value", NO_KEY},
+    {"Load: Expecting MAPPING", "expected keys with values", NO_KEY},
+    {"Load: Expecting SEQUENCE", "expected a list", NO_KEY},
 };
+enum { CAUSE_COUNT = sizeof CAUSES / sizeof *CAUSES };
+
+static int find_cause(const char *text) {
+    int i = 0;
+    while (i < CAUSE_COUNT && strncmp(text, CAUSES[i].cause, strlen(CAUSES[i].cause)) != 0) i++;
+    return i;
+}
 
 static void drop_last_key(char *path) {
     char *dot = strrchr(path, '.');
@@ -117,20 +122,16 @@ static void drop_last_key(char *path) {
 
 static trocar_status explain(const char *name, cyaml_err_t error, load_log *log, yaml_lines *lines, report *why) {
     if (error == CYAML_ERR_OOM) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", name);
-    char words[320];
-    snprintf(words, sizeof words, "%s", log->cause[0] ? log->cause : cyaml_strerror(error));
-    for (size_t i = 0; i < sizeof CAUSES / sizeof *CAUSES; i++) {
-        size_t length = strlen(CAUSES[i].cause);
-        if (strncmp(log->cause, CAUSES[i].cause, length) != 0) continue;
-        if (CAUSES[i].quotes_rest) snprintf(words, sizeof words, "%s \"%s\"", CAUSES[i].words, log->cause + length);
-        else snprintf(words, sizeof words, "%s", CAUSES[i].words);
-        if (CAUSES[i].drops_key && log->in_key) {
-            drop_last_key(log->path);
-            log->line = (size_t)yaml_lines_find(lines, log->path);
-        }
-    }
-    if (log->line == 0) log->line = (size_t)yaml_lines_find(lines, log->path);
-    return fail(why, TROCAR_BAD_INPUT, "%s:%zu: %s%s%s", name, log->line, log->path, log->path[0] ? ": " : "", words);
+    int cause = find_cause(log->cause);
+    bool known = cause < CAUSE_COUNT, names_key = known && CAUSES[cause].kind != NO_KEY;
+    const char *words = known ? CAUSES[cause].words : log->cause[0] ? log->cause : cyaml_strerror(error);
+    const char *key = names_key ? log->cause + strlen(CAUSES[cause].cause) : "", *quote = names_key ? "\"" : "";
+    if (names_key && log->ends_in_key) drop_last_key(log->path); /* that is the key read before */
+
+    char place[512];
+    snprintf(place, sizeof place, "%s.%s", log->path, known && CAUSES[cause].kind == KEY_HERE ? key : "");
+    return fail(why, TROCAR_BAD_INPUT, "%s:%d: %s%s%s%s%s%s%s", name, yaml_lines_find(lines, place), log->path,
+                log->path[0] ? ": " : "", words, names_key ? " " : "", quote, key, quote);
 }
 
 /* ---- reading ---- */

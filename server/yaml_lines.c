@@ -21,38 +21,42 @@ trocar_status yaml_lines_open(const char *name, const char *text, size_t length,
 
 void yaml_lines_close(yaml_lines *lines) { yaml_document_delete(&lines->document); }
 
-/* Value of `key` (of this length) in a mapping, or NULL. */
-static yaml_node_t *member(yaml_document_t *document, const yaml_node_t *node, const char *key, size_t length) {
+/* The pair of this key (of this length) in a mapping, or NULL. */
+static yaml_node_pair_t *find_pair(yaml_document_t *document, const yaml_node_t *node, const char *key, size_t length) {
     if (node->type != YAML_MAPPING_NODE) return NULL;
     for (yaml_node_pair_t *pair = node->data.mapping.pairs.start; pair < node->data.mapping.pairs.top; pair++) {
         const yaml_node_t *name = yaml_document_get_node(document, pair->key);
         if (name->type == YAML_SCALAR_NODE && name->data.scalar.length == length
             && memcmp(name->data.scalar.value, key, length) == 0)
-            return yaml_document_get_node(document, pair->value);
+            return pair;
     }
     return NULL;
 }
 
-static yaml_node_t *entry(yaml_document_t *document, const yaml_node_t *node, long index) {
+static yaml_node_t *find_entry(yaml_document_t *document, const yaml_node_t *node, long index) {
     if (node->type != YAML_SEQUENCE_NODE) return NULL;
     long count = node->data.sequence.items.top - node->data.sequence.items.start;
     return index >= 0 && index < count ? yaml_document_get_node(document, node->data.sequence.items.start[index]) : NULL;
 }
 
 int yaml_lines_find(yaml_lines *lines, const char *path) {
-    yaml_node_t *node = yaml_document_get_root_node(&lines->document), *next = node;
-    while (next && *path) {
+    yaml_document_t *document = &lines->document;
+    yaml_node_t *node = yaml_document_get_root_node(document);
+    const yaml_node_t *place = node; /* key or entry that led to `node` */
+    while (node && *path) {
         if (*path == '[') {
             char *end;
-            next = entry(&lines->document, node, strtol(path + 1, &end, 10));
+            node = find_entry(document, node, strtol(path + 1, &end, 10));
+            if (node) place = node;
             path = *end == ']' ? end + 1 : end;
         } else {
             if (*path == '.') path++;
             size_t length = strcspn(path, ".[");
-            next = member(&lines->document, node, path, length);
+            const yaml_node_pair_t *pair = find_pair(document, node, path, length);
+            if (pair) place = yaml_document_get_node(document, pair->key);
+            node = pair ? yaml_document_get_node(document, pair->value) : NULL;
             path += length;
         }
-        if (next) node = next;
     }
-    return (int)node->start_mark.line + 1;
+    return (int)place->start_mark.line + 1;
 }

@@ -13,7 +13,8 @@ typedef struct { yaml_document_t document; } yaml_lines;
 trocar_status yaml_lines_open(const char *name, const char *text, size_t length, yaml_lines *lines, report *why);
 void yaml_lines_close(yaml_lines *lines);
 
-/* Line (from 1) of the value at a path such as "regions[0].friction.static", or of its innermost parent that is there. */
+/* Line (from 1) of the key or entry at a path such as "regions[0].friction.static", or of its innermost parent that is
+   there. A repeated key counts where it is first. */
 int yaml_lines_find(yaml_lines *lines, const char *path);
 
 #endif

@@ -1,0 +1,282 @@
+/* Scene files: what a good one says, and the message for each way to be bad. */
+#include "scene.h" /* before cmocka.h, whose macro hides `fail` */
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static const char GOOD[] =
+    "mesh: body.msh\n"                                             /* 1 */
+    "rate_hz: 500\n"                                               /* 2 */
+    "regions:\n"                                                   /* 3 */
+    "  - name: gland\n"                                            /* 4 */
+    "    youngs_modulus: 61e3\n"                                   /* 5 */
+    "    poisson_ratio: 0.41\n"                                    /* 6 */
+    "    cutting_force: .inf\n"                                    /* 7 */
+    "    cutting_viscosity: 2.5\n"                                 /* 8 */
+    "    friction: {static: 14, kinetic: 8, viscous: 90}\n"        /* 9 */
+    "  - name: around\n"                                           /* 10 */
+    "membranes:\n"                                                 /* 11 */
+    "  - {name: skin, puncture_force: 1.1}\n"                      /* 12 */
+    "  - {name: capsule, puncture_force: .inf}\n"                  /* 13 */
+    "fixed: [back, below]\n"                                       /* 14 */
+    "needle: {length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
+    "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
+    "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
+    "         segments: 30}\n"                                     /* 18 */
+    "contact: {spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "remeshing: woodbury\n"                                        /* 20 */
+    "device: {max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
+    "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
+
+static char directory[] = "/tmp/test_scene.XXXXXX", path[64];
+
+static int make_directory(void **state) {
+    (void)state;
+    if (!mkdtemp(directory)) return -1;
+    snprintf(path, sizeof path, "%s/s.yaml", directory);
+    return 0;
+}
+
+static int remove_directory(void **state) {
+    (void)state;
+    return rmdir(directory);
+}
+
+static trocar_status load_text(const char *text, scene *s, report *why) {
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    assert_true(fputs(text, file) >= 0);
+    fclose(file);
+    trocar_status status = scene_load(path, s, why);
+    unlink(path);
+    return status;
+}
+
+static void load_good(const char *text, scene *s) {
+    report why = {""};
+    if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
+}
+
+/* `words` follow the path of the file: ":12: regions[0].name: ..." */
+static void assert_refused(const char *text, const char *words) {
+    char expected[256];
+    scene s;
+    report why = {""};
+    trocar_status status = load_text(text, &s, &why);
+    snprintf(expected, sizeof expected, "%s%s", path, words);
+    if (status != TROCAR_BAD_INPUT || strncmp(why.text, expected, strlen(expected)) != 0)
+        fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
+}
+
+/* GOOD with one piece replaced. */
+static void assert_change_refused(const char *piece, const char *other, const char *words) {
+    const char *at = strstr(GOOD, piece);
+    assert_non_null(at);
+    char changed[sizeof GOOD + 2048];
+    snprintf(changed, sizeof changed, "%.*s%s%s", (int)(at - GOOD), GOOD, other, at + strlen(piece));
+    assert_refused(changed, words);
+}
+
+static void every_value_arrives(void **state) {
+    (void)state;
+    scene s;
+    load_good(GOOD, &s);
+    const simulation_config *c = &s.simulation;
+    char mesh_path[128];
+    snprintf(mesh_path, sizeof mesh_path, "%s/body.msh", directory);
+    assert_string_equal(c->mesh_path, mesh_path);
+    assert_string_equal(s.path, path);
+    assert_true(s.rate_hz == 500);
+    assert_int_equal(c->region_count, 2);
+    assert_string_equal(c->regions[0].name, "gland");
+    assert_string_equal(c->regions[1].name, "around");
+    const region_material *m = &c->regions[0].material;
+    assert_true(m->youngs_modulus == 61e3 && m->poisson_ratio == 0.41 && isinf(m->cutting_force) && m->cutting_viscosity == 2.5);
+    assert_true(m->friction_static == 14 && m->friction_kinetic == 8 && m->friction_viscous == 90);
+    assert_int_equal(c->membrane_count, 2);
+    assert_string_equal(c->membranes[1].name, "capsule");
+    assert_true(c->membranes[0].puncture_force == 1.1 && isinf(c->membranes[1].puncture_force));
+    assert_int_equal(c->fixed_count, 2);
+    assert_string_equal(c->fixed[0], "back");
+    assert_string_equal(c->fixed[1], "below");
+    const needle_parameters *n = &c->needle;
+    assert_true(n->length == 0.15 && n->outer_diameter == 1.1e-3 && n->inner_diameter == 0 && n->youngs_modulus == 190e9);
+    assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->segments == 30);
+    const insertion_settings *i = &c->insertion;
+    assert_true(i->contact_spacing == 3e-3 && i->resolution == 0.35 && i->weakening_distance == 2e-3);
+    assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
+    assert_int_equal(c->remeshing, REMESH_WOODBURY);
+    const guard_limits *g = &s.guard;
+    assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
+    assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
+}
+
+static void what_is_left_out_has_its_default(void **state) {
+    (void)state;
+    scene s;
+    load_good("mesh: /elsewhere/a.msh\nregions: [{name: all, friction: {kinetic: 3}}]\nfixed: [bottom]\n", &s);
+    simulation_config defaults;
+    simulation_defaults(&defaults);
+    region_material material = region_defaults();
+    guard_limits limits = guard_defaults();
+    assert_string_equal(s.simulation.mesh_path, "/elsewhere/a.msh");
+    assert_true(s.rate_hz == 1000);
+    assert_memory_equal(&s.simulation.needle, &defaults.needle, sizeof defaults.needle);
+    assert_memory_equal(&s.simulation.insertion, &defaults.insertion, sizeof defaults.insertion);
+    assert_int_equal(s.simulation.remeshing, REMESH_NESTED);
+    assert_int_equal(s.simulation.membrane_count, 0);
+    assert_memory_equal(&s.guard, &limits, sizeof limits);
+    material.friction_kinetic = 3;
+    assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
+}
+
+static void unreadable_files_are_named(void **state) {
+    (void)state;
+    scene s;
+    report why = {""};
+    assert_int_equal(scene_load("/nowhere/lost.yaml", &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "/nowhere/lost.yaml: cannot open"));
+    assert_int_equal(scene_load(directory, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, directory));
+    char *endless = malloc(2000);
+    memset(endless, 'x', 1999);
+    endless[1999] = '\0';
+    assert_int_equal(scene_load(endless, &s, &why), TROCAR_BAD_INPUT);
+    free(endless);
+    assert_refused("", ": empty");
+    assert_refused("# nothing\n", ": empty");
+}
+
+static void broken_yaml_is_refused_with_its_line(void **state) {
+    (void)state;
+    assert_change_refused("kinetic: 8, viscous: 90}", "kinetic: 8, viscous: 90", ":10: not valid YAML: ");
+    assert_change_refused("rate_hz: 500", "\trate_hz: 500", ":2: not valid YAML: ");
+}
+
+static void keys_that_are_not_of_the_schema_are_refused(void **state) {
+    (void)state;
+    assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
+    assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
+    assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
+    assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
+    assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
+    assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
+}
+
+static void mandatory_keys_are_asked_for(void **state) {
+    (void)state;
+    assert_change_refused("mesh: body.msh\n", "", ":1: missing key \"mesh\"");
+    assert_change_refused("fixed: [back, below]\n", "", ":1: missing key \"fixed\"");
+    assert_change_refused("  - name: around", "  - youngs_modulus: 1e3", ":10: regions[1]: missing key \"name\"");
+    assert_change_refused("{name: skin, puncture_force: 1.1}", "{name: skin}", ":12: membranes[0]: missing key \"puncture_force\"");
+    assert_refused("mesh: a\nfixed: [b]\n", ":1: missing key \"regions\"");
+}
+
+static void values_of_the_wrong_shape_are_refused(void **state) {
+    (void)state;
+    assert_change_refused("rate_hz: 500", "rate_hz: [500]", ":2: rate_hz: expected a single value");
+    assert_change_refused("fixed: [back, below]", "fixed: back", ":14: fixed: expected a list");
+    assert_change_refused("  - name: around", "  - around", ":10: regions[1]: expected keys with values");
+    assert_change_refused("{static: 14, kinetic: 8, viscous: 90}", "14", ":9: regions[0].friction: expected keys with values");
+    assert_refused("hello\n", ":1: expected keys with values");
+    assert_refused("- mesh\n", ":1: expected keys with values");
+}
+
+static void values_out_of_range_are_refused(void **state) {
+    (void)state;
+    static const struct { const char *piece, *other, *words; } cases[] = {
+        {"mesh: body.msh", "mesh: ''", ":1: mesh: "},
+        {"rate_hz: 500", "rate_hz: 249", ":2: rate_hz: \"249\": expected a number from 250 to 10000 (Hz)"},
+        {"rate_hz: 500", "rate_hz: 10001", ":2: rate_hz: "},
+        {"rate_hz: 500", "rate_hz: fast", ":2: rate_hz: \"fast\""},
+        {"rate_hz: 500", "rate_hz: 500Hz", ":2: rate_hz: \"500Hz\""},
+        {"rate_hz: 500", "rate_hz: .nan", ":2: rate_hz: "},
+        {"rate_hz: 500", "rate_hz: nan", ":2: rate_hz: "},
+        {"rate_hz: 500", "rate_hz:", ":2: rate_hz: \"\""},
+        {"name: gland", "name: ''", ":4: regions[0].name: "},
+        {"name: around", "name: gland", ":10: regions[1].name: \"gland\" is there twice"},
+        {"youngs_modulus: 61e3", "youngs_modulus: 0", ":5: regions[0].youngs_modulus: "},
+        {"youngs_modulus: 61e3", "youngs_modulus: .inf", ":5: regions[0].youngs_modulus: "},
+        {"youngs_modulus: 61e3", "youngs_modulus: 1e999", ":5: regions[0].youngs_modulus: "},
+        {"poisson_ratio: 0.41", "poisson_ratio: 0.5", ":6: regions[0].poisson_ratio: \"0.5\": expected a number of at least 0 and below 0.5"},
+        {"poisson_ratio: 0.41", "poisson_ratio: -0.1", ":6: regions[0].poisson_ratio: "},
+        {"cutting_force: .inf", "cutting_force: -1", ":7: regions[0].cutting_force: "},
+        {"cutting_viscosity: 2.5", "cutting_viscosity: .inf", ":8: regions[0].cutting_viscosity: "},
+        {"kinetic: 8", "kinetic: 15", ":9: regions[0].friction.kinetic: 15 N/m exceeds the static limit of 14 N/m"},
+        {"viscous: 90", "viscous: -1", ":9: regions[0].friction.viscous: "},
+        {"puncture_force: 1.1", "puncture_force: -1", ":12: membranes[0].puncture_force: "},
+        {"name: capsule", "name: skin", ":13: membranes[1].name: \"skin\" is there twice"},
+        {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" is there twice"},
+        {"[back, below]", "[]", ":14: fixed: expected at least 1"},
+        {"[back, below]", "[a, b, c, d, e, f, g, h, i]", ":14: fixed: 9 entries: expected at most 8"},
+        {"length: 0.15", "length: -0.15", ":15: needle.length: "},
+        {"inner_diameter: 0", "inner_diameter: 1.1e-3", ":16: needle.inner_diameter: "},
+        {"outer_diameter: 1.1e-3", "outer_diameter: 1", ":15: needle.outer_diameter: "},
+        {"segments: 30", "segments: 65", ":18: needle.segments: \"65\": expected a whole number from 2 to 64"},
+        {"segments: 30", "segments: 2.5", ":18: needle.segments: "},
+        {"spacing: 3e-3", "spacing: 0", ":19: contact.spacing: "},
+        {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
+        {"woodbury", "sparse", ":20: remeshing: \"sparse\": expected nested or woodbury"},
+        {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},
+        {"ramp_time: 0.2", "ramp_time: 0", ":22: device.ramp_time: "},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        assert_change_refused(cases[i].piece, cases[i].other, cases[i].words);
+}
+
+static void names_longer_than_the_mesh_can_hold_are_refused(void **state) {
+    (void)state;
+    char name[80] = "name: ";
+    memset(name + 6, 'n', MESH_NAME - 1);
+    scene s;
+    char text[256];
+    snprintf(text, sizeof text, "mesh: a\nregions: [{%s}]\nfixed: [b]\n", name);
+    load_good(text, &s);
+    assert_int_equal(strlen(s.simulation.regions[0].name), MESH_NAME - 1);
+    memset(name + 6, 'n', MESH_NAME);
+    snprintf(text, sizeof text, "mesh: a\nregions: [{%s}]\nfixed: [b]\n", name);
+    assert_refused(text, ":2: regions[0].name: ");
+}
+
+static void aliases_that_contain_themselves_do_no_harm(void **state) {
+    (void)state;
+    scene s;
+    report why = {""};
+    assert_int_equal(load_text("mesh: a\nregions: &r [*r]\nfixed: [b]\n", &s, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(load_text("mesh: a\nregions: [{name: x, friction: &f {static: *f}}]\nfixed: [b]\n", &s, &why), TROCAR_BAD_INPUT);
+}
+
+static void the_figure_8_scene_is_good(void **state) {
+    (void)state;
+    scene s;
+    report why = {""};
+    if (scene_load(MESHES "/figure8.yaml", &s, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    assert_string_equal(s.simulation.mesh_path, MESHES "/prostate-570.msh");
+    assert_int_equal(s.simulation.region_count, 2);
+    assert_int_equal(s.simulation.membrane_count, 2);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_value_arrives),
+        cmocka_unit_test(what_is_left_out_has_its_default),
+        cmocka_unit_test(unreadable_files_are_named),
+        cmocka_unit_test(broken_yaml_is_refused_with_its_line),
+        cmocka_unit_test(keys_that_are_not_of_the_schema_are_refused),
+        cmocka_unit_test(mandatory_keys_are_asked_for),
+        cmocka_unit_test(values_of_the_wrong_shape_are_refused),
+        cmocka_unit_test(values_out_of_range_are_refused),
+        cmocka_unit_test(names_longer_than_the_mesh_can_hold_are_refused),
+        cmocka_unit_test(aliases_that_contain_themselves_do_no_harm),
+        cmocka_unit_test(the_figure_8_scene_is_good),
+    };
+    return cmocka_run_group_tests(tests, make_directory, remove_directory);
+}

@@ -15,7 +15,7 @@
 #include "poselog.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.1;   /* s to wait for after the last pose */
+static const double last_answers = 0.008; /* s to listen after the last pose: less than the server holds the wrench */
 static const int fifo_priority = 70;      /* below the server's threads */
 
 typedef struct {

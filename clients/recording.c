@@ -96,6 +96,7 @@ static void note_jump(const trocar_needle_wrench_t *before, const trocar_needle_
     if (at_puncture || after->tick != before->tick + 1 || jump <= s->largest_jump) return;
     s->largest_jump = jump;
     s->jump_time = time;
+    s->jump_force = v3_norm(v3(b[0], b[1], b[2]));
 }
 
 static void summarise_wrenches(const recording *r, recording_summary *s) {
@@ -164,7 +165,8 @@ void summary_print(const recording_summary *s, FILE *out) {
         fprintf(out, "  membrane %d        at %.3f s, track %.1f mm long, axial force %+.3f N just before\n", p->membrane,
                 p->time, 1e3 * p->depth, p->force);
     }
-    fprintf(out, "largest jump        %.4f N in one tick at %.3f s, punctures left out\n", s->largest_jump, s->jump_time);
+    fprintf(out, "largest jump        %.4f N in one tick, of %.3f N at %.3f s, punctures left out\n", s->largest_jump,
+            s->jump_force, s->jump_time);
     fprintf(out, "flags               ");
     print_flags(s->flags, "", ", ", out);
     fprintf(out, "%s\n", s->flags ? "" : "none");
@@ -194,6 +196,7 @@ void summary_write_json(const recording_summary *s, FILE *out) {
     json_number("deepest_m", s->deepest, out);
     json_number("largest_jump_N", s->largest_jump, out);
     json_number("largest_jump_time_s", s->jump_time, out);
+    json_number("largest_jump_of_N", s->jump_force, out);
     fprintf(out, "  \"most_contacts\": %d,\n  \"puncture_count\": %d,\n  \"punctures\": [", s->most_contacts, s->puncture_count);
     for (int i = 0; i < listed_punctures(s); i++)
         fprintf(out, "%s\n    {\"membrane\": %d, \"time_s\": %.6f, \"depth_m\": %.9g, \"axial_force_N\": %.9g}", i ? "," : "",

@@ -42,6 +42,7 @@ typedef struct {
     puncture punctures[SUMMARY_MAX_PUNCTURES];
     double largest_jump;     /* N, of the raw force from one tick to the next, punctures and the tick after left out */
     double jump_time;        /* s from start */
+    double jump_force;       /* N, magnitude of the raw force there */
     double deepest;          /* m */
     int most_contacts;
     int32_t flags;           /* all that were set at some time */

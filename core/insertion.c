@@ -126,43 +126,53 @@ static double friction_density(const region_material *material, double slid, dou
     return material->friction_kinetic + excess * exp(-slid / weakening_distance);
 }
 
+/* Finds the tip in the refined mesh; false where the snapshot does not cover it. */
+static bool locate_tip(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot) {
+    needle_tip *tip = &state->tip;
+    int handles[4];
+    if (tip->phase != TIP_INSIDE) return false;
+    leaf_point leaf = refinement_locate(model->mesh, &state->refined, state->active, tip->tet, tip->nominal);
+    if (!window_covers(snapshot, &leaf, handles)) return false;
+    tip->leaf = leaf;
+    tip->leaf_tet = tip->tet;
+    return true;
+}
+
 /* A contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
    tip that left it there. */
-static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index) {
+static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index, double dt) {
     shaft_contact *contact = &state->contacts[index];
     const added_node *node = &state->refined.nodes[index];
     const region_material *material = &model->materials[model->mesh->region[node->tet]];
     local_compliance local = local_at(model, node->tet, node->position);
     contact->local_lateral = local.lateral;
     contact->local_axial = local.axial;
-    contact->slip = 0.0;
-    contact->force = v3(0, 0, 0);
     double limit = friction_density(material, contact->slid, model->settings.weakening_distance);
-    double ahead = contact->friction * local.axial * limit; /* (local / share) * (limit * share) */
+    /* (local compliance / share) * (friction density * share), and what it slides in this tick, as the tip did */
+    double ahead = local.axial * (contact->friction * limit + material->friction_viscous * contact->slip / dt) + contact->slip;
     vec3 tissue = v3_add(node->position, displacement_of(state, snapshot, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(tangent_of(&p), v3_sub(p.position, tissue));
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
 }
 
-static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, insertion_wrench *wrench) {
+static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, double dt, insertion_wrench *wrench) {
     int known = window_known_contacts(snapshot, &state->refined);
-    if (known > state->active) wrench->events |= EVENT_ADDED;
-    for (; state->active < known; state->active++) activate_contact(model, state, snapshot, state->active);
+    while (state->active < known) {
+        int index = state->active++;
+        state->contacts[index].force = v3(0, 0, 0);
+        locate_tip(model, state, snapshot); /* the tip's force acts on the refined mesh, with the new node in it */
+        activate_contact(model, state, snapshot, index, dt);
+        wrench->events |= EVENT_ADDED;
+    }
 }
 
-/* Point of the refined mesh at the tip; where the worker is late, the last one that it covered. False: none at all. */
+/* Handles of the point of the refined mesh at the tip; where the worker is late, of the last one that the snapshot
+   covered. False: none at all. */
 static bool tip_known(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int handles[4], insertion_wrench *wrench) {
-    needle_tip *tip = &state->tip;
-    if (tip->phase != TIP_INSIDE) return false;
-    leaf_point leaf = refinement_locate(model->mesh, &state->refined, state->active, tip->tet, tip->nominal);
-    if (window_covers(snapshot, &leaf, handles)) {
-        tip->leaf = leaf;
-        tip->leaf_tet = tip->tet;
-        return true;
-    }
-    wrench->events |= EVENT_LATE;
-    return tip->leaf_tet >= 0 && window_covers(snapshot, &tip->leaf, handles);
+    if (state->tip.phase != TIP_INSIDE) return false;
+    if (!locate_tip(model, state, snapshot)) wrench->events |= EVENT_LATE;
+    return state->tip.leaf_tet >= 0 && window_covers(snapshot, &state->tip.leaf, handles);
 }
 
 /* ---- one solve ---------------------------------------------------------------------------------------------------------- */
@@ -179,7 +189,9 @@ static void share_length(const insertion_state *state, bool tip, double *share) 
     if (tip) share[state->active] = fmax(end - from, 0.0);
 }
 
-static void bound_contacts(const insertion_model *model, const insertion_state *state, bool tip, double dt, const double *share, contact_problem *p) {
+static void bound_contacts(const insertion_model *model, insertion_state *state, bool tip, double dt, insertion_workspace *w) {
+    contact_problem *p = &w->problem;
+    const double *share = w->share;
     double weakening = model->settings.weakening_distance;
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
@@ -195,6 +207,8 @@ static void bound_contacts(const insertion_model *model, const insertion_state *
     const region_material *material = &model->materials[model->mesh->region[state->tip.tet]];
     double limit = share[t] * friction_density(material, state->tip.slid + fabs(state->tip.slip), weakening);
     bool blocked = state->tip.blocked_by != NOT_BLOCKED;
+    state->tip.shaft_force = fmin(fmax(state->tip.shaft_force, -limit), limit); /* a contact left behind took its part along */
+    w->tip_friction = state->tip.shaft_force + material->friction_viscous * share[t] * state->tip.speed;
     p->upper[t] = limit + tip_resistance(model, &state->tip);
     p->lower[t] = -limit;
     p->viscosity[t][0] = material->friction_viscous * share[t] / dt;
@@ -228,7 +242,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
 }
 
 /* Tissue + needle compliance between all points, in their frames; local compliance on the diagonal. */
-static void assemble(const insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
+static void assemble(insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
@@ -248,7 +262,7 @@ static void assemble(const insertion_state *state, insertion_workspace *w, const
         p->gap[unknown(p->count, i, 1)] = gap.y;
         p->gap[unknown(p->count, i, 2)] = gap.z;
     }
-    if (tip) p->gap[unknown(p->count, p->count - 1, 2)] += w->axial[p->count - 1] * state->tip.shaft_force;
+    if (tip) p->gap[unknown(p->count, p->count - 1, 2)] += w->axial[p->count - 1] * w->tip_friction;
 }
 
 /* Local compliances of the points, m/N. Shaft: by its share of length. Tip: sideways as shaft of its share and one
@@ -267,8 +281,9 @@ static void find_local_compliance(const insertion_model *model, const insertion_
 }
 
 /* The part of the tip's force that is friction follows its limit over the shaft's elastic distance of sliding. */
-static void follow_friction(const insertion_model *model, insertion_state *state, double share) {
+static void follow_friction(const insertion_model *model, insertion_state *state, double share, double dt) {
     needle_tip *tip = &state->tip;
+    tip->speed = tip->slip / dt;
     const region_material *material = &model->materials[model->mesh->region[tip->tet]];
     double density = friction_density(material, tip->slid, model->settings.weakening_distance), limit = density * share;
     double stretch = density * local_at(model, tip->tet, tip->nominal).axial;
@@ -334,12 +349,13 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
     locate_points(model, state, w, tip);
     find_local_compliance(model, state, w, tip);
     load_needle(state, w, tip, segments, load);
-    for (wrench->passes = 1;; wrench->passes++) {
+    for (int pass = 1;; pass++) {
+        wrench->passes++;
         int first = segments;
         for (int i = 0; i < p->count; i++) first = w->points[i].first < first ? w->points[i].first : first;
         needle_linearise(model->needle, &state->needle, load, first, &w->tangent);
-        assemble(state, w, snapshot, tip);
-        bound_contacts(model, state, tip, dt, w->share, p);
+        bound_contacts(model, state, tip, dt, w);
+        assemble(w, snapshot, tip);
         if (contact_solve(p) != TROCAR_OK) {
             for (int i = 0; i < state->active; i++) state->contacts[i].slip = 0.0;
             wrench->events |= EVENT_UNSTABLE;
@@ -350,7 +366,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         load_needle(state, w, tip, segments, load);
         double turned = needle_advance(model->needle, &w->tangent, load, &state->needle);
         locate_points(model, state, w, tip);
-        if (wrench->passes >= model->settings.max_passes || turned * turned * model->needle->given.length < model->settings.tolerance) return;
+        if (pass >= model->settings.max_passes || turned * turned * model->needle->given.length < model->settings.tolerance) return;
     }
 }
 
@@ -378,6 +394,7 @@ static void move_freely(const insertion_model *model, insertion_state *state, po
 }
 
 static void sum_wrench(const insertion_state *state, const insertion_workspace *w, bool tip, insertion_wrench *wrench) {
+    wrench->force = wrench->torque = v3(0, 0, 0);
     for (int i = 0; i < state->active + tip; i++) {
         vec3 on_needle = v3_scale(-1.0, i < state->active ? state->contacts[i].force : state->tip.force);
         vec3 lever = v3_sub(w->points[i].position, state->needle.base.position);
@@ -388,9 +405,8 @@ static void sum_wrench(const insertion_state *state, const insertion_workspace *
     wrench->contacts = state->active;
 }
 
-void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                    const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
-    *wrench = (insertion_wrench){.membrane = -1};
+static void step(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                 const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     if (state->tip.phase == TIP_FREE) {
         move_freely(model, state, base, wrench);
     } else {
@@ -400,13 +416,29 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
         tip_move(model, state, &gradient, wrench);
         if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) glide_on_surface(model, state, wrench);
     }
-    accept_snapshot(model, state, snapshot, wrench);
+    accept_snapshot(model, state, snapshot, dt, wrench);
     int handles[4];
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
-    if (tip) follow_friction(model, state, scratch->share[state->active]);
+    if (tip) follow_friction(model, state, scratch->share[state->active], dt);
     tip_puncture(model, state, wrench);
     sum_wrench(state, scratch, tip, wrench);
+}
+
+/* A fraction of the way from the pose held to the new one. */
+static pose between(pose from, pose to, double fraction) {
+    vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
+    return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),
+                  q_unit(q_multiply(q_exp(v3_scale(fraction, turn)), from.orientation))};
+}
+
+void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                    const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
+    *wrench = (insertion_wrench){.membrane = -1};
+    pose held = state->needle.base;
+    int steps = (int)ceil(dt / model->settings.longest_step - 1e-6);
+    for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
+    step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);
 }
 

@@ -16,6 +16,7 @@ typedef struct {
     double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */
+    double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */
     int max_passes;              /* Newton passes a tick, at most */
     double tolerance;            /* m, error of the needle's shape at which the passes stop */
 } insertion_settings;
@@ -72,7 +73,8 @@ typedef struct {
     double slid;             /* m, as in shaft_contact */
     friction_state friction;
     vec3 force;              /* N, world frame, on the tissue */
-    double shaft_force;      /* N, the part of it along the needle that is shaft friction, not cutting */
+    double shaft_force;      /* N, the part of it along the needle that is dry shaft friction, not cutting */
+    double speed;            /* m/s, slip of the last solve over its time: viscous shaft friction */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
@@ -100,6 +102,7 @@ typedef struct {
     vec3 nominal[MAX_POINTS];
     double share[MAX_POINTS];                /* m of shaft that each point stands for */
     double lateral[MAX_POINTS], axial[MAX_POINTS]; /* local compliance, m/N */
+    double tip_friction;                     /* N, the part of the tip's force that is shaft friction, from the last tick */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
 } insertion_workspace;
 

@@ -59,7 +59,7 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     }
     int index = refinement_add(model->mesh, &state->refined, tip->tet, tip->nominal, ++state->next_id);
     state->contacts[index] = (shaft_contact){
-        .arc = model->needle->given.length, .depth = tip->depth, .slid = tip->slid, .friction = tip->friction};
+        .arc = model->needle->given.length, .depth = tip->depth, .slip = tip->slip, .slid = tip->slid, .friction = tip->friction};
 }
 
 /* The tip has come back to its last contact node and takes its place. */

@@ -3,41 +3,45 @@
 #include <math.h>
 #include <string.h>
 
-/* Gaussian elimination of the sideways unknowns, pivoting among their own rows (the block is indefinite when the needle
-   alone is buckled). Leaves the Schur complement, the compliance along the needle with all sideways gaps closed, in the
-   axial rows. */
-static bool eliminate_sideways(contact_problem *p) {
+/* Solves the 2 x 2 block of one contact's sideways unknowns for two right-hand sides. */
+typedef struct { double a, b, c; } block_inverse; /* [a b; b c] */
+
+/* The block may be indefinite (a needle alone may be buckled where needle and tissue together are stable); on its way
+   from one sign to the other it is kept off zero by a compliance far below anything that could be felt. */
+static block_inverse invert_block(double p, double q, double r, double scale) {
+    double least = 1e-8 * scale;
+    if (fabs(p * r - q * q) < least * least) p += least, r += least;
+    double determinant = p * r - q * q;
+    return (block_inverse){r / determinant, -q / determinant, p / determinant};
+}
+
+/* Block elimination of the sideways unknowns, contact by contact, on the lower triangle. Row by row, what is left of the
+   axial rows is the Schur complement: the compliance along the needle with all sideways gaps closed. The sideways rows
+   keep the factors for close_sideways(). */
+static void eliminate_sideways(contact_problem *p) {
     int sideways = 2 * p->count, all = 3 * p->count;
-    for (int c = 0; c < sideways; c++) {
-        int pivot = c;
-        for (int i = c + 1; i < sideways; i++)
-            if (fabs(p->compliance[i][c]) > fabs(p->compliance[pivot][c])) pivot = i;
-        if (p->compliance[pivot][c] == 0.0) return false;
-        if (pivot != c) {
-            for (int j = c; j < all; j++) {
-                double held = p->compliance[c][j];
-                p->compliance[c][j] = p->compliance[pivot][j];
-                p->compliance[pivot][j] = held;
-            }
-            double held = p->gap[c];
-            p->gap[c] = p->gap[pivot];
-            p->gap[pivot] = held;
+    double v0[3 * MAX_POINTS], v1[3 * MAX_POINTS];
+    for (int c = 0; c < sideways; c += 2) {
+        double (*a)[CONTACT_LD] = p->compliance;
+        block_inverse inverse = invert_block(a[c][c], a[c + 1][c], a[c + 1][c + 1], p->scale[c / 2]);
+        for (int i = c + 2; i < all; i++) v0[i] = a[i][c], v1[i] = a[i][c + 1];
+        for (int i = c + 2; i < all; i++) {
+            double f0 = inverse.a * v0[i] + inverse.b * v1[i], f1 = inverse.b * v0[i] + inverse.c * v1[i];
+            double *restrict row = a[i];
+            for (int j = c + 2; j <= i; j++) row[j] -= f0 * v0[j] + f1 * v1[j];
+            p->gap[i] -= f0 * p->gap[c] + f1 * p->gap[c + 1];
+            row[c] = f0, row[c + 1] = f1;
         }
-        const double *restrict from = p->compliance[c];
-        double inverse = 1.0 / from[c];
-        for (int i = c + 1; i < all; i++) {
-            double *restrict row = p->compliance[i];
-            double factor = row[c] * inverse;
-            for (int j = c + 1; j < all; j++) row[j] -= factor * from[j];
-            p->gap[i] -= factor * p->gap[c];
-        }
+        double g0 = p->gap[c], g1 = p->gap[c + 1];
+        p->gap[c] = inverse.a * g0 + inverse.b * g1;
+        p->gap[c + 1] = inverse.b * g0 + inverse.c * g1;
     }
-    return true;
 }
 
 /* Compliance along the needle, after the elimination. */
 static double axial(const contact_problem *p, int i, int j) {
-    return i >= j ? p->compliance[2 * p->count + i][2 * p->count + j] : p->compliance[2 * p->count + j][2 * p->count + i];
+    int row = 2 * p->count + (i > j ? i : j), column = 2 * p->count + (i > j ? j : i);
+    return p->compliance[row][column];
 }
 
 static double slip_at(const contact_problem *p, int i) {
@@ -124,12 +128,13 @@ static bool search_states(contact_problem *p) {
     return false;
 }
 
+/* Back substitution: sideways forces from the axial ones. */
 static void close_sideways(contact_problem *p) {
-    int sideways = 2 * p->count, all = 3 * p->count;
-    for (int i = sideways - 1; i >= 0; i--) {
-        double sum = p->gap[i];
-        for (int j = i + 1; j < all; j++) sum -= p->compliance[i][j] * p->force[j];
-        p->force[i] = sum / p->compliance[i][i];
+    int all = 3 * p->count;
+    memcpy(p->force, p->gap, (size_t)(2 * p->count) * sizeof *p->force);
+    for (int i = all - 1; i >= 2; i--) {
+        int columns = i < 2 * p->count ? i & ~1 : 2 * p->count;
+        for (int j = 0; j < columns; j++) p->force[j] -= p->compliance[i][j] * p->force[i];
     }
 }
 
@@ -137,7 +142,9 @@ trocar_status contact_solve(contact_problem *p) {
     p->switches = 0;
     memset(p->force, 0, sizeof p->force);
     memset(p->slip, 0, sizeof p->slip);
-    if (!eliminate_sideways(p) || !search_states(p)) {
+    for (int i = 0; i < p->count; i++) p->scale[i] = fabs(p->compliance[2 * i][2 * i]) + fabs(p->compliance[2 * i + 1][2 * i + 1]);
+    eliminate_sideways(p);
+    if (!search_states(p)) {
         memset(p->force, 0, sizeof p->force);
         return TROCAR_NUMERIC;
     }

@@ -237,7 +237,8 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
             int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
-            p->compliance[row][column] = p->compliance[column][row] = turned.m[a][b];
+            if (row >= column) p->compliance[row][column] = turned.m[a][b];
+            else p->compliance[column][row] = turned.m[a][b];
         }
 }
 

@@ -1,5 +1,6 @@
 #include "needle.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
@@ -177,53 +178,56 @@ static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) 
     }
 }
 
-/* Rows of the inverse tangent by the recurrence Z(k,j) = -L(k+1)^T Z(k+1,j), upper triangle mirrored as it grows. */
-static void invert_tangent(int n, needle_tangent *tangent) {
-    for (int k = n - 1; k >= 0; k--) {
-        double (*row)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * k];
-        mat3 diagonal = tangent->pivot_inverse[k];
-        if (k + 1 < n) {
-            const mat3 *l = &tangent->lower[k + 1];
-            double (*below)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * (k + 1)];
-            for (int a = 0; a < 3; a++)
-                for (int c = 3 * (k + 1); c < 3 * n; c++)
-                    row[a][c] = -l->m[0][a] * below[0][c] - l->m[1][a] * below[1][c] - l->m[2][a] * below[2][c];
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++)
-                    for (int c = 0; c < 3; c++) diagonal.m[a][b] -= row[a][3 * (k + 1) + c] * l->m[c][b];
-        }
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) row[a][3 * k + b] = 0.5 * (diagonal.m[a][b] + diagonal.m[b][a]);
-        for (int a = 0; a < 3; a++)
-            for (int c = 3 * (k + 1); c < 3 * n; c++) tangent->rows[c][3 * k + a] = row[a][c];
+/* to -= m * from, or m^T * from, for three rows of columns. */
+static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_LD], double (*to)[NEEDLE_LD], int begin, int end) {
+    for (int a = 0; a < 3; a++) {
+        double x = transposed ? m->m[0][a] : m->m[a][0], y = transposed ? m->m[1][a] : m->m[a][1], z = transposed ? m->m[2][a] : m->m[a][2];
+        for (int c = begin; c < end; c++) to[a][c] -= x * from[0][c] + y * from[1][c] + z * from[2][c];
     }
 }
 
-/* A joint moves by the sum over the segments before it of length * rotation x axis: two running sums over the inverse
-   give the compliance between joints. */
-static void sweep_compliance(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, width = 3 * n;
-    memset(tangent->swept[0], 0, sizeof(double[3][3 * NEEDLE_MAX_SEGMENTS]));
+/* Rotations under unit forces at all joints >= first, one column each: a unit force at a joint turns every segment
+   before it by length * axis x force. */
+static void solve_unit_forces(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
     for (int k = 0; k < n; k++) {
         vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
-        double (*z)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->rows[3 * k];
-        double (*from)[3 * NEEDLE_MAX_SEGMENTS] = &tangent->swept[3 * k], (*to)[3 * NEEDLE_MAX_SEGMENTS] = from + 3;
-        for (int c = 0; c < width; c++) {
-            to[0][c] = from[0][c] + z[1][c] * t.z - z[2][c] * t.y;
-            to[1][c] = from[1][c] + z[2][c] * t.x - z[0][c] * t.z;
-            to[2][c] = from[2][c] + z[0][c] * t.y - z[1][c] * t.x;
+        double (*row)[NEEDLE_LD] = &tangent->rotation[3 * k];
+        for (int a = 0; a < 3; a++) memset(&row[a][begin], 0, (size_t)(end - begin) * sizeof(double));
+        for (int joint = first > k ? first : k + 1; joint <= n; joint++) {
+            int c = 3 * joint;
+            row[0][c + 1] = -t.z, row[0][c + 2] = t.y;
+            row[1][c] = t.z, row[1][c + 2] = -t.x;
+            row[2][c] = -t.y, row[2][c + 1] = t.x;
         }
+        if (k > 0) subtract_rows(&tangent->lower[k], false, row - 3, row, begin, end);
     }
-    for (int row = 3 * first; row < 3 * (n + 1); row++) {
-        const double *z = tangent->swept[row];
-        vec3 sum = v3(0, 0, 0);
-        for (int k = 0; k < n; k++) {
-            vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
-            sum = v3_add(sum, v3_cross(v3(z[3 * k], z[3 * k + 1], z[3 * k + 2]), t));
-            if (k + 1 < first) continue;
-            double *out = &tangent->compliance[row][3 * (k + 1)];
-            out[0] = sum.x, out[1] = sum.y, out[2] = sum.z;
+    for (int k = n - 1; k >= 0; k--) {
+        double (*row)[NEEDLE_LD] = &tangent->rotation[3 * k];
+        const mat3 *d = &tangent->pivot_inverse[k];
+        for (int c = begin; c < end; c++) {
+            double x = row[0][c], y = row[1][c], z = row[2][c];
+            for (int a = 0; a < 3; a++) row[a][c] = d->m[a][0] * x + d->m[a][1] * y + d->m[a][2] * z;
         }
+        if (k + 1 < n) subtract_rows(&tangent->lower[k + 1], true, row + 3, row, begin, end);
+    }
+}
+
+/* A joint moves by the sum over the segments before it of length * rotation x axis. */
+static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
+    double sum[3][NEEDLE_LD];
+    memset(sum, 0, sizeof sum);
+    for (int k = 0; k < n; k++) {
+        vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
+        const double (*r)[NEEDLE_LD] = (const double (*)[NEEDLE_LD])&tangent->rotation[3 * k];
+        for (int c = begin; c < end; c++) {
+            sum[0][c] += r[1][c] * t.z - r[2][c] * t.y;
+            sum[1][c] += r[2][c] * t.x - r[0][c] * t.z;
+            sum[2][c] += r[0][c] * t.y - r[1][c] * t.x;
+        }
+        if (k + 1 < first) continue;
+        for (int a = 0; a < 3; a++) memcpy(&tangent->compliance[3 * (k + 1) + a][begin], &sum[a][begin], (size_t)(end - begin) * sizeof(double));
     }
 }
 
@@ -247,8 +251,8 @@ void needle_linearise(const needle_model *model, const needle_state *state, cons
     release_moments(n, tangent, rotation);
     solve_tangent(n, tangent, rotation);
     move_joints(model, state, rotation, tangent->drift);
-    invert_tangent(n, tangent);
-    sweep_compliance(model, state, first, tangent);
+    solve_unit_forces(model, state, first, tangent);
+    sum_displacements(model, state, first, tangent);
 }
 
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {

@@ -48,8 +48,7 @@ typedef struct {
     mat3 lower[NEEDLE_MAX_SEGMENTS];
     vec3 moments[NEEDLE_MAX_SEGMENTS];          /* spatial moment of the joint before each segment, N m */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* joints' displacement if all forces vanished (linearised), m */
-    double rows[3 * NEEDLE_MAX_SEGMENTS][3 * NEEDLE_MAX_SEGMENTS];
-    double swept[3 * (NEEDLE_MAX_SEGMENTS + 1)][3 * NEEDLE_MAX_SEGMENTS];
+    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint, rad/N */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b] */
 } needle_tangent;
 

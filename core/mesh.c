@@ -152,7 +152,8 @@ static double enters_triangle(const segment *ray, vec3 a, vec3 b, vec3 c) {
     double inward = -v3_dot(normal, ray->along);
     if (!(inward > 0)) return INFINITY;
     vec3 p = v3_sub(a, ray->from), q = v3_sub(b, ray->from), r = v3_sub(c, ray->from);
-    if (!left_of_edge(ray->along, p, q) || !left_of_edge(ray->along, q, r) || !left_of_edge(ray->along, r, p)) return INFINITY;
+    if (!left_of_edge(ray->along, p, q) || !left_of_edge(ray->along, q, r) || !left_of_edge(ray->along, r, p))
+        return INFINITY;
     double fraction = -v3_dot(normal, p) / inward;
     double slack = ray->slack * v3_norm(normal) / inward;
     return fraction >= -slack && fraction <= 1.0 + slack ? fmin(fmax(fraction, 0.0), 1.0) : INFINITY;
@@ -299,16 +300,16 @@ static trocar_status join_neighbours(mesh *m, const face_record *faces, const ch
         const face_record *a = &faces[i], *b = a + 1;
         for (next = i + 1; next < count && compare_keys(a->key, faces[next].key) == 0;) next++;
         if (next - i > 2)
-            return fail(why, TROCAR_BAD_INPUT, "%s: %d tetrahedra share the face of nodes %d %d %d: make the mesh conforming",
-                        name, (int)(next - i), a->key[0], a->key[1], a->key[2]);
+            return fail(why, TROCAR_BAD_INPUT, "%s: %d tetrahedra share the face of nodes %d %d %d: make the mesh "
+                        "conforming", name, (int)(next - i), a->key[0], a->key[1], a->key[2]);
         m->neighbours[a->tet][a->face] = -1;
         if (next - i < 2) {
             m->boundary_count++;
             continue;
         }
         if (a->odd == b->odd)
-            return fail(why, TROCAR_BAD_INPUT, "%s: tetrahedra %d and %d overlap at the face of nodes %d %d %d: remesh", name,
-                        a->tet, b->tet, a->key[0], a->key[1], a->key[2]);
+            return fail(why, TROCAR_BAD_INPUT, "%s: tetrahedra %d and %d overlap at the face of nodes %d %d %d: remesh",
+                        name, a->tet, b->tet, a->key[0], a->key[1], a->key[2]);
         m->neighbours[a->tet][a->face] = b->tet;
         m->neighbours[b->tet][b->face] = a->tet;
     }

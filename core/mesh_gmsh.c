@@ -94,10 +94,12 @@ static trocar_status read_nodes(reader *r) {
     size_t *tags = NULL, count = 0, coordinate_count = 0, parameter_count = 0;
     double *coordinates = NULL, *parameters = NULL;
     int error = 0;
-    gmshModelMeshGetNodes(&tags, &count, &coordinates, &coordinate_count, &parameters, &parameter_count, -1, -1, 0, 0, &error);
+    gmshModelMeshGetNodes(&tags, &count, &coordinates, &coordinate_count, &parameters, &parameter_count, -1, -1, 0, 0,
+                          &error);
     trocar_status status;
     if (error) status = gmsh_failed(r);
-    else if (count == 0) status = fail(r->why, TROCAR_BAD_INPUT, "%s: holds no nodes: is it a mesh that Gmsh reads?", r->path);
+    else if (count == 0)
+        status = fail(r->why, TROCAR_BAD_INPUT, "%s: holds no nodes: is it a mesh that Gmsh reads?", r->path);
     else if (count > INT_MAX / 3) status = fail(r->why, TROCAR_BAD_INPUT, "%s: too many nodes (%zu)", r->path, count);
     else status = sort_nodes(r, tags, coordinates, count);
     gmshFree(tags);
@@ -129,7 +131,8 @@ static trocar_status name_group(reader *r, mesh_group *group, int dimension, int
 /* The new group has no nodes yet: those that tetrahedra use are known only when all regions are. */
 static trocar_status add_group(reader *r, int dimension, int tag) {
     if (r->mesh->group_count == MESH_MAX_GROUPS)
-        return fail(r->why, TROCAR_BAD_INPUT, "%s: more than %d physical groups: merge or remove some", r->path, MESH_MAX_GROUPS);
+        return fail(r->why, TROCAR_BAD_INPUT, "%s: more than %d physical groups: merge or remove some", r->path,
+                    MESH_MAX_GROUPS);
     mesh_group group = {.dimension = dimension};
     trocar_status status = name_group(r, &group, dimension, tag);
     if (status == TROCAR_OK) r->mesh->groups[r->mesh->group_count++] = group;
@@ -183,8 +186,8 @@ static trocar_status check_element_types(reader *r) {
     int dimension, order, nodes, primary;
     size_t local_count;
     gmshModelMeshGetElementProperties(other, &name, &dimension, &order, &nodes, &local, &local_count, &primary, &error);
-    fail(r->why, TROCAR_BAD_INPUT, "%s: holds elements of type \"%s\": only linear tetrahedra (4 nodes) are supported", r->path,
-         error == 0 && name ? name : "unknown");
+    fail(r->why, TROCAR_BAD_INPUT, "%s: holds elements of type \"%s\": only linear tetrahedra (4 nodes) are supported",
+         r->path, error == 0 && name ? name : "unknown");
     gmshFree(name);
     gmshFree(local);
     return TROCAR_BAD_INPUT;
@@ -200,8 +203,8 @@ static trocar_status region_of_entity(reader *r, const int tags[], int entity, i
     gmshFree(physical);
     if (error) return gmsh_failed(r);
     if (count > 1 && second >= 0)
-        return fail(r->why, TROCAR_BAD_INPUT, "%s: volume %d is in the regions \"%s\" and \"%s\": leave it in one physical volume",
-                    r->path, entity, r->mesh->groups[*region].name, r->mesh->groups[second].name);
+        return fail(r->why, TROCAR_BAD_INPUT, "%s: volume %d is in the regions \"%s\" and \"%s\": leave it in one physical "
+                    "volume", r->path, entity, r->mesh->groups[*region].name, r->mesh->groups[second].name);
     if (*region < 0)
         return fail(r->why, TROCAR_BAD_INPUT, "%s: the tetrahedra of volume %d are in no physical volume: add them to one",
                     r->path, entity);
@@ -285,8 +288,8 @@ static trocar_status append_triangles(reader *r, const size_t *corners, size_t a
         for (int k = 0; k < 3; k++) {
             int node = node_index(r, corners[3 * i + k]);
             if (node < 0)
-                return fail(r->why, TROCAR_BAD_INPUT, "%s: surface \"%s\" has a triangle on node %zu, which no tetrahedron uses: "
-                            "mesh surface and volume together", r->path, r->mesh->groups[group].name, corners[3 * i + k]);
+                return fail(r->why, TROCAR_BAD_INPUT, "%s: surface \"%s\" has a triangle on node %zu, which no tetrahedron "
+                            "uses: mesh surface and volume together", r->path, r->mesh->groups[group].name, corners[3 * i + k]);
             r->triangles[r->triangle_count][k] = node;
         }
     }

@@ -249,7 +249,8 @@ static trocar_status load_text(const char *yaml, size_t length, scene *s, report
 trocar_status scene_load(const char *path, scene *s, report *why) {
     memset(s, 0, sizeof *s);
     if (strlen(path) >= sizeof s->path)
-        return fail(why, TROCAR_BAD_INPUT, "%.64s...: path of the scene longer than %zu characters", path, sizeof s->path - 1);
+        return fail(why, TROCAR_BAD_INPUT, "%.64s...: path of the scene longer than %zu characters", path,
+                    sizeof s->path - 1);
     strcpy(s->path, path);
     char *yaml = NULL;
     size_t length = 0;

@@ -3,13 +3,21 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* libyaml gives bytes that are no text an offset in place of a line. */
+static size_t line_of_problem(const yaml_parser_t *parser, const char *text) {
+    if (parser->error != YAML_READER_ERROR) return parser->problem_mark.line + 1;
+    size_t line = 1;
+    for (size_t i = 0; i < parser->problem_offset; i++) line += text[i] == '\n';
+    return line;
+}
+
 trocar_status yaml_lines_open(const char *name, const char *text, size_t length, yaml_lines *lines, report *why) {
     yaml_parser_t parser;
     if (!yaml_parser_initialize(&parser)) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to parse it", name);
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, length);
     trocar_status status = TROCAR_OK;
     if (!yaml_parser_load(&parser, &lines->document)) {
-        status = fail(why, TROCAR_BAD_INPUT, "%s:%zu: not valid YAML: %s", name, parser.problem_mark.line + 1,
+        status = fail(why, TROCAR_BAD_INPUT, "%s:%zu: not valid YAML: %s", name, line_of_problem(&parser, text),
                       parser.problem ? parser.problem : "unknown problem");
     } else if (!yaml_document_get_root_node(&lines->document)) {
         yaml_document_delete(&lines->document);

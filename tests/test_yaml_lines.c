@@ -60,7 +60,7 @@ static void what_is_not_yaml_is_refused_with_its_line(void **state) {
     assert_refused("a: 1\nb: {c: 2\n\nd: 3\n", "scene.yaml:4: not valid YAML");
     assert_refused("a: 1\n\tb: 2\n", "scene.yaml:2: not valid YAML");
     assert_refused("a: *lost\n", "scene.yaml:1: not valid YAML");
-    assert_refused("a: \xff\xfe\n", "not valid YAML");
+    assert_refused("a: 1\nb: \xff\xfe\n", "scene.yaml:2: not valid YAML");
 }
 
 int main(void) {

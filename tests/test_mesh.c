@@ -17,7 +17,7 @@ static void check_close(double a, double b, double tolerance, int line) {
 }
 #define assert_close(a, b, tolerance) check_close(a, b, tolerance, __LINE__)
 
-/* ---- a structured box, 6 tets (Kuhn) a cell; the orientation of every other tet is reversed on purpose ---- */
+/* ---- a structured box, 6 tets (Kuhn) a cell; half of them inside out, their nodes in mixed order ---- */
 
 enum { CELLS = 4 };
 static const vec3 BOX = {0.08, 0.1, 0.12}; /* m, from the origin */
@@ -43,7 +43,7 @@ static void fill_tets(mesh *m) {
     for (int t = 0; t < m->tet_count; t++) {
         int cell = t / 6, at[3] = {cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS};
         for (int corner = 0; corner < 4; corner++) {
-            m->tets[t][corner] = grid_node(at[0], at[1], at[2]);
+            m->tets[t][(corner + t) % 4] = grid_node(at[0], at[1], at[2]);
             if (corner < 3) at[orders[t % 6][corner]]++;
         }
     }
@@ -285,6 +285,9 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from the slot into the far leg */
     assert_true(hit.hit);
     assert_close(hit.point.x, 0.75 * BOX.x, 1e-14);
+    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs on the way: the nearer */
+    assert_close(mesh_enter(&m, before, behind).point.x, 0, 1e-14);
+    assert_close(mesh_enter(&m, behind, before).point.x, BOX.x, 1e-14);
     mesh_free(&m);
 }
 

@@ -52,11 +52,13 @@ start_server
 end_server TERM
 cat "$work/device.out" "$work/server.out"
 
-holds "$(value poses_sent) > 2000" || die "the device sent too few poses"
-holds "$(value wrenches_received) > 2000" || die "too few wrenches came"
-holds "$(value wrenches_lost) == 0" || die "wrenches were lost"
 holds "$(value puncture_count) == 2" || die "skin and capsule were not both punctured"
-holds "$(value round_trip_p50_s) < 1.2e-3" || die "round trip longer than a period and 0.2 ms"
+if [ "${TROCAR_CHECK_TIMING:-yes}" = yes ]; then
+    holds "$(value poses_sent) > 2000" || die "the device sent too few poses"
+    holds "$(value wrenches_received) > 2000" || die "too few wrenches came"
+    holds "$(value wrenches_lost) == 0" || die "wrenches were lost"
+    holds "$(value round_trip_p50_s) < 1.2e-3" || die "round trip longer than a period and 0.2 ms"
+fi
 
 start_server --rate 500
 end_server INT

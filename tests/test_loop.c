@@ -30,11 +30,11 @@ enum { SANITIZED = 0 };
 static _Thread_local bool counting;
 static atomic_int allocations;
 
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 static void count(void) {
     if (counting) atomic_fetch_add(&allocations, 1);
 }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 void *__libc_malloc(size_t);
 void *__libc_calloc(size_t, size_t);
 void *__libc_realloc(void *, size_t);

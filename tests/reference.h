@@ -1,0 +1,162 @@
+/* Finite elements the plain way, to check the core against: stiffness as B^T D B, assembled dense, solved by LAPACK.
+   Shares nothing with core but the mesh's nodes and tets. */
+#ifndef TROCAR_TESTS_REFERENCE_H
+#define TROCAR_TESTS_REFERENCE_H
+
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "refinement.h"
+
+/* A mesh of elements with their materials. */
+typedef struct {
+    int node_count, tet_count;
+    vec3 *nodes;                     /* m */
+    int (*tets)[4];
+    int *parent;                     /* nominal tet of each */
+    const region_material **material;
+    bool *fixed;
+    double *matrix;                  /* 3 node_count square: stiffness or its inverse; fixed rows and columns zero */
+} reference;
+
+/* Rows of the inverse of [1 x y z] are the shape functions' coefficients. Returns the volume, positive. */
+static inline double reference_gradients(const vec3 x[4], double gradients[4][3]) {
+    double a[4][4], inverse[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}, determinant = 1.0;
+    lapack_int pivots[4];
+    for (int i = 0; i < 4; i++) memcpy(a[i], (double[4]){1.0, x[i].x, x[i].y, x[i].z}, sizeof a[i]);
+    LAPACKE_dgesv(LAPACK_ROW_MAJOR, 4, 4, &a[0][0], 4, pivots, &inverse[0][0], 4);
+    for (int i = 0; i < 4; i++) {
+        determinant *= a[i][i];
+        for (int d = 0; d < 3; d++) gradients[i][d] = inverse[1 + d][i];
+    }
+    return fabs(determinant) / 6.0;
+}
+
+static inline void reference_elasticity(double e, double nu, double d[6][6]) {
+    double scale = e / ((1.0 + nu) * (1.0 - 2.0 * nu));
+    memset(d, 0, sizeof(double[6][6]));
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) d[i][j] = scale * (i == j ? 1.0 - nu : nu);
+        d[3 + i][3 + i] = e / (2.0 * (1.0 + nu));
+    }
+}
+
+/* V B^T D B with strains xx yy zz xy yz zx (engineering shear). */
+static inline void reference_element(const vec3 x[4], double e, double nu, double k[12][12]) {
+    double g[4][3], b[6][12] = {{0}}, d[6][6], volume = reference_gradients(x, g);
+    reference_elasticity(e, nu, d);
+    for (int n = 0; n < 4; n++)
+        for (int i = 0; i < 3; i++) {
+            b[i][3 * n + i] = g[n][i];
+            b[3 + i][3 * n + i] = g[n][(i + 1) % 3];
+            b[3 + i][3 * n + (i + 1) % 3] = g[n][i];
+        }
+    for (int p = 0; p < 12; p++)
+        for (int q = 0; q < 12; q++) {
+            k[p][q] = 0.0;
+            for (int s = 0; s < 6; s++)
+                for (int t = 0; t < 6; t++) k[p][q] += volume * b[s][p] * d[s][t] * b[t][q];
+        }
+}
+
+static inline double reference_least_weight(const reference *r, int tet, vec3 x) {
+    double g[4][3], least = 1.0, w;
+    vec3 corners[4];
+    for (int i = 0; i < 4; i++) corners[i] = r->nodes[r->tets[tet][i]];
+    reference_gradients(corners, g);
+    for (int i = 0; i < 4; i++) {
+        vec3 from = v3_sub(x, corners[i]);
+        w = 1.0 + g[i][0] * from.x + g[i][1] * from.y + g[i][2] * from.z;
+        if (w < least) least = w;
+    }
+    return least;
+}
+
+/* Splits the element that holds x, by search among the children of `parent`. */
+static inline void reference_split(reference *r, int parent, vec3 x) {
+    int best = parent;
+    for (int t = 0; t < r->tet_count; t++)
+        if (r->parent[t] == parent && reference_least_weight(r, t, x) > reference_least_weight(r, best, x)) best = t;
+    int corners[4], node = r->node_count++;
+    memcpy(corners, r->tets[best], sizeof corners);
+    r->nodes[node] = x;
+    r->fixed[node] = false;
+    for (int i = 0; i < 4; i++) {
+        int child = i == 0 ? best : r->tet_count++;
+        memcpy(r->tets[child], corners, sizeof corners);
+        r->tets[child][i] = node;
+        r->parent[child] = parent;
+        r->material[child] = r->material[parent];
+    }
+}
+
+static inline double *reference_entry(const reference *r, int node, int a, int other, int b) {
+    return r->matrix + (size_t)(3 * node + a) * (size_t)(3 * r->node_count) + (size_t)(3 * other + b);
+}
+
+static inline void reference_assemble(reference *r) {
+    r->matrix = calloc((size_t)(9 * r->node_count * r->node_count), sizeof(double));
+    for (int t = 0; t < r->tet_count; t++) {
+        vec3 corners[4];
+        double k[12][12];
+        for (int i = 0; i < 4; i++) corners[i] = r->nodes[r->tets[t][i]];
+        reference_element(corners, r->material[t]->youngs_modulus, r->material[t]->poisson_ratio, k);
+        for (int p = 0; p < 12; p++)
+            for (int q = 0; q < 12; q++)
+                *reference_entry(r, r->tets[t][p / 3], p % 3, r->tets[t][q / 3], q % 3) += k[p][q];
+    }
+}
+
+/* Fixed dofs get rows and columns of the unit matrix for the inversion, and zeros after it. */
+static inline void reference_isolate(reference *r, double diagonal) {
+    for (int n = 0; n < r->node_count; n++) {
+        if (!r->fixed[n]) continue;
+        for (int o = 0; o < r->node_count; o++)
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) *reference_entry(r, n, a, o, b) = *reference_entry(r, o, b, n, a) = 0.0;
+        for (int a = 0; a < 3; a++) *reference_entry(r, n, a, n, a) = diagonal;
+    }
+}
+
+static inline void reference_invert(reference *r) {
+    int n = 3 * r->node_count;
+    reference_isolate(r, 1.0);
+    LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', n, r->matrix, n);
+    LAPACKE_dpotri(LAPACK_COL_MAJOR, 'L', n, r->matrix, n);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) r->matrix[(size_t)i * n + j] = r->matrix[(size_t)j * n + i];
+    reference_isolate(r, 0.0);
+}
+
+/* The nominal mesh of this tissue with these nodes added one after the other, and its inverted stiffness. */
+static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
+    size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 3 * added->count);
+    *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
+    r->nodes = malloc(nodes * sizeof *r->nodes);
+    r->tets = malloc(tets * sizeof *r->tets);
+    r->parent = malloc(tets * sizeof *r->parent);
+    r->material = malloc(tets * sizeof *r->material);
+    r->fixed = malloc(nodes * sizeof *r->fixed);
+    memcpy(r->nodes, t->mesh->nodes, (size_t)r->node_count * sizeof *r->nodes);
+    memcpy(r->tets, t->mesh->tets, (size_t)r->tet_count * sizeof *r->tets);
+    memcpy(r->fixed, t->fixed, (size_t)r->node_count * sizeof *r->fixed);
+    for (int e = 0; e < r->tet_count; e++) {
+        r->parent[e] = e;
+        r->material[e] = &t->materials[t->mesh->region[e]];
+    }
+    for (int i = 0; i < added->count; i++) reference_split(r, added->nodes[i].tet, added->nodes[i].position);
+    reference_assemble(r);
+    reference_invert(r);
+}
+
+static inline void reference_free(reference *r) {
+    free(r->nodes);
+    free(r->tets);
+    free(r->parent);
+    free(r->material);
+    free(r->fixed);
+    free(r->matrix);
+}
+
+#endif

@@ -1,0 +1,116 @@
+/* The inverse of the stiffness matrix against the matrix itself and against LAPACK. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "cube.h"
+#include "reference.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+static cube body;
+
+static int create(void **state) {
+    (void)state;
+    report why;
+    return cube_create(&body, 0.1, &why) == TROCAR_OK ? 0 : -1;
+}
+
+static int destroy(void **state) {
+    (void)state;
+    cube_free(&body);
+    return 0;
+}
+
+static void stiffness_times_inverse_gives_the_force_back(void **state) {
+    (void)state;
+    tissue *t = &body.tissue;
+    cholmod_dense *u = cholmod_zeros(t->dof_count, 1, CHOLMOD_REAL, &t->common);
+    cholmod_dense *f = cholmod_zeros(t->dof_count, 1, CHOLMOD_REAL, &t->common);
+    for (int n = 0; n < 20; n++) {
+        vec3 force[CUBE_NODES], displacement[CUBE_NODES];
+        for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
+        inverse_apply(body.inverse, force, displacement);
+        for (int i = 0; i < CUBE_NODES; i++)
+            if (t->dof[i] >= 0) memcpy((double *)u->x + t->dof[i], &displacement[i], sizeof displacement[i]);
+            else assert_close_vector(displacement[i], v3(0, 0, 0), 0.0);
+        double one[2] = {1, 0}, zero[2] = {0, 0};
+        cholmod_sdmult(t->stiffness, 0, one, zero, u, f, &t->common);
+        for (int i = 0; i < CUBE_NODES; i++) {
+            const double *x = (const double *)f->x + t->dof[i];
+            if (t->dof[i] >= 0) assert_close_vector(v3(x[0], x[1], x[2]), force[i], 1e-11);
+        }
+    }
+    cholmod_free_dense(&u, &t->common);
+    cholmod_free_dense(&f, &t->common);
+}
+
+static void force_and_displacement_may_be_one_array(void **state) {
+    (void)state;
+    vec3 force[CUBE_NODES], apart[CUBE_NODES];
+    for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
+    inverse_apply(body.inverse, force, apart);
+    inverse_apply(body.inverse, force, force);
+    assert_memory_equal(force, apart, sizeof force);
+}
+
+static void gathered_blocks_are_answers_to_unit_forces(void **state) {
+    (void)state;
+    int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* 7 and 3 are fixed; in any order, twice as well */
+    enum { LD = 11 };
+    double blocks[18 * LD];
+    inverse_gather(body.inverse, 6, rows, 3, columns, blocks, LD);
+    for (int j = 0; j < 9; j++) {
+        vec3 force[CUBE_NODES] = {{0, 0, 0}}, displacement[CUBE_NODES];
+        (&force[columns[j / 3]].x)[j % 3] = 1.0;
+        inverse_apply(body.inverse, force, displacement);
+        for (int i = 0; i < 18; i++) {
+            if (rows[i / 3] == 7 || columns[j / 3] == 3) assert_true(blocks[i * LD + j] == 0.0);
+            assert_close(blocks[i * LD + j], (&displacement[rows[i / 3]].x)[i % 3], 1e-15);
+        }
+    }
+}
+
+static void all_blocks_equal_those_of_lapack(void **state) {
+    (void)state;
+    static const refinement none;
+    reference expected;
+    reference_create(&body.tissue, &none, &expected);
+    int all[CUBE_NODES], n = 3 * CUBE_NODES;
+    for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
+    double *blocks = malloc((size_t)n * n * sizeof *blocks), largest = 0.0;
+    inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, blocks, n);
+    for (int i = 0; i < n * n; i++) largest = fmax(largest, fabs(expected.matrix[i]));
+    for (int i = 0; i < n * n; i++) assert_close(blocks[i], expected.matrix[i], 1e-11 * largest);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) assert_true(blocks[i * n + j] == blocks[j * n + i]);
+    free(blocks);
+    reference_free(&expected);
+}
+
+static void the_dense_matrix_is_numbered_as_the_tissue(void **state) {
+    (void)state;
+    const double *dense = inverse_dense(body.inverse);
+    int node = 77, other = 101;
+    double block[9];
+    inverse_gather(body.inverse, 1, &node, 1, &other, block, 3);
+    size_t n = (size_t)body.tissue.dof_count, row = (size_t)body.tissue.dof[node], column = (size_t)body.tissue.dof[other];
+    for (size_t a = 0; a < 3; a++)
+        for (size_t b = 0; b < 3; b++) assert_true(dense[(column + b) * n + row + a] == block[3 * a + b]);
+    assert_ptr_equal(inverse_tissue(body.inverse), &body.tissue);
+}
+
+int main(void) {
+    srand(1);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(stiffness_times_inverse_gives_the_force_back),
+        cmocka_unit_test(force_and_displacement_may_be_one_array),
+        cmocka_unit_test(gathered_blocks_are_answers_to_unit_forces),
+        cmocka_unit_test(all_blocks_equal_those_of_lapack),
+        cmocka_unit_test(the_dense_matrix_is_numbered_as_the_tissue),
+    };
+    return cmocka_run_group_tests(tests, create, destroy);
+}

@@ -1,0 +1,130 @@
+/* Vectors, matrices and rotations against textbook formulas. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#include "vec.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+static double uniform(void) { return 2.0 * rand() / RAND_MAX - 1.0; }
+static vec3 random_vector(void) { return v3(uniform(), uniform(), uniform()); }
+
+static mat3 random_matrix(void) {
+    vec3 a = random_vector(), b = random_vector(), c = random_vector();
+    return m3_columns(a, b, c);
+}
+
+static void check_same_matrix(const mat3 *a, const mat3 *b, double tolerance, int line) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) check_close(a->m[i][j], b->m[i][j], tolerance, line);
+}
+#define assert_same_matrix(a, b, tolerance) check_same_matrix(a, b, tolerance, __LINE__)
+
+static const mat3 UNIT = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+
+/* Rodrigues: R = 1 + sin(angle) K + (1 - cos(angle)) K^2, K the cross product with the axis. */
+static mat3 rodrigues(vec3 axis, double angle) {
+    mat3 k = {{{0, -axis.z, axis.y}, {axis.z, 0, -axis.x}, {-axis.y, axis.x, 0}}}, r = UNIT;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double square = 0.0;
+            for (int l = 0; l < 3; l++) square += k.m[i][l] * k.m[l][j];
+            r.m[i][j] += sin(angle) * k.m[i][j] + (1.0 - cos(angle)) * square;
+        }
+    return r;
+}
+
+static void products_follow_the_right_hand(void **state) {
+    (void)state;
+    assert_close_vector(v3_cross(v3(1, 0, 0), v3(0, 1, 0)), v3(0, 0, 1), 0.0);
+    assert_close_vector(v3_axpy(2.0, v3(1, 2, 3), v3(-1, 0, 1)), v3(1, 4, 7), 0.0);
+    assert_close(v3_dot(v3(1, 2, 3), v3(4, -5, 6)), 12.0, 0.0);
+    assert_close_vector(v3_unit(v3(0, 3, 4)), v3(0, 0.6, 0.8), 1e-15);
+    for (int i = 0; i < 100; i++) {
+        vec3 a = random_vector(), b = random_vector(), c = v3_cross(a, b);
+        assert_close(v3_dot(a, c), 0.0, 1e-15);
+        assert_close(v3_dot(c, c), v3_dot(a, a) * v3_dot(b, b) - v3_dot(a, b) * v3_dot(a, b), 1e-14); /* Lagrange */
+    }
+}
+
+static void matrices_have_columns_and_rows(void **state) {
+    (void)state;
+    mat3 a = m3_columns(v3(1, 2, 3), v3(4, 5, 6), v3(7, 8, 10)), t = m3_transposed(&a);
+    assert_close_vector(m3_apply(&a, v3(0, 1, 0)), v3(4, 5, 6), 0.0);
+    assert_close_vector(m3_apply(&t, v3(0, 1, 0)), v3(2, 5, 8), 0.0);
+    assert_close(m3_determinant(&a), -3.0, 1e-14);
+    for (int i = 0; i < 100; i++) {
+        mat3 b = random_matrix(), c = random_matrix(), product = m3_multiply(&b, &c), transposed = m3_transposed(&b);
+        vec3 x = random_vector();
+        assert_close_vector(m3_apply(&product, x), m3_apply(&b, m3_apply(&c, x)), 1e-14);
+        assert_close_vector(m3_apply_transposed(&b, x), m3_apply(&transposed, x), 1e-15);
+        assert_close(m3_determinant(&product), m3_determinant(&b) * m3_determinant(&c), 1e-13);
+    }
+}
+
+static void inverse_times_matrix_is_one(void **state) {
+    (void)state;
+    for (int i = 0; i < 1000; i++) {
+        mat3 a = random_matrix();
+        if (fabs(m3_determinant(&a)) < 0.01) continue;
+        mat3 inverse = m3_inverse(&a), left = m3_multiply(&inverse, &a), right = m3_multiply(&a, &inverse);
+        assert_same_matrix(&left, &UNIT, 1e-12);
+        assert_same_matrix(&right, &UNIT, 1e-12);
+    }
+}
+
+static void quaternions_turn_as_rodrigues_says(void **state) {
+    (void)state;
+    assert_close_vector(q_rotate(q_exp(v3(0, 0, M_PI / 2)), v3(1, 0, 0)), v3(0, 1, 0), 1e-15);
+    for (int i = 0; i < 1000; i++) {
+        vec3 axis = v3_unit(random_vector()), x = random_vector();
+        double angle = 4.0 * M_PI * uniform();
+        mat3 expected = rodrigues(axis, angle), matrix = q_matrix(q_exp(v3_scale(angle, axis)));
+        assert_same_matrix(&matrix, &expected, 1e-13);
+        assert_close_vector(q_rotate(q_exp(v3_scale(angle, axis)), x), m3_apply(&expected, x), 1e-13);
+    }
+}
+
+static void products_of_quaternions_are_products_of_matrices(void **state) {
+    (void)state;
+    for (int i = 0; i < 1000; i++) {
+        quat p = q_unit((quat){uniform(), uniform(), uniform(), uniform()}), q = q_exp(random_vector());
+        mat3 a = q_matrix(p), b = q_matrix(q), product = m3_multiply(&a, &b), matrix = q_matrix(q_multiply(p, q));
+        assert_same_matrix(&matrix, &product, 1e-14);
+        mat3 back = q_matrix(q_conjugate(p)), transposed = m3_transposed(&a);
+        assert_same_matrix(&back, &transposed, 1e-15);
+    }
+}
+
+/* From 1e-12 rad to just below half a turn, where the logarithm is hardest. */
+static void logarithm_undoes_exponential(void **state) {
+    (void)state;
+    static const double angles[] = {0.0, 1e-12, 1e-9, 1e-8, 1e-5, 0.1, 1.0, 2.0, 3.0, 3.14, M_PI - 1e-7};
+    for (size_t i = 0; i < sizeof angles / sizeof *angles; i++)
+        for (int n = 0; n < 100; n++) {
+            vec3 r = v3_scale(angles[i], v3_unit(random_vector()));
+            quat q = q_exp(r), opposite = {-q.w, -q.x, -q.y, -q.z};
+            assert_close_vector(q_log(q), r, 1e-15 + 1e-14 * angles[i]);
+            assert_close_vector(q_log(opposite), r, 1e-15 + 1e-14 * angles[i]); /* the same rotation */
+        }
+    vec3 beyond = q_log(q_exp(v3(0, 0, 1.5 * M_PI))); /* three quarters one way are one quarter the other way */
+    assert_close_vector(beyond, v3(0, 0, -0.5 * M_PI), 1e-14);
+}
+
+int main(void) {
+    srand(1);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(products_follow_the_right_hand),
+        cmocka_unit_test(matrices_have_columns_and_rows),
+        cmocka_unit_test(inverse_times_matrix_is_one),
+        cmocka_unit_test(quaternions_turn_as_rodrigues_says),
+        cmocka_unit_test(products_of_quaternions_are_products_of_matrices),
+        cmocka_unit_test(logarithm_undoes_exponential),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

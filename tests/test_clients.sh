@@ -74,7 +74,7 @@ balance() {
     "$programs/trocar-device" --write-log poses.log
     for at in 0.3 1.0 1.38 1.8; do
         "$programs/trocar-replay" --scene "$scene" --poses poses.log --vtu "at-$at" --at $at --quiet
-        python3 "$source/tests/check_vtu.py" "at-$at"
+        "$source/tests/check_vtu.py" "at-$at"
     done
 }
 
@@ -83,7 +83,7 @@ figure() {
     "$programs/trocar-device" --write-log poses.log
     "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv forces.csv --quiet
     "$source/scripts/plot_forces" forces.csv forces.svg
-    python3 -c 'import sys, xml.etree.ElementTree as x; x.parse(sys.argv[1])' forces.svg
+    grep -q "</svg>" forces.svg || fail "the figure is cut short"
     for label in axial sagittal coronal skin capsule; do
         grep -q "$label" forces.svg || fail "no '$label' in the figure"
     done

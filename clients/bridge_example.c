@@ -6,7 +6,7 @@
 #include "trocar_needle_wrench_t.h"
 
 static void read_device(double position[3], double orientation[4]) {      /* yours: m and w x y z, world frame */
-    position[0] = 0.005, position[1] = 0.003, position[2] = -0.205;
+    position[0] = 0.005, position[1] = 0.003, position[2] = -0.201;
     orientation[0] = 1, orientation[1] = orientation[2] = orientation[3] = 0;
 }
 static void render_on_device(const double force[3], const double torque[3]) { (void)force, (void)torque; } /* yours: N, N m */

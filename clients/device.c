@@ -23,7 +23,7 @@ static const struct argp_option option_list[] = {
     {"rate", 'r', "HZ", 0, "Poses a second (default 1000)", 0},
     {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer plays it again", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.205)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.201)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
     {0, 0, 0, 0, "Connection:", 1},
@@ -151,7 +151,7 @@ static trocar_status run_live(const options *o, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.play = {.script = motion_find("figure8"), .start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}}, .rate = 1000,
+    options o = {.play = {.script = motion_find("figure8"), .start = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}, .rate = 1000,
                           .speed = 1, .patience = 5, .settle = 0.3}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;

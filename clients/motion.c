@@ -4,37 +4,37 @@
 #include <string.h>
 
 /* The world of the scenes: skin at z = 0, the needle along +z, y up. From the default start the tip of a needle
-   200 mm long is 5 mm in front of the skin. */
+   200 mm long is 1 mm in front of the skin. */
 static const motion scripts[] = {
     {"figure8", "push in, move the base up, pull back: figure 8 of the paper", 2.4, 2.8, 4,
-     {{0.0, 1.3, {0, 0, 0.085}, {0, 0, 0}},
+     {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},
       {1.3, 1.6, {0, 0.010, 0}, {0, 0, 0}},
-      {1.4, 2.1, {0, 0, -0.085}, {0, 0, 0}},
+      {1.4, 2.1, {0, 0, -0.066}, {0, 0, 0}},
       {2.4, 2.7, {0, -0.010, 0}, {0, 0, 0}}}},
     {"hold", "stay where it starts", 2.0, 2.0, 0, {{0, 0, {0, 0, 0}, {0, 0, 0}}}},
     {"insert", "push in and pull back along the axis", 3.0, 3.0, 2,
-     {{0.0, 1.3, {0, 0, 0.085}, {0, 0, 0}},
-      {1.6, 2.9, {0, 0, -0.085}, {0, 0, 0}}}},
+     {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},
+      {1.6, 2.9, {0, 0, -0.066}, {0, 0, 0}}}},
     {"sweep", "push in, move the base round a square, pull back", 5.0, 5.0, 7,
-     {{0.0, 1.3, {0, 0, 0.085}, {0, 0, 0}},
+     {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},
       {1.5, 2.0, {0.005, 0.005, 0}, {0, 0, 0}},
       {2.0, 2.4, {-0.010, 0, 0}, {0, 0, 0}},
       {2.4, 2.8, {0, -0.010, 0}, {0, 0, 0}},
       {2.8, 3.2, {0.010, 0, 0}, {0, 0, 0}},
       {3.2, 3.6, {-0.005, 0.005, 0}, {0, 0, 0}},
-      {3.7, 4.9, {0, 0, -0.085}, {0, 0, 0}}}},
+      {3.7, 4.9, {0, 0, -0.066}, {0, 0, 0}}}},
     {"roll", "push in half way, turn the bevel over, push on, turn back, pull back", 4.0, 4.0, 5,
-     {{0.0, 0.7, {0, 0, 0.045}, {0, 0, 0}},
+     {{0.0, 0.7, {0, 0, 0.034}, {0, 0, 0}},
       {0.8, 1.4, {0, 0, 0}, {0, 0, 3.141592653589793}},
-      {1.5, 2.1, {0, 0, 0.040}, {0, 0, 0}},
+      {1.5, 2.1, {0, 0, 0.032}, {0, 0, 0}},
       {2.2, 2.8, {0, 0, 0}, {0, 0, -3.141592653589793}},
-      {2.9, 3.9, {0, 0, -0.085}, {0, 0, 0}}}},
+      {2.9, 3.9, {0, 0, -0.066}, {0, 0, 0}}}},
     {"again", "push in and pull back twice, at places 8 mm apart", 5.4, 5.8, 6,
-     {{0.0, 1.2, {0, 0, 0.085}, {0, 0, 0}},
-      {1.3, 2.4, {0, 0, -0.085}, {0, 0, 0}},
+     {{0.0, 1.2, {0, 0, 0.066}, {0, 0, 0}},
+      {1.3, 2.4, {0, 0, -0.066}, {0, 0, 0}},
       {2.5, 2.9, {-0.008, 0, 0}, {0, 0, 0}},
-      {3.0, 4.2, {0, 0, 0.085}, {0, 0, 0}},
-      {4.3, 5.4, {0, 0, -0.085}, {0, 0, 0}},
+      {3.0, 4.2, {0, 0, 0.066}, {0, 0, 0}},
+      {4.3, 5.4, {0, 0, -0.066}, {0, 0, 0}},
       {5.4, 5.8, {0.008, 0, 0}, {0, 0, 0}}}},
 };
 
@@ -51,11 +51,8 @@ const motion *motion_find(const char *name) {
 double motion_fraction(double from, double to, double t) {
     if (t <= from) return 0;
     if (t >= to) return 1;
-    double span = to - from, ramp = fmin(MOTION_RAMP, 0.5 * span), speed = 1.0 / (span - ramp);
-    double start = t - from, end = to - t;
-    if (start < ramp) return 0.5 * speed * start * start / ramp;
-    if (end < ramp) return 1.0 - 0.5 * speed * end * end / ramp;
-    return speed * (start - 0.5 * ramp);
+    double x = (t - from) / (to - from);
+    return x * x * x * (10.0 + x * (-15.0 + 6.0 * x));
 }
 
 pose motion_pose(const motion *script, pose start, double t) {

@@ -4,8 +4,8 @@
 
 #include "vec.h"
 
-/* One move of the base: between two times it travels by `shift` and turns by `turn`, with velocity ramps of
-   MOTION_RAMP. Legs may overlap: their shifts add, their turns multiply in order. */
+/* One move of the base: between two times it travels by `shift` and turns by `turn`, as a hand does, with
+   minimum jerk. Legs may overlap: their shifts add, their turns multiply in order. */
 typedef struct {
     double from, to;         /* s */
     vec3 shift;              /* m, world frame */
@@ -22,15 +22,14 @@ typedef struct {
     motion_leg legs[MOTION_MAX_LEGS];
 } motion;
 
-#define MOTION_RAMP 0.1      /* s, or half the leg's time if that is less */
-
 /* The script of this name, or NULL. */
 const motion *motion_find(const char *name);
 
 /* All scripts in order, NULL past the last. */
 const motion *motion_at(int index);
 
-/* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: trapezoidal velocity. */
+/* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: minimum jerk, 10 x^3 - 15 x^4 + 6 x^5
+   (Flash and Hogan 1985). */
 double motion_fraction(double from, double to, double t);
 
 /* Pose at `t` (s; before 0: at rest at `start`; past the period: played again) of a script that begins at `start`. */

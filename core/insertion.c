@@ -7,7 +7,7 @@
 #include "tip.h"
 #include "window.h"
 
-static const double TIP_FADE = 3.0;      /* radii of depth over which the tip gets its full hold sideways, */
+static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
@@ -275,9 +275,9 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     }
     if (!tip) return;
     double radius = model->needle->radius, pressing = fmax(v3_dot(state->tip.force, tangent_of(&w->points[state->active])), 0.0);
-    double own = radius * fmin(1.0, state->tip.depth / (TIP_FADE * radius) + pressing / TIP_BITE);
+    double hold = fmin(1.0, state->tip.depth / TIP_FADE + pressing / TIP_BITE);
     local_compliance local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
-    w->lateral[state->active] = local.lateral / fmax(w->share[state->active] + own, 1e-9);
+    w->lateral[state->active] = local.lateral / fmax(hold * (w->share[state->active] + radius), 1e-9);
     w->axial[state->active] = local.point;
 }
 

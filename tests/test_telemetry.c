@@ -74,7 +74,7 @@ static void show_a_needle(fixture *f) {
     compliance_snapshot *snapshot = calloc(1, sizeof *snapshot);
     insertion_wrench wrench;
     report why;
-    pose base = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}};
+    pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
     insertion_reset(&f->simulation.insertion, base, &view->state);
     for (int i = 0; i < 500; i++) {
         base.position.z += 0.05e-3;

@@ -1,0 +1,71 @@
+/* A simulation in lockstep for tests: a scene, a state, and one call per tick. */
+#ifndef TROCAR_TESTS_LOCKSTEP_H
+#define TROCAR_TESTS_LOCKSTEP_H
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene.h"
+
+typedef struct {
+    scene scene;
+    simulation simulation;
+    insertion_state state;
+    compliance_snapshot *snapshot;
+    insertion_wrench wrench;
+    pose base;
+} lockstep;
+
+/* Straight over the gland of the figure-8 scene, tip 1 mm before the skin. */
+static inline pose lockstep_start(void) { return (pose){v3(0.005, 0.003, -0.201), {1, 0, 0, 0}}; }
+
+static inline simulation_config lockstep_config(void) {
+    scene s;
+    report why;
+    if (scene_load(MESHES "/figure8.yaml", &s, &why) != TROCAR_OK) {
+        fprintf(stderr, "%s\n", why.text);
+        abort();
+    }
+    return s.simulation;
+}
+
+static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
+    lockstep *l = calloc(1, sizeof *l);
+    report why;
+    l->snapshot = calloc(1, sizeof *l->snapshot);
+    l->base = start;
+    if (simulation_create(config, &l->simulation, &why) != TROCAR_OK) {
+        fprintf(stderr, "%s\n", why.text);
+        abort();
+    }
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    return l;
+}
+
+static inline void lockstep_free(lockstep *l) {
+    simulation_free(&l->simulation);
+    free(l->snapshot);
+    free(l);
+}
+
+static inline void lockstep_tick(lockstep *l, pose base, double dt) {
+    report why;
+    l->base = base;
+    if (simulation_step(&l->simulation, &l->state, l->snapshot, base, dt, &l->wrench, &why) != TROCAR_OK) {
+        fprintf(stderr, "%s\n", why.text);
+        abort();
+    }
+}
+
+/* Moves the base by `way` in `seconds` at constant speed. */
+static inline void lockstep_move(lockstep *l, vec3 way, double seconds, double dt) {
+    pose from = l->base;
+    int n = (int)(seconds / dt + 0.5);
+    for (int i = 1; i <= n; i++) {
+        pose base = from;
+        base.position = v3_axpy((double)i / n, way, from.position);
+        lockstep_tick(l, base, dt);
+    }
+}
+
+#endif

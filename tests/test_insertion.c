@@ -1,0 +1,397 @@
+/* The tick as a whole: forces against what friction and cutting add up to, equilibrium against an assembled K,
+   independence of the rate, the passes and the worker, and every way in and out of the tissue. */
+#include "lockstep.h"
+#include "motion.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+/* Without viscous terms and with friction at its kinetic value from the start, so that the exact curve is known. */
+static simulation_config dry_config(void) {
+    simulation_config c = lockstep_config();
+    for (int i = 0; i < c.region_count; i++) {
+        region_material *m = &c.regions[i].material;
+        m->cutting_viscosity = m->friction_viscous = 0.0;
+        m->cutting_force = 0.4;
+        m->friction_static = m->friction_kinetic = 8.0;
+    }
+    return c;
+}
+
+static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    int checked = 0;
+    for (int i = 0; i < 85; i++) {
+        lockstep_move(l, v3(0, 0, 0.001), 0.05, 1e-3);
+        if (l->state.tip.blocked_by != NOT_BLOCKED || l->state.tip.friction != SLIP_FORWARD || l->wrench.events || l->wrench.depth < 2e-3) continue;
+        bool all_slide = true;
+        for (int k = 0; k < l->state.active; k++) all_slide = all_slide && l->state.contacts[k].friction == SLIP_FORWARD;
+        if (!all_slide) continue;
+        assert_true(fabs(l->wrench.force.z + 0.4 + 8.0 * l->wrench.depth) < 1e-3);
+        checked++;
+    }
+    assert_true(checked > 30);
+    lockstep_free(l);
+}
+
+/* Puncture at the forces of the scene: the base feels them on top of the shaft's friction. */
+static void membranes_give_way_at_their_forces(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double before = 0.0;
+    int found = 0;
+    for (int i = 0; i < 8000; i++) {
+        lockstep_move(l, v3(0, 0, 1e-5), 1e-3, 1e-3);
+        if (l->wrench.events & EVENT_PUNCTURED) {
+            double expected = c.membranes[l->wrench.membrane].puncture_force + 8.0 * l->wrench.depth;
+            assert_int_equal(l->wrench.membrane, found++);
+            assert_true(fabs(-before / expected - 1.0) < 0.02);
+        }
+        before = l->wrench.force.z;
+    }
+    assert_int_equal(found, 2);
+    lockstep_free(l);
+}
+
+/* K u = f on the refined mesh, assembled here element by element; the sum of forces on the tissue is minus the base's. */
+static void tissue_is_in_equilibrium_with_the_base(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
+    lockstep_move(l, v3(0.004, 0.008, 0), 0.2, 1e-3);
+
+    const mesh *m = &l->simulation.mesh;
+    refinement refined;
+    refined_mesh whole;
+    report why;
+    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
+    assert_int_equal(refined_mesh_create(m, &refined, &whole, &why), TROCAR_OK);
+    vec3 *u = calloc((size_t)whole.node_count, sizeof *u), *residual = calloc((size_t)whole.node_count, sizeof *residual);
+    vec3 force[MAX_CONTACTS + 1], sum = v3(0, 0, 0), reaction = v3(0, 0, 0);
+    simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
+    insertion_forces(&l->state, force);
+    for (int i = 0; i < refined.count; i++) sum = v3_add(sum, force[i]), residual[m->node_count + i] = v3_scale(-1, force[i]);
+    for (int e = 0; e < whole.tet_count; e++) {
+        const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
+        vec3 x[4];
+        double k[12][12];
+        for (int a = 0; a < 4; a++) x[a] = whole.nodes[whole.tets[e][a]];
+        tet_stiffness(x, material->youngs_modulus, material->poisson_ratio, k);
+        for (int a = 0; a < 12; a++)
+            for (int b = 0; b < 12; b++) ((double *)&residual[whole.tets[e][a / 3]])[a % 3] += k[a][b] * ((double *)&u[whole.tets[e][b / 3]])[b % 3];
+    }
+    for (int i = 0; i < whole.node_count; i++) {
+        if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
+        else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
+    }
+    assert_true(v3_norm(v3_add(sum, l->wrench.force)) < 1e-12);
+    assert_true(v3_norm(v3_sub(reaction, l->wrench.force)) < 1e-9 * v3_norm(sum));
+    free(u);
+    free(residual);
+    refined_mesh_free(&whole);
+    lockstep_free(l);
+}
+
+/* Runs the figure-8 motion; force and torque at each millisecond that all rates share (4 ms). */
+enum { SAMPLES = 600 };
+typedef struct {
+    double wrench[SAMPLES][6];
+    double punctured[4];     /* s */
+    int punctures;
+    double worst_jump;       /* of a tick, over max(7 %, 0.05 N), away from punctures */
+    unsigned events;
+} record;
+
+static record run_figure8(const simulation_config *config, double rate, int every_serve) {
+    record r = {.punctures = 0};
+    lockstep *l = lockstep_create(config, lockstep_start());
+    const motion *script = motion_find("figure8");
+    vec3 last = v3(0, 0, 0);
+    double quiet = 0.0;
+    for (int i = 0; i < (int)(SAMPLES * 4e-3 * rate); i++) {
+        double t = (i + 1) / rate;
+        report why;
+        insertion_tick(&l->simulation.insertion, &l->state, l->simulation.workspace, l->snapshot, motion_pose(script, lockstep_start(), t), 1 / rate, &l->wrench);
+        if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0)
+            assert_int_equal(remesher_serve(l->simulation.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
+        r.events |= l->wrench.events;
+        quiet = l->wrench.events & EVENT_PUNCTURED ? 0.0 : quiet + 1 / rate;
+        if (l->wrench.events & EVENT_PUNCTURED) r.punctured[r.punctures++ & 3] = t;
+        double jump = v3_norm(v3_sub(l->wrench.force, last)), allowed = fmax(0.05, 0.07 * v3_norm(last));
+        if (quiet > 1.5e-3) r.worst_jump = fmax(r.worst_jump, jump / allowed);
+        last = l->wrench.force;
+        int sample = (int)(t / 4e-3 + 0.5) - 1;
+        if (fabs(t - (sample + 1) * 4e-3) > 1e-9) continue;
+        memcpy(r.wrench[sample], &l->wrench.force, sizeof(vec3));
+        memcpy(r.wrench[sample] + 3, &l->wrench.torque, sizeof(vec3));
+    }
+    lockstep_free(l);
+    return r;
+}
+
+static double peak(const record *r, int from, int to) {
+    double largest = 0.0;
+    for (int i = 0; i < SAMPLES; i++)
+        for (int a = from; a < to; a++) largest = fmax(largest, fabs(r->wrench[i][a]));
+    return largest;
+}
+
+/* Largest difference of two runs relative to the peak, leaving out 20 ms after each puncture: the drop itself is shorter
+   than the longer of the two periods. */
+static double difference(const record *a, const record *b, int from, int to) {
+    double largest = 0.0;
+    for (int i = 0; i < SAMPLES; i++) {
+        double t = (i + 1) * 4e-3;
+        bool dropping = false;
+        for (int p = 0; p < b->punctures; p++) dropping = dropping || (t > b->punctured[p] - 4e-3 && t < b->punctured[p] + 20e-3);
+        for (int k = from; k < to && !dropping; k++) largest = fmax(largest, fabs(a->wrench[i][k] - b->wrench[i][k]));
+    }
+    return largest / peak(b, from, to);
+}
+
+static void forces_do_not_depend_on_the_rate(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    record reference = run_figure8(&c, 4000, 1);
+    assert_int_equal(reference.punctures, 2);
+    for (int k = 0; k < 4; k++) {
+        double rate = (double[]){250, 500, 1000, 2000}[k];
+        record r = run_figure8(&c, rate, 1);
+        print_message("%4.0f Hz against 4000 Hz: force %.4f, torque %.4f of the peak\n", rate, difference(&r, &reference, 0, 3), difference(&r, &reference, 3, 6));
+        assert_int_equal(r.punctures, 2);
+        assert_true(difference(&r, &reference, 0, 3) < 0.01);
+        assert_true(difference(&r, &reference, 3, 6) < 0.01);
+    }
+}
+
+static void forces_do_not_depend_on_the_passes(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.insertion.max_passes = 12;
+    c.insertion.tolerance = 1e-12;
+    record converged = run_figure8(&c, 1000, 1);
+    for (int passes = 1; passes <= 4; passes *= 2) {
+        c.insertion.max_passes = passes;
+        record r = run_figure8(&c, 1000, 1);
+        print_message("%d passes: force %.5f, torque %.5f\n", passes, difference(&r, &converged, 0, 3), difference(&r, &converged, 3, 6));
+        assert_true(difference(&r, &converged, 0, 3) < 0.005);
+        assert_true(difference(&r, &converged, 3, 6) < 0.005);
+    }
+}
+
+static void no_jump_away_from_punctures(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    record r = run_figure8(&c, 1000, 1);
+    print_message("largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", r.worst_jump);
+    assert_true(r.worst_jump <= 1.0);
+    assert_false(r.events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
+}
+
+static void both_remeshing_methods_give_the_same_forces(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    record nested = run_figure8(&c, 500, 1);
+    c.remeshing = REMESH_WOODBURY;
+    record woodbury = run_figure8(&c, 500, 1);
+    assert_true(difference(&woodbury, &nested, 0, 6) < 1e-6);
+}
+
+/* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
+static void a_late_worker_does_little_harm(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    record prompt = run_figure8(&c, 1000, 1), late = run_figure8(&c, 1000, 20);
+    assert_false(late.events & EVENT_UNSTABLE);
+    assert_true(difference(&late, &prompt, 0, 3) < 0.07);
+}
+
+static void below_the_friction_limit_motion_is_reversible(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
+    lockstep_move(l, v3(0, 0, -0.0004), 0.1, 1e-3); /* unloads; nothing slides */
+    insertion_wrench before = l->wrench;
+    for (int i = 0; i < 5; i++) {
+        lockstep_move(l, v3(1e-4, 2e-4, -1e-4), 0.05, 1e-3);
+        lockstep_move(l, v3(-1e-4, -2e-4, 1e-4), 0.05, 1e-3);
+    }
+    assert_true(v3_norm(v3_sub(l->wrench.force, before.force)) < 1e-6);
+    assert_true(v3_norm(v3_sub(l->wrench.torque, before.torque)) < 1e-7);
+    lockstep_free(l);
+}
+
+static void withdrawn_needle_is_free_and_goes_in_again_alike(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double first[80] = {0};
+    for (int round = 0; round < 4; round++) {
+        for (int i = 0; i < 80; i++) {
+            lockstep_move(l, v3(0, 0, 0.001), 0.02, 1e-3);
+            if (round == 0) first[i] = l->wrench.force.z;
+            assert_true(fabs(l->wrench.force.z - first[i]) < 1e-3 * 2.0);
+        }
+        lockstep_move(l, v3(0, 0, -0.080), 1.0, 1e-3);
+        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.refined.count, 0);
+        assert_true(v3_norm(l->wrench.force) == 0.0 && v3_norm(l->wrench.torque) == 0.0);
+        lockstep_move(l, v3(0.01, 0.004, 0), 0.2, 1e-3); /* a neighbouring track in between */
+        lockstep_move(l, v3(0, 0, 0.070), 1.0, 1e-3);
+        lockstep_move(l, v3(0, 0, -0.070), 1.0, 1e-3);
+        lockstep_move(l, v3(-0.01, -0.004, 0), 0.2, 1e-3);
+    }
+    lockstep_free(l);
+}
+
+/* Through a slab and out on the far side, back, and out again. */
+static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    pose start = {v3(-0.06, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))}; /* along +x, through the flank; 100 mm thick */
+    start.position.x = -0.255;
+    lockstep *l = lockstep_create(&c, start);
+    unsigned seen = 0;
+    for (int round = 0; round < 2; round++) {
+        for (int i = 0; i < 150; i++) {
+            lockstep_move(l, v3(0.001, 0, 0), 0.02, 1e-3);
+            seen |= l->wrench.events;
+        }
+        assert_int_equal(l->state.tip.phase, TIP_BEYOND);
+        assert_true(fabs(l->wrench.depth - 0.1) < 2e-3);
+        double pushing = l->wrench.force.x;
+        assert_true(pushing < -0.5);
+        lockstep_move(l, v3(-0.149, 0, 0), 2.0, 1e-3);
+        assert_true(l->state.tip.phase == TIP_FREE || l->wrench.depth < 2e-3);
+        lockstep_move(l, v3(-0.001, 0, 0), 0.1, 1e-3);
+        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_true(v3_norm(l->wrench.force) == 0.0);
+    }
+    lockstep_free(l);
+}
+
+/* Aimed exactly at nodes, along edges and faces of the mesh. */
+static void degenerate_aims_break_nothing(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    const mesh *m = &l->simulation.mesh;
+    int aimed = 0;
+    for (int i = 0; i < m->node_count && aimed < 40; i++) {
+        vec3 x = m->nodes[i];
+        if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* skin nodes: straight through, then toward inner nodes */
+        aimed++;
+        int inner = (i * 37 + 11) % m->node_count;
+        vec3 way = v3_sub(m->nodes[inner], x);
+        if (way.z < 0.02) way = v3(0, 0, 0.05);
+        vec3 axis = v3_unit(way), z = v3(0, 0, 1), turn = v3_cross(z, axis);
+        double s = v3_norm(turn);
+        pose start = {v3_axpy(-0.203, axis, x), s > 1e-12 ? q_exp(v3_scale(asin(fmin(s, 1.0)) / s, turn)) : (quat){1, 0, 0, 0}};
+        insertion_reset(&l->simulation.insertion, start, &l->state);
+        l->base = start;
+        for (int k = 0; k < 120; k++) {
+            lockstep_move(l, v3_scale(k < 60 ? 1e-3 : -1e-3, axis), 0.02, 1e-3);
+            assert_false(l->wrench.events & EVENT_UNSTABLE);
+            assert_true(v3_norm(l->wrench.force) < 8.0);
+        }
+        lockstep_move(l, v3_scale(-5e-3, axis), 0.1, 1e-3);
+        assert_int_equal(l->state.tip.phase, TIP_FREE);
+    }
+    assert_true(aimed > 20);
+    lockstep_free(l);
+}
+
+static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
+
+/* Hands do anything: the forces stay finite and bounded, and the needle always comes out clean. */
+static void random_hands_break_nothing(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.needle.bevel_slope = 0.03;
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    unsigned seed = 7;
+    for (int run = 0; run < 12; run++) {
+        pose start = lockstep_start();
+        start.position.x += 0.03 * (uniform(&seed) - 0.5);
+        start.position.y += 0.03 * (uniform(&seed) - 0.5);
+        insertion_reset(&l->simulation.insertion, start, &l->state);
+        l->base = start;
+        for (int leg = 0; leg < 25; leg++) {
+            vec3 way = v3(0.006 * (uniform(&seed) - 0.5), 0.006 * (uniform(&seed) - 0.5), 0.03 * (uniform(&seed) - 0.3));
+            l->base.orientation = q_unit(q_multiply(q_exp(v3(0, 0, 0.3 * (uniform(&seed) - 0.5))), l->base.orientation));
+            lockstep_move(l, way, 0.05 + 0.3 * uniform(&seed), 1e-3);
+            assert_true(isfinite(v3_norm(l->wrench.force)) && v3_norm(l->wrench.force) < 30.0);
+            assert_false(l->wrench.events & EVENT_UNSTABLE);
+        }
+        lockstep_move(l, v3(0, 0, -0.206 - l->base.position.z), 1.0, 1e-3);
+        assert_int_equal(l->state.tip.phase, TIP_FREE);
+    }
+    lockstep_free(l);
+}
+
+/* A server restarted while the needle is in: it counts as inserted, without force, and comes out as usual. */
+static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    pose inside = lockstep_start();
+    inside.position.z += 0.061;
+    lockstep *l = lockstep_create(&c, inside);
+    assert_int_equal(l->state.tip.phase, TIP_INSIDE);
+    assert_true(fabs(l->state.tip.depth - 0.060) < 1e-9);
+    for (int i = 0; i < 5; i++) lockstep_tick(l, inside, 1e-3);
+    assert_true(l->wrench.contacts > 8);
+    assert_true(v3_norm(l->wrench.force) < 0.02);
+    lockstep_move(l, v3(0, 0, -0.070), 1.0, 1e-3);
+    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    lockstep_free(l);
+}
+
+/* State and snapshot are plain data: saved, gone on, restored, gone on again: the same bits. */
+static void restored_state_goes_on_to_the_bit(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.055), 0.8, 1e-3);
+    insertion_state saved = l->state;
+    pose base = l->base;
+    compliance_snapshot *known = malloc(sizeof *known);
+    memcpy(known, l->snapshot, sizeof *known);
+    lockstep_move(l, v3(0.001, 0.002, 0.01), 0.2, 1e-3);
+    insertion_wrench once = l->wrench;
+    l->state = saved;
+    l->base = base;
+    memcpy(l->snapshot, known, sizeof *known);
+    lockstep_move(l, v3(0.001, 0.002, 0.01), 0.2, 1e-3);
+    assert_memory_equal(&once.force, &l->wrench.force, sizeof once.force);
+    assert_memory_equal(&once.torque, &l->wrench.torque, sizeof once.torque);
+    free(known);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(axial_force_is_cutting_plus_friction_times_depth),
+        cmocka_unit_test(membranes_give_way_at_their_forces),
+        cmocka_unit_test(tissue_is_in_equilibrium_with_the_base),
+        cmocka_unit_test(forces_do_not_depend_on_the_rate),
+        cmocka_unit_test(forces_do_not_depend_on_the_passes),
+        cmocka_unit_test(no_jump_away_from_punctures),
+        cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
+        cmocka_unit_test(a_late_worker_does_little_harm),
+        cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
+        cmocka_unit_test(withdrawn_needle_is_free_and_goes_in_again_alike),
+        cmocka_unit_test(needle_leaves_on_the_far_side_and_comes_back),
+        cmocka_unit_test(degenerate_aims_break_nothing),
+        cmocka_unit_test(random_hands_break_nothing),
+        cmocka_unit_test(needle_found_in_the_tissue_is_engaged_without_force),
+        cmocka_unit_test(restored_state_goes_on_to_the_bit),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,8 +1,8 @@
 #!/bin/bash
-# The clients as a user runs them, without a network: bad input, the replay's files, the balance of its exports.
+# The clients as a user runs them: bad input, the replay's files, the balance of its exports, a hand on the needle.
 # usage: test_clients.sh PROGRAMS_DIR SOURCE_DIR CASE
 set -euo pipefail
-programs=$1 source=$2
+programs=$1 source=$2    # absolute
 scene=$source/meshes/figure8.yaml
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
@@ -76,6 +76,31 @@ balance() {
         "$programs/trocar-replay" --scene "$scene" --poses poses.log --vtu "at-$at" --at $at --quiet
         "$source/tests/check_vtu.py" "at-$at"
     done
+}
+
+# A hand at rest is where its spring balances the needle: z = target + force / stiffness. Status 77: no namespace here.
+hand() {
+    "$source/scripts/netns" true || exit 77
+    "$source/scripts/netns" "$source/tests/test_clients.sh" "$programs" "$source" hand_inside
+}
+
+hand_inside() {
+    "$programs/../server/trocar-server" --scene "$scene" --allow-non-rt >server.txt 2>&1 &
+    local server=$!
+    until grep -qx ready server.txt; do
+        kill -0 $server || fail "$(cat server.txt)"
+        sleep 0.05
+    done
+    "$programs/trocar-device" --script insert --hand 0.3,15,400 --csv hand.csv --report hand.json
+    kill $server
+    wait $server
+    # from 1.5 s to 1.6 s the script rests at z = -0.135 m
+    awk -F, 'NR == 1 { for (i = 1; i <= NF; i++) { split($i, name, " "); column[name[1]] = i } next }
+             $1 > 1.5 && $1 < 1.6 { rows++; force = $column["fz"]; off = $column["z"] + 0.135 - force / 400
+                                    if (off < 0) off = -off; if (off > worst) worst = off }
+             END { printf "%d rows, force %.3f N, off balance by %.1e m\n", rows, force, worst
+                   exit !(rows > 50 && force < -0.2 && worst < 5e-5) }' hand.csv || fail "the hand is not in balance"
+    /usr/bin/python3 -m json.tool hand.json >/dev/null || fail "the report is not JSON"
 }
 
 # The figure is drawn from the table and labels what happened.

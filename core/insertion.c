@@ -112,7 +112,7 @@ static void slide_shaft(insertion_state *state) {
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
     }
     double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;
-    for (int i = state->active; i < state->refined.count; i++) state->contacts[i].arc -= neighbour;
+    for (int i = state->active; i < contacts_passed(state); i++) state->contacts[i].arc -= neighbour;
     state->tip.slid = slid_on(state->tip.slid, state->tip.slip, state->tip.friction);
 }
 
@@ -157,8 +157,8 @@ static void activate_contact(const insertion_model *model, insertion_state *stat
 }
 
 static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, double dt, insertion_wrench *wrench) {
-    int known = window_known_contacts(snapshot, &state->refined);
-    while (state->active < known) {
+    int known = window_known_contacts(snapshot, &state->refined), passed = contacts_passed(state);
+    while (state->active < known && state->active < passed) {
         int index = state->active++;
         state->contacts[index].force = v3(0, 0, 0);
         locate_tip(model, state, snapshot); /* the tip's force acts on the refined mesh, with the new node in it */

@@ -77,6 +77,7 @@ typedef struct {
     double speed;            /* m/s, slip of the last solve over its time: viscous shaft friction */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
+    bool planned;            /* the last node of the refinement is that one, asked for in advance */
     leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
     int leaf_tet;            /* its nominal element, -1: none yet */
 } needle_tip;

@@ -4,6 +4,7 @@
 
 enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
+static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
 static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
@@ -39,27 +40,50 @@ static double last_contact_depth(const insertion_state *state) {
     return count > 0 ? state->contacts[count - 1].depth : -INFINITY;
 }
 
-/* On entering an element: its contact node is due half way through, but not closer to the last one than the spacing. */
-static void plan_contact(const insertion_model *model, insertion_state *state, vec3 direction) {
+/* Adds a contact node; false when there is no room. */
+static bool add_contact(const insertion_model *model, insertion_state *state, vec3 position, double depth, insertion_wrench *wrench) {
+    if (state->refined.count == MAX_CONTACTS) {
+        wrench->events |= EVENT_FULL;
+        return false;
+    }
+    int index = refinement_add(model->mesh, &state->refined, state->tip.tet, position, ++state->next_id);
+    state->contacts[index] = (shaft_contact){.depth = depth};
+    return true;
+}
+
+static void drop_plan(insertion_state *state) {
+    if (state->tip.planned) state->refined.count--;
+    state->tip.planned = false;
+    state->tip.next_contact = NAN;
+}
+
+/* On entering an element: its contact node is due half way through, but not closer to the last one than the spacing.
+   Asked for now, its row of the inverse is there when the tip is. */
+static void plan_contact(const insertion_model *model, insertion_state *state, vec3 direction, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     double chord;
+    drop_plan(state);
     tip->next_contact = INFINITY;
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
     double due = fmax(tip->depth + 0.5 * chord, last_contact_depth(state) + model->settings.contact_spacing);
-    if (due < tip->depth + 0.95 * chord) tip->next_contact = due;
+    if (due >= tip->depth + 0.95 * chord) return;
+    tip->next_contact = due;
+    tip->planned = add_contact(model, state, v3_axpy(due - tip->depth, direction, tip->nominal), due, wrench);
 }
 
-/* Leaves a contact node behind at the tip; it takes part as soon as the worker has its row of the inverse. */
+/* Leaves a contact node behind at the tip: the planned one, or a new one where the tip came elsewhere. It takes part as
+   soon as the worker has its row. */
 static void leave_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    tip->next_contact = INFINITY;
-    if (state->refined.count == MAX_CONTACTS) {
-        wrench->events |= EVENT_FULL;
-        return;
+    bool met = tip->planned && v3_norm(v3_sub(state->refined.nodes[state->refined.count - 1].position, tip->nominal)) < PLAN_TOLERANCE;
+    if (!met) drop_plan(state);
+    if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
+        shaft_contact *contact = &state->contacts[state->refined.count - 1];
+        *contact = (shaft_contact){.arc = model->needle->given.length, .depth = tip->depth, .slip = tip->slip, .slid = tip->slid,
+                                   .friction = tip->friction};
     }
-    int index = refinement_add(model->mesh, &state->refined, tip->tet, tip->nominal, ++state->next_id);
-    state->contacts[index] = (shaft_contact){
-        .arc = model->needle->given.length, .depth = tip->depth, .slip = tip->slip, .slid = tip->slid, .friction = tip->friction};
+    tip->planned = false;
+    tip->next_contact = INFINITY;
 }
 
 /* The tip has come back to its last contact node and takes its place. */
@@ -95,6 +119,7 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
 }
 
 static void exit_tissue(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    drop_plan(state);
     if (state->tip.depth - last_contact_depth(state) > 0.5 * model->settings.contact_spacing) leave_contact(model, state, wrench);
     state->tip.phase = TIP_BEYOND;
     state->tip.force = v3(0, 0, 0);
@@ -112,13 +137,13 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
     }
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
-    plan_contact(model, state, direction);
+    plan_contact(model, state, direction, wrench);
 }
 
 /* Cuts forward by `distance` along the unit nominal direction: contacts are left where they are due, membranes stop. */
 static void cut_forward(const insertion_model *model, insertion_state *state, vec3 direction, double distance, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    if (isnan(tip->next_contact)) plan_contact(model, state, direction);
+    if (isnan(tip->next_contact)) plan_contact(model, state, direction, wrench);
     for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->phase == TIP_INSIDE && tip->blocked_by == NOT_BLOCKED; step++) {
         double to_face, to_contact = tip->next_contact - tip->depth;
         int face = mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &to_face);
@@ -145,7 +170,7 @@ static void leave_tissue(needle_tip *tip, insertion_wrench *wrench) {
 static void draw_back(const insertion_model *model, insertion_state *state, double distance, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     tip->blocked_by = NOT_BLOCKED;
-    tip->next_contact = NAN;
+    drop_plan(state);
     while (distance > 0.0) {
         int last = state->refined.count - 1;
         double length = tip->depth - (last >= 0 ? state->contacts[last].depth : 0.0);
@@ -246,8 +271,11 @@ void tip_move(const insertion_model *model, insertion_state *state, const mat3 *
         draw_back(model, state, -tip->slip, wrench);
     }
     tip->slip = 0.0;
-    while (tip->phase == TIP_INSIDE && state->refined.count > 0
-           && state->contacts[state->refined.count - 1].arc > model->needle->given.length) take_up_contact(model, state, wrench);
+    while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0
+           && state->contacts[contacts_passed(state) - 1].arc > model->needle->given.length) {
+        drop_plan(state);
+        take_up_contact(model, state, wrench);
+    }
 }
 
 void tip_engage(const insertion_model *model, insertion_state *state) {

@@ -5,6 +5,9 @@
 
 #include "insertion.h"
 
+/* Contact nodes that the tip has passed: all but a planned one. RT */
+static inline int contacts_passed(const insertion_state *state) { return state->refined.count - state->tip.planned; }
+
 /* Starts an insertion where the outer surface lies between `from` and `to`; false if it does not. RT */
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "tip.h"
+
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
 /* ---- what is known --------------------------------------------------------------------------------------------------- */
@@ -87,7 +89,7 @@ static void add_surroundings(const mesh *m, int tet, node_list *list) {
 
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
 static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
-    int last = state->refined.count - 1;
+    int last = contacts_passed(state) - 1;
     vec3 from = last >= 0 ? state->refined.nodes[last].position : state->entry;
     vec3 back = v3_sub(from, state->tip.nominal);
     double length = v3_norm(back);

@@ -113,6 +113,8 @@ static friction_state consistent_state(contact_problem *p, int i) {
    least-index order, which is finite for positive definite problems (Murty 1974). */
 static bool search_states(contact_problem *p) {
     int together = 10, limit = together + 40 * (p->count + 1);
+    for (int i = 0; i < p->count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
+        if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
         if (!solve_axial(p)) return false;
         bool consistent = true;

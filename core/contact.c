@@ -6,11 +6,15 @@
 /* Solves the 2 x 2 block of one contact's sideways unknowns for two right-hand sides. */
 typedef struct { double a, b, c; } block_inverse; /* [a b; b c] */
 
-/* The block may be indefinite (a needle alone may be buckled where needle and tissue together are stable); on its way
-   from one sign to the other it is kept off zero by a compliance far below anything that could be felt. */
+/* The block may be indefinite (a needle alone may be buckled where needle and tissue together are stable). On its way
+   from one sign to the other the eigenvalue nearest to zero is kept off it by a compliance far below anything that could
+   be felt, but large enough for the elimination to keep half of its digits. */
 static block_inverse invert_block(double p, double q, double r, double scale) {
-    double least = 1e-8 * scale;
-    if (fabs(p * r - q * q) < least * least) p += least, r += least;
+    double least = 1e-8 * scale, middle = 0.5 * (p + r), spread = sqrt(0.25 * (p - r) * (p - r) + q * q);
+    if (fabs(fabs(middle) - spread) < least) { /* moved towards the other eigenvalue, past zero if need be */
+        double shift = copysign(2.0 * least, middle);
+        p += shift, r += shift;
+    }
     double determinant = p * r - q * q;
     return (block_inverse){r / determinant, -q / determinant, p / determinant};
 }

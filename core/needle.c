@@ -111,6 +111,11 @@ static vec3 joint_stiffness(const needle_model *model, const needle_state *state
     return m3_apply_transposed(&g, v3(b[0] * w.x, b[1] * w.y, b[2] * w.z));
 }
 
+vec3 needle_root_moment(const needle_model *model, const needle_state *state) {
+    mat3 unused;
+    return joint_stiffness(model, state, 0, &unused);
+}
+
 double needle_energy(const needle_model *model, const needle_state *state) {
     double energy = 0.0;
     for (int k = 0; k < model->given.segments; k++) {

@@ -69,6 +69,9 @@ void needle_linearise(const needle_model *model, const needle_state *state, cons
 /* Rotates the segments to the linearised equilibrium under `load`. Returns the largest rotation, rad. */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
+/* Elastic moment at the base in its present shape, world frame, N m: in equilibrium the loads' moment about the base. */
+vec3 needle_root_moment(const needle_model *model, const needle_state *state);
+
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */
 
 #endif

@@ -98,6 +98,23 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     lockstep_free(l);
 }
 
+/* The bending at the root, from the needle's shape alone, carries the contacts' moment about the base. */
+static void needle_is_in_equilibrium_with_its_bending(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.06), 1.0, 1e-3);
+    double worst = 0.0;
+    for (int i = 0; i < 200; i++) {
+        lockstep_move(l, v3(2e-5, 5e-5, -1e-4), 1e-3, 1e-3);
+        double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
+        worst = fmax(worst, off / fmax(v3_norm(l->wrench.torque), 1e-3));
+    }
+    print_message("bending at the root against the base torque: %.1e\n", worst);
+    assert_true(worst < 1e-6);
+    lockstep_free(l);
+}
+
 /* The figure-8 motion: force and torque of every tick. */
 enum { MOST_TICKS = 2400 * 4 };
 static const double DURATION = 2.4, SLOWEST_PERIOD = 4e-3; /* s */
@@ -400,6 +417,7 @@ int main(void) {
         cmocka_unit_test(axial_force_is_cutting_plus_friction_times_depth),
         cmocka_unit_test(membranes_give_way_at_their_forces),
         cmocka_unit_test(tissue_is_in_equilibrium_with_the_base),
+        cmocka_unit_test(needle_is_in_equilibrium_with_its_bending),
         cmocka_unit_test(forces_do_not_depend_on_the_rate),
         cmocka_unit_test(forces_do_not_depend_on_the_passes),
         cmocka_unit_test(no_jump_away_from_punctures),

@@ -3,42 +3,56 @@
 #include <math.h>
 #include <string.h>
 
-/* Solves the 2 x 2 block of one contact's sideways unknowns for two right-hand sides. */
-typedef struct { double a, b, c; } block_inverse; /* [a b; b c] */
+/* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
+   diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */
+typedef struct { double c, s, pivot[2]; } principal;
 
-/* The block may be indefinite (a needle alone may be buckled where needle and tissue together are stable). On its way
-   from one sign to the other the eigenvalue nearest to zero is kept off it by a compliance far below anything that could
-   be felt, but large enough for the elimination to keep half of its digits. */
-static block_inverse invert_block(double p, double q, double r, double scale) {
-    double least = 1e-8 * scale, middle = 0.5 * (p + r), spread = sqrt(0.25 * (p - r) * (p - r) + q * q);
-    if (fabs(fabs(middle) - spread) < least) { /* moved towards the other eigenvalue, past zero if need be */
-        double shift = copysign(2.0 * least, middle);
-        p += shift, r += shift;
+/* A pivot may be negative (a needle alone may be buckled where needle and tissue together are stable). On its way from
+   one sign to the other it is kept off zero by a compliance far below anything that could be felt, and large enough for
+   the elimination to keep half of its digits. */
+static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
+
+static principal diagonalise(double p, double q, double r, double scale) {
+    double t = 0.0, least = 1e-8 * scale;
+    if (q != 0.0) { /* Jacobi's rotation, the smaller angle */
+        double cotangent = 0.5 * (r - p) / q; /* of twice the angle */
+        t = copysign(1.0, cotangent) / (fabs(cotangent) + sqrt(1.0 + cotangent * cotangent));
     }
-    double determinant = p * r - q * q;
-    return (block_inverse){r / determinant, -q / determinant, p / determinant};
+    double c = 1.0 / sqrt(1.0 + t * t);
+    return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
+}
+
+static void turn(const principal *to, double *x, double *y) {
+    double first = to->c * *x - to->s * *y;
+    *y = to->s * *x + to->c * *y;
+    *x = first;
 }
 
 /* Block elimination of the sideways unknowns, contact by contact, on the lower triangle. Row by row, what is left of the
    axial rows is the Schur complement: the compliance along the needle with all sideways gaps closed. The sideways rows
-   keep the factors for close_sideways(). */
+   keep the factors for close_sideways(), in principal directions; the diagonal blocks keep the rotations. */
 static void eliminate_sideways(contact_problem *p) {
     int sideways = 2 * p->count, all = 3 * p->count;
     double v0[3 * MAX_POINTS], v1[3 * MAX_POINTS];
     for (int c = 0; c < sideways; c += 2) {
         double (*a)[CONTACT_LD] = p->compliance;
-        block_inverse inverse = invert_block(a[c][c], a[c + 1][c], a[c + 1][c + 1], p->scale[c / 2]);
-        for (int i = c + 2; i < all; i++) v0[i] = a[i][c], v1[i] = a[i][c + 1];
+        principal axes = diagonalise(a[c][c], a[c + 1][c], a[c + 1][c + 1], p->scale[c / 2]);
+        double inverse0 = 1.0 / axes.pivot[0], inverse1 = 1.0 / axes.pivot[1];
+        a[c][c] = axes.c, a[c + 1][c] = axes.s;
+        turn(&axes, &p->gap[c], &p->gap[c + 1]);
         for (int i = c + 2; i < all; i++) {
-            double f0 = inverse.a * v0[i] + inverse.b * v1[i], f1 = inverse.b * v0[i] + inverse.c * v1[i];
+            v0[i] = a[i][c], v1[i] = a[i][c + 1];
+            turn(&axes, &v0[i], &v1[i]);
+        }
+        for (int i = c + 2; i < all; i++) {
+            double f0 = inverse0 * v0[i], f1 = inverse1 * v1[i];
             double *restrict row = a[i];
             for (int j = c + 2; j <= i; j++) row[j] -= f0 * v0[j] + f1 * v1[j];
             p->gap[i] -= f0 * p->gap[c] + f1 * p->gap[c + 1];
             row[c] = f0, row[c + 1] = f1;
         }
-        double g0 = p->gap[c], g1 = p->gap[c + 1];
-        p->gap[c] = inverse.a * g0 + inverse.b * g1;
-        p->gap[c + 1] = inverse.b * g0 + inverse.c * g1;
+        p->gap[c] *= inverse0;
+        p->gap[c + 1] *= inverse1;
     }
 }
 
@@ -136,10 +150,14 @@ static bool search_states(contact_problem *p) {
 
 /* Back substitution: sideways forces from the axial ones. */
 static void close_sideways(contact_problem *p) {
-    int all = 3 * p->count;
-    memcpy(p->force, p->gap, (size_t)(2 * p->count) * sizeof *p->force);
-    for (int i = all - 1; i >= 2; i--) {
-        int columns = i < 2 * p->count ? i & ~1 : 2 * p->count;
+    int sideways = 2 * p->count, all = 3 * p->count;
+    memcpy(p->force, p->gap, (size_t)sideways * sizeof *p->force);
+    for (int i = all - 1; i >= 0; i--) {
+        if (i < sideways && i % 2 == 1) { /* both forces of a contact are known: back from its principal directions */
+            principal back = {p->compliance[i - 1][i - 1], -p->compliance[i][i - 1], {0}};
+            turn(&back, &p->force[i - 1], &p->force[i]);
+        }
+        int columns = i < sideways ? i & ~1 : sideways;
         for (int j = 0; j < columns; j++) p->force[j] -= p->compliance[i][j] * p->force[i];
     }
 }

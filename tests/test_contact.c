@@ -1,0 +1,307 @@
+/* The contact problem: conditions checked by substitution in a copy of the data, solutions against projected Gauss-Seidel. */
+#include <lapacke.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "contact.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+enum { MOST = 3 * MAX_POINTS };
+
+static contact_problem given, solved; /* large: not on the stack */
+
+static double uniform(double low, double high) { return low + (high - low) * rand() / RAND_MAX; }
+
+/* ---- problems ---- */
+
+/* A = G G^T / size + diagonal: positive definite, well enough conditioned for Gauss-Seidel. */
+static void make_compliance(contact_problem *p, int count, double diagonal) {
+    static double g[MOST][MOST];
+    int size = 3 * count;
+    memset(p, 0, sizeof *p);
+    p->count = count;
+    for (int i = 0; i < size; i++)
+        for (int j = 0; j < size; j++) g[i][j] = uniform(-1, 1);
+    for (int i = 0; i < size; i++)
+        for (int j = 0; j < size; j++) {
+            p->compliance[i][j] = i == j ? diagonal : 0.0;
+            for (int k = 0; k < size; k++) p->compliance[i][j] += g[i][k] * g[j][k] / size;
+        }
+}
+
+/* Bounds of either sign, some infinite, some of width zero; viscosity in half of the contacts. */
+static void make_friction(contact_problem *p) {
+    for (int i = 0; i < 3 * p->count; i++) p->gap[i] = uniform(-2, 2);
+    for (int i = 0; i < p->count; i++) {
+        double middle = uniform(-0.3, 0.3), width = rand() % 6 == 0 ? 0.0 : uniform(0.0, 1.5);
+        p->lower[i] = rand() % 8 == 0 ? -INFINITY : middle - width;
+        p->upper[i] = rand() % 8 == 0 ? INFINITY : middle + width;
+        if (width == 0.0) p->lower[i] = p->upper[i] = rand() % 2 ? middle : 0.0;
+        for (int side = 0; side < 2; side++) p->viscosity[i][side] = rand() % 2 ? uniform(0.0, 2.0) : 0.0;
+        p->state[i] = (friction_state)(rand() % 3 - 1);
+    }
+}
+
+static void solve(void) {
+    solved = given;
+    assert_int_equal(contact_solve(&solved), TROCAR_OK);
+}
+
+/* ---- conditions of the solution, by substitution ---- */
+
+static double remaining_gap(int row) {
+    double gap = given.gap[row];
+    for (int j = 0; j < 3 * given.count; j++) gap -= given.compliance[row][j] * solved.force[j];
+    return gap;
+}
+
+static void assert_solution(double tolerance) {
+    for (int i = 0; i < 2 * given.count; i++) assert_close(remaining_gap(i), 0.0, tolerance);
+    for (int i = 0; i < given.count; i++) {
+        double force = solved.force[2 * given.count + i], slip = solved.slip[i];
+        assert_close(remaining_gap(2 * given.count + i), slip, tolerance);
+        switch (solved.state[i]) {
+        case STICK:
+            assert_true(slip == 0.0);
+            assert_true(force >= given.lower[i] - tolerance && force <= given.upper[i] + tolerance);
+            break;
+        case SLIP_FORWARD:
+            assert_true(slip >= 0.0);
+            assert_close(force, given.upper[i] + given.viscosity[i][1] * slip, tolerance);
+            break;
+        case SLIP_BACKWARD:
+            assert_true(slip <= 0.0);
+            assert_close(force, given.lower[i] + given.viscosity[i][0] * slip, tolerance);
+            break;
+        default: fail();
+        }
+    }
+}
+
+/* Force that satisfies one axial contact's own law when it would take `gap` to close at unit cost `a` a newton. */
+static double own_force(int i, double gap, double a) {
+    double stick = gap / a, upper = given.upper[i], lower = given.lower[i];
+    if (stick > upper) return (upper + given.viscosity[i][1] * gap) / (1.0 + given.viscosity[i][1] * a);
+    if (stick < lower) return (lower + given.viscosity[i][0] * gap) / (1.0 + given.viscosity[i][0] * a);
+    return stick;
+}
+
+/* Projected Gauss-Seidel over all unknowns until nothing changes; for positive definite problems. */
+static void gauss_seidel(double force[MOST]) {
+    double change = 1.0;
+    memset(force, 0, MOST * sizeof *force);
+    for (int sweep = 0; sweep < 200000 && change > 1e-13; sweep++) {
+        change = 0.0;
+        for (int i = 0; i < 3 * given.count; i++) {
+            double gap = given.gap[i], a = given.compliance[i][i];
+            for (int j = 0; j < 3 * given.count; j++)
+                if (j != i) gap -= given.compliance[i][j] * force[j];
+            double next = i < 2 * given.count ? gap / a : own_force(i - 2 * given.count, gap, a);
+            change = fmax(change, fabs(next - force[i]));
+            force[i] = next;
+        }
+    }
+    assert_true(change <= 1e-13);
+}
+
+/* ---- tests ---- */
+
+static void random_problems_satisfy_their_conditions(void **state) {
+    (void)state;
+    for (int n = 0; n < 400; n++) {
+        make_compliance(&given, 1 + n % 30, 0.05);
+        make_friction(&given);
+        solve();
+        assert_solution(1e-9);
+    }
+}
+
+static void the_largest_problem_is_solved(void **state) {
+    (void)state;
+    make_compliance(&given, MAX_POINTS, 0.05);
+    make_friction(&given);
+    solve();
+    assert_solution(1e-9);
+}
+
+static void solutions_equal_projected_gauss_seidel(void **state) {
+    (void)state;
+    double expected[MOST];
+    for (int n = 0; n < 40; n++) {
+        make_compliance(&given, 1 + n % 12, 0.2);
+        make_friction(&given);
+        solve();
+        gauss_seidel(expected);
+        for (int i = 0; i < 3 * given.count; i++) assert_close(solved.force[i], expected[i], 1e-9);
+    }
+}
+
+static void any_start_leads_to_the_same_solution(void **state) {
+    (void)state;
+    double first[MOST];
+    for (int n = 0; n < 40; n++) {
+        make_compliance(&given, 1 + n % 20, 0.05);
+        make_friction(&given);
+        for (int start = 0; start < 10; start++) {
+            for (int i = 0; i < given.count; i++) given.state[i] = start < 3 ? start - 1 : rand() % 3 - 1;
+            solve();
+            if (start == 0) memcpy(first, solved.force, sizeof first);
+            for (int i = 0; i < 3 * given.count; i++) assert_close(solved.force[i], first[i], 1e-9);
+        }
+        memcpy(given.state, solved.state, sizeof given.state); /* from the solution itself: nothing to switch */
+        solve();
+        assert_int_equal(solved.switches, 0);
+    }
+}
+
+static void infinite_bounds_stick_like_a_linear_system(void **state) {
+    (void)state;
+    static double a[MOST][CONTACT_LD];
+    double x[MOST];
+    lapack_int pivots[MOST];
+    make_compliance(&given, 20, 0.05);
+    make_friction(&given);
+    for (int i = 0; i < 20; i++) {
+        given.lower[i] = -INFINITY;
+        given.upper[i] = INFINITY;
+    }
+    solve();
+    memcpy(a, given.compliance, sizeof a);
+    memcpy(x, given.gap, sizeof x);
+    assert_int_equal(LAPACKE_dgesv(LAPACK_ROW_MAJOR, 60, 1, &a[0][0], CONTACT_LD, pivots, x, 1), 0);
+    for (int i = 0; i < 60; i++) assert_close(solved.force[i], x[i], 1e-9);
+    for (int i = 0; i < 20; i++) assert_true(solved.state[i] == STICK && solved.slip[i] == 0.0);
+}
+
+static void without_friction_nothing_pulls_along_the_needle(void **state) {
+    (void)state;
+    make_compliance(&given, 20, 0.05);
+    make_friction(&given);
+    for (int i = 0; i < 20; i++) given.lower[i] = given.upper[i] = given.viscosity[i][0] = given.viscosity[i][1] = 0.0;
+    solve();
+    assert_solution(1e-9);
+    for (int i = 0; i < 20; i++) assert_true(solved.force[40 + i] == 0.0);
+}
+
+/* One contact, all by hand: A = [2 0 1; 0 4 0; 1 0 3], sideways gaps 2 and 4, so that closing them leaves along the
+   needle the compliance 3 - 1/2 and the gap g - 1. */
+static void one_contact_by_hand(void **state) {
+    (void)state;
+    static const double a[3][3] = {{2, 0, 1}, {0, 4, 0}, {1, 0, 3}};
+    static const struct { double gap, viscosity, force, slip; friction_state friction; } cases[] = {
+        {1.5, 0.0, 0.2, 0.0, STICK},          {3.5, 0.0, 0.5, 1.25, SLIP_FORWARD}, {-9.0, 0.0, -1.0, -7.5, SLIP_BACKWARD},
+        {3.5, 0.4, 0.75, 0.625, SLIP_FORWARD}, /* slip = 2.5 - 2.5 f, f = 0.5 + 0.4 slip */
+    };
+    for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
+        memset(&given, 0, sizeof given);
+        given.count = 1;
+        for (int i = 0; i < 9; i++) given.compliance[i / 3][i % 3] = a[i / 3][i % 3];
+        memcpy(given.gap, (double[3]){2, 4, cases[c].gap}, 3 * sizeof(double));
+        given.lower[0] = -1.0;
+        given.upper[0] = 0.5;
+        given.viscosity[0][1] = cases[c].viscosity;
+        solve();
+        assert_int_equal(solved.state[0], cases[c].friction);
+        assert_close(solved.force[2], cases[c].force, 1e-14);
+        assert_close(solved.slip[0], cases[c].slip, 1e-14);
+        assert_close(solved.force[0], 1.0 - 0.5 * cases[c].force, 1e-14);
+        assert_close(solved.force[1], 1.0, 1e-14);
+    }
+}
+
+static int negative_eigenvalues(int size) {
+    static double a[MOST][CONTACT_LD];
+    double values[MOST];
+    int negative = 0;
+    memcpy(a, given.compliance, sizeof a);
+    assert_int_equal(LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'N', 'L', size, &a[0][0], CONTACT_LD, values), 0);
+    for (int i = 0; i < size; i++) negative += values[i] < 0;
+    return negative;
+}
+
+/* A needle alone past its buckling load: its stiffness is negative in one sideways mode v, its compliance
+   (1 - v v^T) - v v^T / 0.3 there; the tissue is stiff enough to hold both together. */
+static void a_buckled_needle_in_tissue_that_holds_it(void **state) {
+    (void)state;
+    for (int n = 0; n < 40; n++) {
+        int count = 2 + n % 15;
+        double v[MOST], square = 0.0;
+        make_compliance(&given, count, 0.05);
+        make_friction(&given);
+        for (int i = 0; i < 2 * count; i++) {
+            v[i] = uniform(-1, 1);
+            square += v[i] * v[i];
+        }
+        for (int i = 0; i < 3 * count; i++) {
+            given.compliance[i][i] += 1.0;
+            for (int j = 0; j < 2 * count && i < 2 * count; j++) given.compliance[i][j] -= (1.0 + 1.0 / 0.3) * v[i] * v[j] / square;
+        }
+        assert_int_equal(negative_eigenvalues(2 * count), 1); /* sideways */
+        assert_int_equal(negative_eigenvalues(3 * count), 1); /* so the Schur complement is definite (Haynsworth) */
+        solve();
+        assert_solution(1e-9);
+    }
+}
+
+/* On the way to buckling a contact's own sideways block passes through zero while the whole stays regular. */
+static void a_contact_whose_own_block_is_singular(void **state) {
+    (void)state;
+    for (int n = 0; n < 400; n++) {
+        double weak = (n % 2 ? 1.0 : -1.0) * pow(10.0, -n / 20.0), angle = uniform(0, M_PI), c = cos(angle), s = sin(angle);
+        make_compliance(&given, 2 + n % 6, 0.5);
+        make_friction(&given);
+        given.compliance[0][0] = c * c + weak * s * s; /* eigenvalues 1 and weak, turned by the angle */
+        given.compliance[1][1] = s * s + weak * c * c;
+        given.compliance[1][0] = given.compliance[0][1] = (1.0 - weak) * c * s;
+        given.compliance[2][0] = given.compliance[0][2] = -2.0 * s; /* strong coupling of the weak direction */
+        given.compliance[2][1] = given.compliance[1][2] = 2.0 * c;
+        assert_int_equal(negative_eigenvalues(2 * given.count), 1);
+        assert_int_equal(negative_eigenvalues(3 * given.count), 1);
+        solve();
+        assert_solution(2e-6); /* pivots are kept above 1e-8: half of the digits */
+    }
+}
+
+static void assert_refused(void) {
+    solved = given;
+    assert_int_equal(contact_solve(&solved), TROCAR_NUMERIC);
+    for (int i = 0; i < 3 * given.count; i++) assert_true(solved.force[i] == 0.0);
+}
+
+static void singular_and_unstable_problems_are_refused(void **state) {
+    (void)state;
+    for (int value = -1; value <= 0; value++) { /* along the needle: it runs away, or nothing yields */
+        make_compliance(&given, 3, 0.05);
+        make_friction(&given);
+        for (int i = 0; i < 3; i++) {
+            given.lower[i] = -INFINITY;
+            given.upper[i] = INFINITY;
+        }
+        for (int j = 0; j < 9; j++) given.compliance[7][j] = given.compliance[j][7] = j == 7 ? value : 0.0;
+        assert_refused();
+    }
+}
+
+int main(void) {
+    srand(1);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(random_problems_satisfy_their_conditions),
+        cmocka_unit_test(the_largest_problem_is_solved),
+        cmocka_unit_test(solutions_equal_projected_gauss_seidel),
+        cmocka_unit_test(any_start_leads_to_the_same_solution),
+        cmocka_unit_test(infinite_bounds_stick_like_a_linear_system),
+        cmocka_unit_test(without_friction_nothing_pulls_along_the_needle),
+        cmocka_unit_test(one_contact_by_hand),
+        cmocka_unit_test(a_buckled_needle_in_tissue_that_holds_it),
+        cmocka_unit_test(a_contact_whose_own_block_is_singular),
+        cmocka_unit_test(singular_and_unstable_problems_are_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

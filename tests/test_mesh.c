@@ -11,11 +11,7 @@
 
 #include <cmocka.h>
 
-/* In double precision; cmocka's own comparison is in float. */
-static void check_close(double a, double b, double tolerance, int line) {
-    if (!(fabs(a - b) <= tolerance)) fail_msg("line %d: %.17g and %.17g differ by more than %g", line, a, b, tolerance);
-}
-#define assert_close(a, b, tolerance) check_close(a, b, tolerance, __LINE__)
+#include "check.h"
 
 /* ---- a structured box, 6 tets (Kuhn) a cell; half of them inside out, their nodes in mixed order ---- */
 

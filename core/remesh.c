@@ -277,6 +277,7 @@ static void fill_window_place(remesher *r, int place) {
 
 /* Nodes that are still wanted keep their places; new ones take the free places. */
 static void move_window(remesher *r, const remesh_request *request) {
+    if (r->operations->keeps_window) inverse_prefetch(r->inverse, request->window_count, request->window);
     for (int k = 0; k < MAX_WINDOW; k++) {
         bool wanted = false;
         for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];

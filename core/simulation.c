@@ -15,6 +15,7 @@ void simulation_defaults(simulation_config *config) {
         .insertion = {.contact_spacing = 2e-3, .resolution = 0.3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
+        .inverse = INVERSE_AUTO,
     };
 }
 
@@ -77,6 +78,13 @@ static trocar_status build_tissue(simulation *s, report *why) {
     return status;
 }
 
+static trocar_status build_inverse(simulation *s, report *why) {
+    double dense_bytes = 8.0 * s->tissue.dof_count * s->tissue.dof_count;
+    bool dense = s->config.inverse == INVERSE_DENSE || s->config.remeshing == REMESH_WOODBURY
+              || (s->config.inverse == INVERSE_AUTO && dense_bytes < 1e9);
+    return dense ? inverse_create_dense(&s->tissue, &s->inverse, why) : inverse_create_sparse(&s->tissue, &s->inverse, why);
+}
+
 static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
@@ -94,7 +102,7 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
-    if (status == TROCAR_OK) status = inverse_create_dense(&s->tissue, &s->inverse, why);
+    if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);

@@ -9,6 +9,12 @@ typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
+typedef enum {
+    INVERSE_AUTO,            /* dense as long as it takes less than a gigabyte */
+    INVERSE_DENSE,
+    INVERSE_SPARSE,
+} inverse_choice;
+
 typedef struct {
     char mesh_path[1024];
     int region_count;   region_config regions[MAX_REGIONS];
@@ -17,6 +23,7 @@ typedef struct {
     needle_parameters needle;
     insertion_settings insertion;
     remesh_method remeshing;
+    inverse_choice inverse;
 } simulation_config;
 
 typedef struct {

@@ -1,0 +1,197 @@
+#include "bench_tick.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "baseline.h"
+#include "options.h"
+#include "output.h"
+#include "scene.h"
+#include "tick_timing.h"
+
+enum { MAX_COUNTS = MAX_CONTACTS };
+
+typedef struct {
+    const char *scene_path, *json_path;
+    int counts[MAX_COUNTS], count_count;   /* numbers of contacts */
+    int ticks;
+    double spacing;                        /* m, replaces the scene's if positive */
+    vec3 start;                            /* m */
+} options;
+
+typedef struct {
+    const options *options;
+    scene scene;
+    simulation simulation;
+    histogram baseline;
+    tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];
+    output json_file;
+} bench;
+
+/* ---- command line ------------------------------------------------------------------------------------------------ */
+
+enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_SPACING, OPTION_START };
+
+static const struct argp_option option_list[] = {
+    {"scene", 's', "FILE", 0, "Scene (required)", 0},
+    {"contacts", 'c', "N,...", 0, "Numbers of contacts (default 5,10)", 0},
+    {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number and motion (default 1000)", 0},
+    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes, instead of the scene's", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m; the needle goes in along +z (default 0.005,0.003,-0.201)", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {0},
+};
+
+static void parse_counts(const struct argp_state *state, const char *text, options *o) {
+    double numbers[MAX_COUNTS];
+    o->count_count = 1;
+    for (const char *c = text; *c; c++) o->count_count += *c == ',';
+    if (o->count_count > MAX_COUNTS) argp_error(state, "--contacts: more than %d numbers", MAX_COUNTS);
+    parse_numbers(state, "contacts", text, o->count_count, numbers);
+    for (int i = 0; i < o->count_count; i++) {
+        if (numbers[i] < 1 || numbers[i] > MAX_CONTACTS || numbers[i] != floor(numbers[i]))
+            argp_error(state, "--contacts: %g: must be a whole number between 1 and %d", numbers[i], MAX_CONTACTS);
+        o->counts[i] = (int)numbers[i];
+    }
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    double position[3];
+    switch (key) {
+    case 's': o->scene_path = text; break;
+    case 'c': parse_counts(state, text, o); break;
+    case OPTION_TICKS: o->ticks = (int)parse_number(state, "ticks", text, 1, 1e6); break;
+    case OPTION_JSON: o->json_path = text; break;
+    case OPTION_SPACING: o->spacing = parse_number(state, "spacing", text, 1e-5, 1); break;
+    case OPTION_START:
+        parse_numbers(state, "start", text, 3, position);
+        o->start = v3(position[0], position[1], position[2]);
+        break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (!o->scene_path) argp_error(state, "--scene is missing");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Pushes the needle in until it has a number of contacts, then times each tick while it goes on slowly (advance, "
+    "20 mm/s) and while its base is moved to and fro sideways (sweep, 30 mm/s). In lockstep in one thread: what the server's "
+    "worker does is not timed.", NULL, NULL, NULL};
+
+/* ---- measuring --------------------------------------------------------------------------------------------------- */
+
+static trocar_status prepare(bench *b, report *why) {
+    const options *o = b->options;
+    trocar_status status = scene_load(o->scene_path, &b->scene, why);
+    if (status != TROCAR_OK) return status;
+    simulation_config *config = &b->scene.simulation;
+    if (o->spacing > 0.0) config->insertion.contact_spacing = o->spacing;
+    if (o->json_path) status = output_open(&b->json_file, o->json_path, why);
+    return status == TROCAR_OK ? simulation_create(config, &b->simulation, why) : status;
+}
+
+static trocar_status measure(bench *b, report *why) {
+    const options *o = b->options;
+    baseline_measure(&b->baseline);
+    for (int i = 0; i < o->count_count; i++)
+        for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) {
+            timing_case wanted = {.start = {o->start, {1, 0, 0, 0}}, .dt = 1.0 / b->scene.rate_hz, .contacts = o->counts[i],
+                                  .ticks = o->ticks, .motion = motion};
+            trocar_status status = tick_timing_measure(&b->simulation, &wanted, &b->rows[i][motion], why);
+            if (status != TROCAR_OK) return status;
+        }
+    return TROCAR_OK;
+}
+
+/* ---- results ----------------------------------------------------------------------------------------------------- */
+
+static double per_baseline(const bench *b, const histogram *time) {
+    return histogram_quantile(time, 0.5) / histogram_quantile(&b->baseline, 0.5);
+}
+
+static void print_row(const bench *b, timed_motion motion, const tick_timing *row, FILE *out) {
+    char contacts[32];
+    snprintf(contacts, sizeof contacts, row->least == row->most ? "%d" : "%d to %d", row->least, row->most);
+    fprintf(out, "%8s  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f", contacts, timed_motion_name(motion),
+            1e6 * histogram_quantile(&row->time, 0.5), 1e6 * histogram_quantile(&row->time, 0.99),
+            1e6 * histogram_max(&row->time), per_baseline(b, &row->time), row->passes, row->switches);
+    if (row->unstable) fprintf(out, "  (%d ticks without equilibrium)", row->unstable);
+    fprintf(out, "\n");
+}
+
+static void print_table(const bench *b, FILE *out) {
+    const options *o = b->options;
+    const simulation *s = &b->simulation;
+    fprintf(out, "%s: %d nodes, %d tetrahedra; %g Hz, contact nodes at least %g mm apart, %d ticks a row\n", o->scene_path,
+            s->mesh.node_count, s->mesh.tet_count, b->scene.rate_hz, 1e3 * s->config.insertion.contact_spacing, o->ticks);
+    fprintf(out, "baseline: dgemm of order %d, p50 %.1f us, p99 %.1f us\n\n", BASELINE_ORDER,
+            1e6 * histogram_quantile(&b->baseline, 0.5), 1e6 * histogram_quantile(&b->baseline, 0.99));
+    fprintf(out, "contacts  motion     p50 us    p99 us    max us  p50/baseline   passes  switches\n");
+    for (int i = 0; i < o->count_count; i++)
+        for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) print_row(b, motion, &b->rows[i][motion], out);
+}
+
+static void json_string(const char *text, FILE *out) {
+    fputc('"', out);
+    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
+        if (*c < ' ' || *c == '"' || *c == '\\') fprintf(out, "\\u%04x", *c);
+        else fputc(*c, out);
+    }
+    fputc('"', out);
+}
+
+static void json_time(const histogram *time, FILE *out) {
+    fprintf(out, "\"p50_s\": %.9g, \"p99_s\": %.9g, \"max_s\": %.9g", histogram_quantile(time, 0.5),
+            histogram_quantile(time, 0.99), histogram_max(time));
+}
+
+static void json_row(const bench *b, int index, timed_motion motion, FILE *out) {
+    const tick_timing *row = &b->rows[index][motion];
+    fprintf(out, "    {\"contacts\": %d, \"motion\": \"%s\", \"least_contacts\": %d, \"most_contacts\": %d, ",
+            b->options->counts[index], timed_motion_name(motion), row->least, row->most);
+    json_time(&row->time, out);
+    fprintf(out, ", \"p50_per_baseline\": %.6g, \"passes\": %.6g, \"switches\": %.6g, \"unstable\": %d}",
+            per_baseline(b, &row->time), row->passes, row->switches, row->unstable);
+}
+
+static void write_json(const bench *b, FILE *out) {
+    const options *o = b->options;
+    const simulation *s = &b->simulation;
+    fprintf(out, "{\n  \"benchmark\": \"tick\",\n  \"scene\": ");
+    json_string(o->scene_path, out);
+    fprintf(out, ",\n  \"nodes\": %d,\n  \"tetrahedra\": %d,\n  \"rate_hz\": %.9g,\n  \"contact_spacing_m\": %.9g,\n  \"ticks\": %d,\n",
+            s->mesh.node_count, s->mesh.tet_count, b->scene.rate_hz, s->config.insertion.contact_spacing, o->ticks);
+    fprintf(out, "  \"baseline\": {\"dgemm_order\": %d, ", BASELINE_ORDER);
+    json_time(&b->baseline, out);
+    fprintf(out, "},\n  \"rows\": [");
+    for (int i = 0; i < o->count_count; i++)
+        for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) {
+            fprintf(out, i || motion ? ",\n" : "\n");
+            json_row(b, i, motion, out);
+        }
+    fprintf(out, "\n  ]\n}\n");
+}
+
+trocar_status bench_tick(int count, char **arguments, report *why) {
+    options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = {0.005, 0.003, -0.201}};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+
+    static bench b;
+    b = (bench){.options = &o};
+    trocar_status status = prepare(&b, why);
+    if (status == TROCAR_OK) {
+        status = measure(&b, why);
+        if (status == TROCAR_OK) print_table(&b, stdout);
+        if (status == TROCAR_OK && o.json_path) write_json(&b, b.json_file.file);
+        if (status == TROCAR_OK) status = output_commit(&b.json_file, why);
+        simulation_free(&b.simulation);
+    }
+    output_abandon(&b.json_file);
+    return status;
+}

@@ -1,0 +1,11 @@
+/* trocar-bench tick: the time of one tick against the number of contacts. */
+#ifndef TROCAR_BENCH_TICK_H
+#define TROCAR_BENCH_TICK_H
+
+#include "report.h"
+
+/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene, or a mesh that
+   has not the contacts; argp ends the program at bad options. */
+trocar_status bench_tick(int count, char **arguments, report *why);
+
+#endif

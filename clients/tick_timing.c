@@ -1,0 +1,101 @@
+#include "tick_timing.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static const double PUSH_SPEED = 0.1;      /* m/s, on the way in */
+static const double ADVANCE_SPEED = 0.02;  /* m/s */
+static const double SWEEP_SPEED = 0.03;    /* m/s */
+
+typedef struct {
+    simulation *simulation;
+    insertion_state state;
+    compliance_snapshot *snapshot;
+    insertion_wrench wrench;
+    const timing_case *wanted;
+} timing_run;
+
+const char *timed_motion_name(timed_motion motion) { return motion == TIMED_ADVANCE ? "advance" : "sweep"; }
+
+static pose displaced(pose base, vec3 by) {
+    base.position = v3_add(base.position, q_rotate(base.orientation, by));
+    return base;
+}
+
+/* A triangular wave: period 1 s, slope +-1, starting upwards from 0. */
+static double to_and_fro(double t) {
+    double phase = t - floor(t);
+    return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
+}
+
+/* In the needle's frame, m. */
+static vec3 way_after(timed_motion motion, double t) {
+    return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
+}
+
+/* One tick and its time, ns; then the worker's part, untimed. */
+static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
+    simulation *s = run->simulation;
+    int64_t start = monotonic_ns();
+    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, run->wanted->dt, &run->wrench);
+    *time = monotonic_ns() - start;
+    if (run->snapshot->serial == run->state.request.serial) return TROCAR_OK;
+    return remesher_serve(s->remesher, &run->state.request, run->snapshot, why);
+}
+
+static trocar_status push_in(timing_run *run, pose *base, report *why) {
+    const timing_case *wanted = run->wanted;
+    double length = run->simulation->config.needle.length;
+    int most = 0;
+    for (int tick = 0; run->state.tip.phase != TIP_BEYOND && tick * PUSH_SPEED * wanted->dt < length; tick++) {
+        int64_t unused;
+        *base = displaced(wanted->start, v3(0, 0, tick * PUSH_SPEED * wanted->dt));
+        trocar_status status = timed_step(run, *base, &unused, why);
+        if (status != TROCAR_OK || run->wrench.contacts >= wanted->contacts) return status;
+        if (run->wrench.contacts > most) most = run->wrench.contacts;
+    }
+    return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: take a finer mesh, or "
+                "lower the spacing of %g mm", run->simulation->config.mesh_path, most, wanted->contacts,
+                1e3 * run->simulation->config.insertion.contact_spacing);
+}
+
+static void record(const insertion_wrench *wrench, int64_t time, tick_timing *result) {
+    histogram_add(&result->time, time);
+    if (wrench->contacts < result->least) result->least = wrench->contacts;
+    if (wrench->contacts > result->most) result->most = wrench->contacts;
+    result->passes += wrench->passes;
+    result->switches += wrench->switches;
+    result->unstable += (wrench->events & EVENT_UNSTABLE) != 0;
+}
+
+static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
+    const timing_case *wanted = run->wanted;
+    *result = (tick_timing){.least = run->wrench.contacts, .most = run->wrench.contacts};
+    for (int tick = 1; tick <= wanted->ticks; tick++) {
+        int64_t time;
+        trocar_status status = timed_step(run, displaced(from, way_after(wanted->motion, tick * wanted->dt)), &time, why);
+        if (status != TROCAR_OK) return status;
+        record(&run->wrench, time, result);
+    }
+    result->passes /= wanted->ticks;
+    result->switches /= wanted->ticks;
+    return TROCAR_OK;
+}
+
+trocar_status tick_timing_measure(simulation *s, const timing_case *wanted, tick_timing *result, report *why) {
+    timing_run *run = calloc(1, sizeof *run);
+    if (run) run->snapshot = calloc(1, sizeof *run->snapshot);
+    if (!run || !run->snapshot) {
+        free(run);
+        return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
+    }
+    run->simulation = s;
+    run->wanted = wanted;
+    pose base;
+    insertion_reset(&s->insertion, wanted->start, &run->state);
+    trocar_status status = push_in(run, &base, why);
+    if (status == TROCAR_OK) status = time_motion(run, base, result, why);
+    free(run->snapshot);
+    free(run);
+    return status;
+}

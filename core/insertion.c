@@ -108,7 +108,7 @@ static double slid_on(double slid, double slip, friction_state friction) { retur
 static void slide_shaft(insertion_state *state) {
     for (int i = 0; i < state->active; i++) {
         shaft_contact *contact = &state->contacts[i];
-        contact->arc -= contact->slip;
+        contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in to its base drags what has come there */
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
     }
     double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;

@@ -51,7 +51,7 @@ static mat3 frame_along(vec3 tangent, quat frame) {
 
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc) {
     int n = model->given.segments;
-    double s = arc / model->segment_length;            /* in segments from the base */
+    double s = fmin(fmax(arc / model->segment_length, 0.0), n); /* in segments from the base */
     int joint = (int)floor(s + 0.5);                   /* nearest joint: the middle control point */
     needle_point p;
     vec3 tangent;

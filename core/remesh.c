@@ -304,6 +304,9 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
 }
 
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
+        return fail(why, TROCAR_BAD_INPUT, "a request of %d added nodes and %d in the window: at most %d and %d", request->wanted.count,
+                    request->window_count, MAX_CONTACTS, MAX_WINDOW);
     move_window(r, request);
     trocar_status status = update_nodes(r, &request->wanted, why);
     if (status != TROCAR_OK) return status;

@@ -1,0 +1,359 @@
+#!/usr/bin/python3
+"""Forces on a rigid needle whose surface is resolved by the mesh: the reference for the mesh-independence checks.
+
+A needle of radius r is bonded to a block of tissue: a cylindrical hole with a flat end, all nodes of which are moved
+by 1 mm, sideways or along the axis, without rotation. The reactions are the forces needed. The discs, moved alone,
+calibrate the compliance under a cutting force. Nothing here comes from trocar's own code: meshes are made by Gmsh and
+numpy, solved by CalculiX with quadratic tetrahedra (C3D10). See README.md beside this file.
+
+The mesh is a plane triangulation, extruded: polar rings around the needle's axis, refined towards its rim, joined to
+Gmsh's triangles that reach the block's sides. Its layers are thin where the needle ends and long between, which free
+tetrahedra can't be. Lengths are in m, forces in N, moduli in Pa.
+"""
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is held, z = HEIGHT is the skin
+RINGS_RADIUS = 0.006  # where the polar rings end; less than the distance from any needle to a side of the block
+SOFT, STIFF = 20e3, 60e3
+MOVE = 1e-3
+BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; CalculiX prints seven digits
+
+# rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there.
+# sectors: elements around the needle. largest: element size far away.
+MESHES = {
+    "coarse": {"rim": 0.16, "slope": 0.75, "sectors": 10, "largest": 0.015},
+    "fine": {"rim": 0.08, "slope": 0.55, "sectors": 12, "largest": 0.012},
+}
+DEFAULT_MESHES = ("coarse", "fine")
+# How far the moved nodes go in each load case; a disc is pressed the way a needle is inserted.
+LOADS = {
+    "needle": {"sideways": (MOVE, 0.0, 0.0), "axial": (0.0, 0.0, MOVE)},
+    "disc": {"axial": (0.0, 0.0, -MOVE)},
+}
+ABOUT = (
+    "Total force needed to move a rigid needle, or the disc at its end, by 1 mm in tissue that is bonded to it. "
+    "Lengths in m, forces in N, moduli in Pa. Block |x|, |y| <= 0.06, 0 <= z <= 0.1; z = 0 is held, all else is free. "
+    "'axis': x, y of the needle, which reaches from the skin (z = 0.1) down to z = 'tip'; the modulus is "
+    "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, sideways +x, axial +z, no rotation. "
+    "disc: only the hole's end face moves, along -z, the rest of the hole is free of traction. 'force' is along the "
+    "motion, on the finest mesh; 'coarser_mesh_differs_by' is relative to it. Displacement elements are too stiff, so "
+    "that the exact force lies below."
+)
+
+
+def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, disc=False):
+    """A needle from the skin down to z = tip; `below` is the modulus under z = 50 mm; `disc` moves the end face only."""
+    return {"kind": "disc" if disc else "needle", "radius": radius, "poisson_ratio": nu, "axis": list(axis), "tip": tip,
+            "youngs_modulus_above": SOFT, "youngs_modulus_below": below, "interface": HEIGHT / 2}
+
+
+def all_cases():
+    """The cases by name."""
+    radii = (0.35e-3, 0.635e-3, 0.9e-3)
+    cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49)}
+    cases["skin"] = case(0.080)
+    cases["shallow"] = case(0.090)
+    cases["side"] = case(0.020, axis=(0.050, -0.0027))
+    cases["bottom"] = case(0.005)
+    cases["layers"] = case(0.020, below=STIFF)
+    cases |= {f"tip_disc_r{1e3 * r:g}": case(0.020, r, disc=True) for r in radii}
+    cases["skin_disc"] = case(HEIGHT, disc=True)
+    return cases
+
+
+CASES = all_cases()
+
+
+def graded(low, high, fine_at, mesh, radius):
+    """Points from low to high whose spacing grows with the distance from the points `fine_at`."""
+    s = np.linspace(low, high, 20001)
+    distance = np.min([np.abs(s - p) for p in fine_at], axis=0)
+    size = np.minimum(mesh["rim"] * radius + mesh["slope"] * distance, mesh["largest"])
+    elements = np.concatenate([[0.0], np.cumsum(np.diff(s) / (0.5 * (size[1:] + size[:-1])))])
+    count = max(1, round(elements[-1]))
+    return np.interp(np.linspace(0.0, elements[-1], count + 1), elements, s)
+
+
+# ---- the plane triangulation -----------------------------------------------------------------------------------------
+
+def polar_rings(radius, mesh):
+    """Vertices (n x 2, about the axis) and triangles of the disc of RINGS_RADIUS, with a ring exactly at the rim."""
+    inside = graded(0.0, radius, [radius], mesh, radius)[1:]
+    outside = graded(radius, RINGS_RADIUS, [radius], mesh, radius)[1:]
+    rings, sectors = np.concatenate([inside, outside]), mesh["sectors"]
+    angles = 2 * np.pi * np.arange(sectors) / sectors
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    vertices = np.concatenate([[[0.0, 0.0]], *(rho * circle for rho in rings)])
+    here, after = np.arange(sectors), (np.arange(sectors) + 1) % sectors
+    triangles = [np.stack([np.zeros(sectors, int), 1 + here, 1 + after], axis=1)]
+    for ring in range(1, len(rings)):
+        inner, outer = 1 + (ring - 1) * sectors, 1 + ring * sectors
+        triangles.append(np.stack([inner + here, outer + here, outer + after], axis=1))
+        triangles.append(np.stack([inner + here, outer + after, inner + after], axis=1))
+    return vertices, np.concatenate(triangles)
+
+
+def surroundings(axis, boundary, mesh):
+    """Gmsh's triangles between the polygon `boundary` (n x 2, about the axis) and the block's sides."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo, edge = gmsh.model.geo, np.linalg.norm(boundary[1] - boundary[0])
+    corners = HALF_WIDTH * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) - axis
+    loops = []
+    for points in (corners, boundary):
+        tags = [geo.addPoint(x, y, 0.0) for x, y in points]
+        lines = [geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1])]
+        loops.append(geo.addCurveLoop(lines))
+    for line in lines:  # those of the polygon must not be divided
+        geo.mesh.setTransfiniteCurve(line, 2)
+    geo.addPlaneSurface(loops)
+    geo.synchronize()
+    field = gmsh.model.mesh.field.add("MathEval")
+    growth = f"{edge} + {0.5 * mesh['slope']} * (sqrt(x*x + y*y) - {RINGS_RADIUS})"
+    gmsh.model.mesh.field.setString(field, "F", growth)
+    gmsh.model.mesh.field.setAsBackgroundMesh(field)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", mesh["largest"])
+    gmsh.model.mesh.generate(2)
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    triangles = np.array(gmsh.model.mesh.getElementsByType(2)[1]).reshape(-1, 3)
+    gmsh.finalize()
+    row = np.zeros(int(max(tags)) + 1, int)
+    row[tags.astype(int)] = np.arange(len(tags))
+    return coordinates.reshape(-1, 3)[:, :2], row[triangles.astype(int)]
+
+
+def plane_triangulation(axis, radius, mesh):
+    """Vertices about the axis and triangles of the block's whole cross-section, conforming on the outermost ring."""
+    vertices, triangles = polar_rings(radius, mesh)
+    ring = np.arange(len(vertices) - mesh["sectors"], len(vertices))
+    outer_vertices, outer_triangles = surroundings(np.array(axis), vertices[ring], mesh)
+    distance = np.linalg.norm(outer_vertices[:, None] - vertices[None, ring], axis=2)
+    shared = distance.min(axis=1) < 1e-9
+    if shared.sum() != len(ring):
+        sys.exit("resolved_needle: Gmsh divided the outermost ring; the two parts of the mesh don't fit")
+    number = np.where(shared, ring[distance.argmin(axis=1)], len(vertices) + np.cumsum(~shared) - 1)
+    return np.concatenate([vertices, outer_vertices[~shared]]), np.concatenate([triangles, number[outer_triangles]])
+
+
+def midpoints(a, b):
+    """Middle of the edges from a to b (n x 2): along the arc within the rings, so that the needle is round."""
+    middle, radius_a, radius_b = 0.5 * (a + b), np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    within = (np.maximum(radius_a, radius_b) < RINGS_RADIUS * (1 - 1e-9)) & (np.minimum(radius_a, radius_b) > 1e-9)
+    mean = 0.5 * (radius_a + radius_b)[within]
+    middle[within] *= (mean / np.linalg.norm(middle[within], axis=1))[:, None]
+    return middle
+
+
+# ---- extrusion to quadratic tetrahedra -------------------------------------------------------------------------------
+
+def layers(one, mesh):
+    """Heights of the layers' faces: thin at the tip, the skin end and a change of material."""
+    stops, fine_at = [0.0, one["tip"], HEIGHT], [one["tip"]]
+    if one["kind"] == "needle":
+        fine_at.append(HEIGHT)
+    if one["youngs_modulus_below"] != one["youngs_modulus_above"]:
+        stops.append(one["interface"])
+        fine_at.append(one["interface"])
+    stops = sorted(set(stops))
+    parts = [graded(low, high, fine_at, mesh, one["radius"]) for low, high in zip(stops, stops[1:])]
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
+class Edges:
+    """Numbers the edges of a triangulation: vertices keep their number, edges follow."""
+
+    def __init__(self, vertices, triangles):
+        pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]]), axis=1)
+        self.stride = len(vertices)
+        self.pairs = np.unique(pairs, axis=0)
+        self.keys = self.pairs[:, 0] * self.stride + self.pairs[:, 1]
+
+    def middle(self, a, b):
+        """Plane node half-way between the vertices a and b, which may be the same."""
+        edge = self.stride + np.searchsorted(self.keys, np.minimum(a, b) * self.stride + np.maximum(a, b))
+        return np.where(a == b, a, edge)
+
+
+def extrude(vertices, triangles, heights):
+    """Each triangle times each layer, cut into three C3D10 tetrahedra.
+
+    Returns nodes (n x 3) and elements (layers x 3 triangles x 10). A node is a plane node (vertex
+    or middle of an edge) at a level (face or middle of a layer): number = level * plane nodes + plane node. Corners of
+    a prism are taken by rising number, so that neighbours cut their common face along the same diagonal.
+    """
+    edges = Edges(vertices, triangles)
+    plane = np.concatenate([vertices, midpoints(vertices[edges.pairs[:, 0]], vertices[edges.pairs[:, 1]])])
+    levels = np.interp(np.arange(2 * len(heights) - 1) / 2, np.arange(len(heights)), heights)
+    nodes = np.concatenate([np.tile(plane, (len(levels), 1)), np.repeat(levels, len(plane))[:, None]], axis=1)
+
+    corner = np.sort(triangles, axis=1)
+    prism_splits = (((0, 0), (1, 0), (2, 0), (2, 2)), ((0, 0), (1, 0), (1, 2), (2, 2)), ((0, 0), (0, 2), (1, 2), (2, 2)))
+    pairs = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # order of a C3D10
+    tets = []
+    for split in prism_splits:
+        ends = [(corner[:, vertex], level) for vertex, level in split]
+        tets.append(np.stack([(ends[i][1] + ends[j][1]) // 2 * len(plane) + edges.middle(ends[i][0], ends[j][0])
+                              for i, j in pairs], axis=1))
+    first_layer = right_handed(nodes, np.stack(tets, axis=1).reshape(-1, 10))
+    rise = 2 * len(plane) * np.arange(len(heights) - 1)
+    return nodes, first_layer[None] + rise[:, None, None]
+
+
+def right_handed(nodes, tets):
+    """The same elements, the mirrored ones renumbered so that every volume is positive."""
+    a, b, c, d = (nodes[tets[:, i]] for i in range(4))
+    mirrored = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    tets[mirrored] = tets[mirrored][:, [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]]
+    return tets
+
+
+def block_with_needle(one, mesh):
+    """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the nodes that are held and moved."""
+    vertices, triangles = plane_triangulation(one["axis"], one["radius"], mesh)
+    heights = layers(one, mesh)
+    nodes, elements = extrude(vertices, triangles, heights)
+
+    within = np.linalg.norm(vertices[triangles].mean(axis=1), axis=1) < one["radius"]
+    middle = np.repeat(0.5 * (heights[1:] + heights[:-1])[:, None], 3 * len(triangles), axis=1)
+    tissue = ~((middle > one["tip"]) & np.repeat(within, 3))
+    elements, middle = elements[tissue], middle[tissue]
+
+    used, elements = np.unique(elements, return_inverse=True)
+    nodes, elements = nodes[used], elements.reshape(-1, 10)
+    moved = (np.linalg.norm(nodes[:, :2], axis=1) < one["radius"] * (1 + 1e-6)) & (nodes[:, 2] > one["tip"] - 1e-9)
+    if one["kind"] == "disc":
+        moved &= nodes[:, 2] < one["tip"] + 1e-9
+    nodes[:, :2] += one["axis"]
+    return nodes, elements, middle, np.flatnonzero(nodes[:, 2] < 1e-9), np.flatnonzero(moved)
+
+
+# ---- the problem for CalculiX ----------------------------------------------------------------------------------------
+
+def numbered(table):
+    """Lines of a table, each after its number counted from one; CalculiX reads 20 characters a number."""
+    return "".join(f"{i}, {', '.join(f'{value:.12g}' for value in row)}\n" for i, row in enumerate(table.tolist(), 1))
+
+
+def a_set(keyword, name, members):
+    """A set of nodes or elements; `members` count from zero."""
+    return f"*{keyword}, {keyword}={name}\n" + "".join(f"{i + 1}\n" for i in members)
+
+
+def material(name, modulus, nu, elements):
+    return (a_set("ELSET", name, elements) + f"*MATERIAL, NAME={name}\n*ELASTIC\n{modulus!r}, {nu!r}\n"
+            f"*SOLID SECTION, ELSET={name}, MATERIAL={name}\n")
+
+
+def static_step(move):
+    """One load case; its boundary conditions replace those of the step before."""
+    motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move, 1))
+    return (f"*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3\n{motion}"
+            "*NODE PRINT, NSET=MOVED, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=FIXED, TOTALS=ONLY\nRF\n*END STEP\n")
+
+
+def input_deck(one, nodes, elements, middle, fixed, moved):
+    stiff = (middle < one["interface"]) & (one["youngs_modulus_below"] != one["youngs_modulus_above"])
+    deck = "*NODE, NSET=ALL\n" + numbered(nodes) + "*ELEMENT, TYPE=C3D10\n" + numbered(elements + 1)
+    deck += a_set("NSET", "FIXED", fixed) + a_set("NSET", "MOVED", moved)
+    deck += material("ABOVE", one["youngs_modulus_above"], one["poisson_ratio"], np.flatnonzero(~stiff))
+    if stiff.any():
+        deck += material("BELOW", one["youngs_modulus_below"], one["poisson_ratio"], np.flatnonzero(stiff))
+    return deck + "".join(static_step(move) for move in LOADS[one["kind"]].values())
+
+
+def reactions(text, loads):
+    """Sums of the forces on the moved nodes and on the fixed face for each load case, from CalculiX's .dat file."""
+    sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
+    if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(loads):
+        sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
+    forces = np.array([xyz for _, *xyz in sums], float).reshape(-1, 2, 3)
+    for needle, face in forces:
+        if np.linalg.norm(needle + face) > BALANCE * np.linalg.norm(needle):
+            sys.exit(f"resolved_needle: the reactions {needle} and {face} don't balance")
+    return {name: {"needle_force": needle.tolist(), "fixed_face_force": face.tolist()}
+            for name, (needle, face) in zip(loads, forces)}
+
+
+def solve(one, mesh, folder):
+    """Size of the mesh and reactions of one case on one mesh; CalculiX works in `folder`."""
+    nodes, elements, middle, fixed, moved = block_with_needle(one, mesh)
+    (folder / "needle.inp").write_text(input_deck(one, nodes, elements, middle, fixed, moved))
+    (folder / "needle.dat").unlink(missing_ok=True)
+    ccx = subprocess.run(["nice", "ccx", "-i", "needle"], cwd=folder, capture_output=True, text=True,
+                         env={**os.environ, "OMP_NUM_THREADS": "1"})
+    if ccx.returncode or not (folder / "needle.dat").exists():
+        sys.exit(f"resolved_needle: ccx failed:\n{ccx.stdout[-2000:]}{ccx.stderr}")
+    return {"nodes": len(nodes), "elements": len(elements),
+            **reactions((folder / "needle.dat").read_text(), LOADS[one["kind"]])}
+
+
+# ---- the table -------------------------------------------------------------------------------------------------------
+
+def summarise(entry):
+    """Add the force along each motion on the finest mesh, and how far the other meshes lie from it (relative)."""
+    loads = LOADS[entry["kind"]]
+    along = [{name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
+              for name, move in loads.items()} for mesh in MESHES if mesh in entry["meshes"]]
+    entry["force"] = along[-1]
+    if len(along) > 1:
+        entry["coarser_mesh_differs_by"] = {name: along[-2][name] / along[-1][name] - 1 for name in loads}
+
+
+def solver_version():
+    words = subprocess.run(["ccx", "-v"], capture_output=True, text=True).stdout.split()
+    return f"CalculiX ccx {words[-1].rstrip('.')}, C3D10, SPOOLES"
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="*", metavar="CASE", help="cases to solve (default: all)")
+    parser.add_argument("--mesh", action="append", choices=MESHES, help="mesh to use, may be repeated (default: "
+                        + ", ".join(DEFAULT_MESHES) + ")")
+    parser.add_argument("--output", type=Path, default=Path(__file__).with_suffix(".json"),
+                        help="table to add the results to (default: the one beside this script)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave CalculiX's files of the last run in DIR")
+    parser.add_argument("--version", action="version", version="resolved_needle 1")
+    chosen = parser.parse_args()
+    unknown = set(chosen.cases) - set(CASES)
+    if unknown:
+        parser.error(f"no case named {', '.join(sorted(unknown))}; there are {', '.join(CASES)}")
+    return chosen
+
+
+def main():
+    chosen = arguments()
+    table = json.loads(chosen.output.read_text()) if chosen.output.exists() else {"cases": {}}
+    solved = table["cases"]
+    for name in chosen.cases or CASES:
+        entry = {**CASES[name], "meshes": solved.get(name, {}).get("meshes", {})}
+        for mesh in chosen.mesh or DEFAULT_MESHES:
+            start = time.monotonic()
+            with tempfile.TemporaryDirectory() as scratch:
+                folder = chosen.keep or Path(scratch)
+                folder.mkdir(parents=True, exist_ok=True)
+                entry["meshes"][mesh] = solve(entry, MESHES[mesh], folder)
+            summarise(entry)
+            solved[name] = entry
+            force = ", ".join(f"{load} {value:.5f} N" for load, value in entry["force"].items())
+            print(f"{name}, {mesh}: {entry['meshes'][mesh]['nodes']} nodes, {time.monotonic() - start:.0f} s; {force}",
+                  flush=True)
+            table = {"about": ABOUT, "solver": solver_version(), "mesh_settings": MESHES,
+                     "cases": {key: solved[key] for key in CASES if key in solved}}
+            chosen.output.write_text(json.dumps(table, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

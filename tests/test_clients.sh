@@ -22,7 +22,7 @@ refuses() {
 }
 
 bad_input() {
-    local device=$programs/trocar-device replay=$programs/trocar-replay
+    local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench
     "$device" --script insert --write-log poses.log
     head -c 1000 poses.log >cut.log
     head -c 1000 /dev/zero >zero.log
@@ -45,7 +45,16 @@ bad_input() {
     refuses empty.log "$replay" --scene "$scene" --poses empty.log --csv x.csv
     refuses /nowhere/x.csv "$replay" --scene "$scene" --poses poses.log --csv /nowhere/x.csv --out x.log
     refuses "--at 99 s is after the last pose" "$replay" --scene "$scene" --poses poses.log --vtu x --at 99
-    for program in "$device" "$replay"; do
+    refuses "which benchmark" "$bench"
+    refuses tock "$bench" tock
+    refuses --nonsense "$bench" tick --nonsense
+    refuses --scene "$bench" tick --json x.json
+    refuses "--contacts: 2.5" "$bench" tick --scene "$scene" --contacts 5,2.5
+    refuses "--contacts: 65" "$bench" tick --scene "$scene" --contacts 65
+    refuses none.yaml "$bench" tick --scene none.yaml --json x.json
+    refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
+    refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
+    for program in "$device" "$replay" "$bench"; do
         "$program" --version | grep -q '^trocar-' || fail "$program --version"
         "$program" --help | grep -q Usage || fail "$program --help"
     done
@@ -67,6 +76,32 @@ replay() {
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
     grep -q 'puncture:capsule' a.csv || fail "no puncture of the capsule"
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
+}
+
+# A trace kept with its forces: the same bits twice, and what it was within a tolerance that a change of the mechanics
+# does not pass.
+golden() {
+    local trace=$source/tests/traces/figure8 compare=$source/tests/compare_csv.py
+    local replay=("$programs/trocar-replay" --poses "$trace.log" --quiet)
+    for run in a b; do
+        "${replay[@]}" --scene "$scene" --csv $run.csv --out $run.log
+    done
+    cmp a.csv b.csv
+    cmp a.log b.log
+    "$compare" "$trace.csv" a.csv
+    sed "s|^mesh: |mesh: $source/meshes/|; s/kinetic: 9 /kinetic: 10 /" "$scene" >other.yaml
+    "${replay[@]}" --scene other.yaml --csv other.csv
+    local status=0
+    "$compare" "$trace.csv" other.csv >other.txt || status=$?
+    [ $status -eq 1 ] || fail "status $status, not 1, with other friction: $(cat other.txt)"
+}
+
+# Short: what it writes, not how fast this machine is.
+bench() {
+    "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
+    cat bench.txt
+    "$source/tests/check_bench.py" bench.json 5 10
+    [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
 }
 
 # Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.

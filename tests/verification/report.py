@@ -1,0 +1,147 @@
+#!/usr/bin/python3
+"""Makes the verification report, REPORT.md beside this script with its figures in plots/, from the checks' JSON files.
+
+usage: report.py FOLDER     FOLDER: where scripts/verify left the files, out/verify
+"""
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("svg")
+matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
+matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
+import matplotlib.pyplot as plt  # noqa: E402
+
+HERE = Path(__file__).resolve().parent
+PLOTS = HERE / "plots"
+PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
+# Colours of Okabe and Ito, told apart without colour vision; line styles and markers too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+STYLES = ("-", "--", ":", "-.")
+MANY = 30  # points from which on a curve gets no markers
+
+
+def read_entries(folder):
+    return [entry for path in sorted(folder.glob("*.json")) for entry in json.loads(path.read_text())]
+
+
+def figure_number(value, digits=5):
+    return "" if value is None else f"{value:.{digits}g}"
+
+
+def cell(text):
+    return str(text).replace("|", "\\|")
+
+
+def table(rows):
+    yield "| check | reference | value | expected | error | limit | |"
+    yield "|---|---|---:|---:|---:|---:|---|"
+    for row in rows:
+        unit = f" {row['unit']}" if row["unit"] else ""
+        value, expected = (figure_number(row[key]) and figure_number(row[key]) + unit for key in ("value", "expected"))
+        error, limit = (figure_number(row[key], 2) for key in ("error", "limit"))
+        verdict = ("pass" if row["pass"] else "**fail**") + (f": {row['note']}" if row["note"] else "")
+        yield "| " + " | ".join(map(cell, (row["check"], row["reference"], value, expected, error, limit, verdict))) + " |"
+
+
+# ---- figures ----
+
+def draw(curves, path):
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    for i, curve in enumerate(curves):
+        marker = "osv^D"[i % 5] if len(curve["x"]) < MANY else None
+        pairs = [(x, y) for x, y in zip(curve["x"], curve["y"]) if x is not None and y is not None]
+        axes.plot(*zip(*pairs), label=curve["label"], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
+                  marker=marker, markersize=4, linewidth=1.4)
+    axes.set_xlabel(curves[0]["x_label"])
+    axes.set_ylabel(curves[0]["y_label"])
+    if curves[0]["logarithmic"]:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+    axes.grid(color="0.9", linewidth=0.6)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def figures(entries, folder):
+    """File names of a section's figures, drawn or copied into PLOTS."""
+    curves = {}
+    for entry in entries:
+        if entry["kind"] == "curve":
+            curves.setdefault(entry["figure"] + ".svg", []).append(entry)
+        elif entry["kind"] == "plot":
+            shutil.copy(folder / entry["plot"], PLOTS)
+            yield entry["plot"]
+    for name, lines in curves.items():
+        draw(lines, PLOTS / name)
+        yield name
+
+
+# ---- machine ----
+
+def output_of(*command):
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=HERE).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def machine():
+    names = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
+    versions = ", ".join(f"{name} {output_of('dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES)
+    return (f"{names[0] if names else platform.machine()}, {os.cpu_count()} processors, Linux {platform.release()}, "
+            f"{output_of('gcc', '--version').splitlines()[0]}; {versions}.")
+
+
+# ---- the report ----
+
+def section_lines(title, entries, folder):
+    yield f"### {title}\n"
+    rows = [entry for entry in entries if entry["kind"] == "row"]
+    if rows:
+        yield "\n".join(table(rows)) + "\n"
+    for name in figures(entries, folder):
+        yield f"![{Path(name).stem}](plots/{name})\n"
+
+
+def report_lines(entries, folder):
+    rows = [entry for entry in entries if entry["kind"] == "row"]
+    passed = sum(row["pass"] for row in rows)
+    yield "# Verification report\n"
+    yield ("Made by `scripts/verify`; do not edit. A row passes if its error is at most its limit; errors are relative "
+           "unless the row says otherwise. What each check does is told at the head of its source in this folder.\n")
+    yield f"**{passed} of {len(rows)} rows pass.** Commit {output_of('git', 'describe', '--always', '--dirty')}. {machine()}\n"
+    failing = [row for row in rows if not row["pass"]]
+    if failing:
+        yield "Rows that fail:\n"
+        yield "\n".join(f"- {row['section']}: {row['check']}" + (f": {row['note']}" if row["note"] else "") for row in failing) + "\n"
+    part = None
+    for title in sorted({entry["section"] for entry in entries}):
+        if title.split(":")[0] != part:
+            part = title.split(":")[0]
+            yield f"## {part}\n"
+        yield from section_lines(title.split(":", 1)[-1].strip().capitalize() if ":" in title else title,
+                                 [entry for entry in entries if entry["section"] == title], folder)
+
+
+def main():
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        print(__doc__)
+        return 0 if "--help" in sys.argv else 2
+    folder = Path(sys.argv[1])
+    PLOTS.mkdir(exist_ok=True)
+    for old in PLOTS.glob("*.svg"):
+        old.unlink()
+    (HERE / "REPORT.md").write_text("\n".join(report_lines(read_entries(folder), folder)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

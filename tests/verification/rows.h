@@ -1,0 +1,142 @@
+/* Rows of the verification report. A check is a program `verify_NAME [--short] FOLDER` that writes FOLDER/NAME.json:
+
+       int main(int argc, char **argv) {
+           rows r = rows_begin(argc, argv, "Needle: bending");
+           rows_compare(&r, "tip deflection", "P L^3 / 3 E I", deflection, expected, 1e-3, "m");
+           return rows_end(&r);
+       }
+
+   A section is "Part: subject"; the report sorts by it. tests/verification/rows.py is the same for Python. */
+#ifndef TROCAR_VERIFICATION_ROWS_H
+#define TROCAR_VERIFICATION_ROWS_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    const char *section;       /* of the rows that follow; may be changed between rows */
+    const char *folder;        /* for output; exists */
+    bool short_form;           /* a few seconds at most: --short was given */
+    FILE *file;
+    int written, failed;
+} rows;
+
+/* One line of the report. It passes if error <= limit. */
+typedef struct {
+    const char *check;         /* what was measured, with the case */
+    const char *reference;     /* what it is compared with */
+    double value;
+    double expected;           /* NAN: none */
+    double error, limit;       /* relative, unless the note says otherwise */
+    const char *unit;          /* of value and expected; NULL: none */
+    const char *note;          /* the reason of a failure, or a remark; NULL: none */
+} row;
+
+/* A line in a figure: all curves of one figure name are drawn into FIGURE.svg, curves with one label in one colour. */
+typedef struct {
+    const char *figure;        /* file name without .svg */
+    const char *label, *x_label, *y_label;
+    bool logarithmic;          /* both axes */
+    int count;
+    const double *x, *y;       /* count */
+} curve;
+
+static inline rows rows_begin(int argc, char **argv, const char *section) {
+    rows r = {.section = section, .short_form = argc == 3 && strcmp(argv[1], "--short") == 0};
+    if (argc != 2 + r.short_form || argv[argc - 1][0] == '-') {
+        fprintf(stderr, "usage: %s [--short] FOLDER\n", argv[0]);
+        exit(2);
+    }
+    r.folder = argv[argc - 1];
+    const char *slash = strrchr(argv[0], '/'), *name = slash ? slash + 1 : argv[0];
+    if (strncmp(name, "verify_", 7) == 0) name += 7;
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s.json", r.folder, name);
+    r.file = fopen(path, "w");
+    if (!r.file) {
+        perror(path);
+        exit(2);
+    }
+    return r;
+}
+
+static inline void rows_text(const rows *r, const char *key, const char *text) {
+    fprintf(r->file, ", \"%s\": \"", key);
+    for (const char *c = text ? text : ""; *c; c++) {
+        if (*c == '"' || *c == '\\') fputc('\\', r->file);
+        fputc(*c == '\n' ? ' ' : *c, r->file);
+    }
+    fputc('"', r->file);
+}
+
+static inline void rows_number(const rows *r, const char *key, double number) {
+    if (isfinite(number)) fprintf(r->file, ", \"%s\": %.9g", key, number);
+    else fprintf(r->file, ", \"%s\": null", key);
+}
+
+static inline void rows_array(const rows *r, const char *key, int count, const double *numbers) {
+    fprintf(r->file, ", \"%s\": [", key);
+    for (int i = 0; i < count; i++) fprintf(r->file, isfinite(numbers[i]) ? "%s%.7g" : "%snull", i ? ", " : "", numbers[i]);
+    fputc(']', r->file);
+}
+
+/* `{"kind": ...` of the next entry, after a comma if it needs one. */
+static inline void rows_open(rows *r, const char *kind) {
+    fprintf(r->file, "%s{\"kind\": \"%s\"", r->written++ ? ",\n" : "[\n", kind);
+    rows_text(r, "section", r->section);
+}
+
+static inline void rows_add(rows *r, row entry) {
+    bool pass = entry.error <= entry.limit; /* not when NaN */
+    r->failed += !pass;
+    rows_open(r, "row");
+    rows_text(r, "check", entry.check);
+    rows_text(r, "reference", entry.reference);
+    rows_number(r, "value", entry.value);
+    rows_number(r, "expected", entry.expected);
+    rows_number(r, "error", entry.error);
+    rows_number(r, "limit", entry.limit);
+    rows_text(r, "unit", entry.unit);
+    rows_text(r, "note", entry.note);
+    fprintf(r->file, ", \"pass\": %s}", pass ? "true" : "false");
+    printf("%s  %s: %.6g%s%s (error %.3g, limit %.3g)\n", pass ? "pass" : "FAIL", entry.check, entry.value,
+           entry.unit ? " " : "", entry.unit ? entry.unit : "", entry.error, entry.limit);
+    fflush(stdout);
+}
+
+/* A value against one that is expected: relative error. */
+static inline void rows_compare(rows *r, const char *check, const char *reference, double value, double expected,
+                                double limit, const char *unit) {
+    rows_add(r, (row){.check = check, .reference = reference, .value = value, .expected = expected,
+                      .error = fabs(value - expected) / fabs(expected), .limit = limit, .unit = unit});
+}
+
+/* A value that is itself an error. */
+static inline void rows_error(rows *r, const char *check, const char *reference, double error, double limit) {
+    rows_add(r, (row){.check = check, .reference = reference, .value = error, .expected = NAN, .error = fabs(error), .limit = limit});
+}
+
+static inline void rows_curve(rows *r, curve c) {
+    rows_open(r, "curve");
+    rows_text(r, "figure", c.figure);
+    rows_text(r, "label", c.label);
+    rows_text(r, "x_label", c.x_label);
+    rows_text(r, "y_label", c.y_label);
+    fprintf(r->file, ", \"logarithmic\": %s", c.logarithmic ? "true" : "false");
+    rows_array(r, "x", c.count, c.x);
+    rows_array(r, "y", c.count, c.y);
+    fputc('}', r->file);
+}
+
+/* The program's exit status: 0 if every row passed, else 1. */
+static inline int rows_end(rows *r) {
+    fputs(r->written ? "\n]\n" : "[]\n", r->file);
+    bool written = fclose(r->file) == 0;
+    if (!written) perror(r->folder);
+    return written && r->failed == 0 ? 0 : 1;
+}
+
+#endif

@@ -102,6 +102,12 @@ def machine():
 
 # ---- the report ----
 
+def subject_of(title):
+    """"Needle: bending of a rod" -> "Bending of a rod"."""
+    subject = title.split(":", 1)[-1].strip()
+    return subject[:1].upper() + subject[1:]
+
+
 def section_lines(title, entries, folder):
     yield f"### {title}\n"
     rows = [entry for entry in entries if entry["kind"] == "row"]
@@ -127,7 +133,7 @@ def report_lines(entries, folder):
         if title.split(":")[0] != part:
             part = title.split(":")[0]
             yield f"## {part}\n"
-        yield from section_lines(title.split(":", 1)[-1].strip().capitalize() if ":" in title else title,
+        yield from section_lines(subject_of(title),
                                  [entry for entry in entries if entry["section"] == title], folder)
 
 

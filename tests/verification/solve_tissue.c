@@ -1,0 +1,113 @@
+/* Displacements of a tissue under nodal forces, by core, for the scripts beside this file.
+
+   usage: solve_tissue MESH <INPUT >OUTPUT
+   INPUT, one a line: `material REGION E NU`, `fixed GROUP`, `case` (begins a load case), `load NODE FX FY FZ`.
+   OUTPUT: x y z of each node (m), then for each case ux uy uz of each node (m), all with 17 digits. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "inverse.h"
+
+typedef struct {
+    mesh mesh;
+    region_material materials[MESH_MAX_GROUPS];
+    bool *fixed;
+    tissue tissue;
+    inverse *inverse;
+    vec3 *force, *displacement;
+    bool loaded;               /* a case has begun */
+} problem;
+
+static trocar_status set_material(problem *p, const char *line, report *why) {
+    char name[MESH_NAME];
+    region_material material = {0};
+    if (sscanf(line, "material %63s %lf %lf", name, &material.youngs_modulus, &material.poisson_ratio) != 3)
+        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: material REGION E NU", line);
+    int group = mesh_find_group(&p->mesh, name, 3);
+    if (group < 0) return fail(why, TROCAR_BAD_INPUT, "material: the mesh has no region '%s'", name);
+    p->materials[group] = material;
+    return TROCAR_OK;
+}
+
+static trocar_status fix_group(problem *p, const char *line, report *why) {
+    char name[MESH_NAME];
+    int group = sscanf(line, "fixed %63s", name) == 1 ? mesh_find_group(&p->mesh, name, -1) : -1;
+    if (group < 0) return fail(why, TROCAR_BAD_INPUT, "'%s': expected: fixed GROUP, one of the mesh", line);
+    const mesh_group *g = &p->mesh.groups[group];
+    for (int i = 0; i < g->node_count; i++) p->fixed[g->nodes[i]] = true;
+    return TROCAR_OK;
+}
+
+static trocar_status add_load(problem *p, const char *line, report *why) {
+    int node;
+    vec3 f;
+    if (sscanf(line, "load %d %lf %lf %lf", &node, &f.x, &f.y, &f.z) != 4 || node < 0 || node >= p->mesh.node_count)
+        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: load NODE FX FY FZ", line);
+    p->force[node] = v3_add(p->force[node], f);
+    return TROCAR_OK;
+}
+
+static void print_vectors(int count, const vec3 *v) {
+    for (int i = 0; i < count; i++) printf("%.17g %.17g %.17g\n", v[i].x, v[i].y, v[i].z);
+}
+
+static void solve_case(problem *p) {
+    if (!p->loaded) return;
+    inverse_apply(p->inverse, p->force, p->displacement);
+    print_vectors(p->mesh.node_count, p->displacement);
+    memset(p->force, 0, (size_t)p->mesh.node_count * sizeof *p->force);
+}
+
+/* The first case needs the factor: materials and fixed groups are complete by then. */
+static trocar_status begin_case(problem *p, report *why) {
+    trocar_status status = TROCAR_OK;
+    solve_case(p);
+    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, &p->tissue, why);
+    if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, &p->inverse, why);
+    p->loaded = true;
+    return status;
+}
+
+static trocar_status read_line(problem *p, const char *line, report *why) {
+    if (strncmp(line, "load ", 5) == 0) return add_load(p, line, why);
+    if (strncmp(line, "case", 4) == 0) return begin_case(p, why);
+    if (strncmp(line, "fixed ", 6) == 0) return fix_group(p, line, why);
+    return set_material(p, line, why);
+}
+
+static trocar_status run(const char *path, problem *p, report *why) {
+    trocar_status status = mesh_read(path, &p->mesh, why);
+    if (status != TROCAR_OK) return status;
+    size_t n = (size_t)p->mesh.node_count;
+    p->fixed = calloc(n, sizeof *p->fixed);
+    p->force = calloc(n, sizeof *p->force);
+    p->displacement = calloc(n, sizeof *p->displacement);
+    if (!p->fixed || !p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
+    print_vectors(p->mesh.node_count, p->mesh.nodes);
+
+    char line[256];
+    while (status == TROCAR_OK && fgets(line, sizeof line, stdin)) {
+        line[strcspn(line, "\n")] = '\0';
+        status = read_line(p, line, why);
+    }
+    if (status == TROCAR_OK) solve_case(p);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    problem p = {0};
+    report why = {""};
+    if (argc != 2) {
+        fprintf(stderr, "usage: %s MESH <INPUT >OUTPUT\n", argv[0]);
+        return 2;
+    }
+    trocar_status status = run(argv[1], &p, &why);
+    if (status != TROCAR_OK) fprintf(stderr, "%s: %s\n", argv[0], why.text);
+    inverse_free(p.inverse);
+    if (p.tissue.mesh) tissue_free(&p.tissue);
+    mesh_free(&p.mesh);
+    free(p.fixed);
+    free(p.force);
+    free(p.displacement);
+    return status == TROCAR_OK ? 0 : status == TROCAR_BAD_INPUT ? 2 : 1;
+}

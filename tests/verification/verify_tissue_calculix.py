@@ -1,0 +1,70 @@
+#!/usr/bin/python3
+"""Displacements of the tissue against CalculiX's C3D4 elements: same mesh, same nodal forces, one and three materials."""
+import sys
+
+import numpy as np
+
+import tissue_model as tm
+from rows import REPOSITORY, Rows
+
+LIMIT = 1e-6
+NOTE = "relative to the field's norm; CalculiX prints 7 digits"
+
+
+def layered_block(path, size):
+    """A block of three layers, the middle one tilted, so that their faces lie along no axis. Fixed: z = 0."""
+    tm.start_gmsh()
+    occ = tm.gmsh.model.occ
+    block = occ.addBox(0, 0, 0, 0.06, 0.05, 0.06)
+    cutters = []
+    for height, turn in ((0.02, 0.15), (0.04, -0.1)):
+        plane = occ.addRectangle(-0.1, -0.1, height, 0.3, 0.3)
+        occ.rotate([(2, plane)], 0.03, 0.025, height, 1, 0.5, 0, turn)
+        cutters.append((2, plane))
+    pieces, _ = occ.fragment([(3, block)], cutters)
+    occ.remove([piece for piece in pieces if piece[0] == 2], recursive=True)
+    occ.synchronize()
+    volumes = [tag for _, tag in tm.gmsh.model.getEntities(3)]
+    volumes.sort(key=lambda tag: occ.getCenterOfMass(3, tag)[2])
+    for number, (tag, name) in enumerate(zip(volumes, ("bottom", "middle", "top")), 1):
+        tm.gmsh.model.addPhysicalGroup(3, [tag], number)
+        tm.gmsh.model.setPhysicalName(3, number, name)
+    floor = [tag for _, tag in tm.gmsh.model.getEntities(2) if abs(occ.getCenterOfMass(2, tag)[2]) < 1e-9]
+    tm.gmsh.model.addPhysicalGroup(2, floor, 9)
+    tm.gmsh.model.setPhysicalName(2, 9, "fixed")
+    for option in ("MeshSizeMin", "MeshSizeMax"):
+        tm.gmsh.option.setNumber("Mesh." + option, size)
+    tm.gmsh.model.mesh.generate(3)
+    tm.gmsh.write(str(path))
+    tm.gmsh.finalize()
+    return tm.read_mesh(path)
+
+
+def load_cases(model):
+    """A few strong forces inside and outside, and a force on every node."""
+    random = np.random.default_rng(7)
+    few, all_over = np.zeros_like(model.nodes), random.normal(size=model.nodes.shape)
+    few[random.choice(len(model.nodes), 6, replace=False)] = random.normal(size=(6, 3))
+    return [few, all_over]
+
+
+def compare(rows, name, model, materials):
+    cases = load_cases(model)
+    ours = tm.solve_core(rows, model, materials, ["fixed"], cases)
+    theirs = tm.solve_calculix(model, materials, ["fixed"], cases)
+    for load, u, reference in zip(("six nodes loaded", "all nodes loaded"), ours, theirs):
+        rows.error(f"{name}, {load}", "CalculiX, C3D4", np.linalg.norm(u - reference) / np.linalg.norm(reference), LIMIT, NOTE)
+
+
+def main():
+    rows = Rows.from_arguments(__doc__, "Tissue: against CalculiX's linear elements")
+    block = layered_block(rows.folder / "block.msh", 0.008 if rows.short_form else 0.005)
+    compare(rows, f"block of {len(block.nodes)} nodes, one material", block, dict.fromkeys(block.regions, (20e3, 0.45)))
+    compare(rows, "the same, three materials", block, {"bottom": (15e3, 0.3), "middle": (80e3, 0.49), "top": (30e3, 0.45)})
+    prostate = tm.read_mesh(REPOSITORY / "meshes" / "prostate-570.msh")
+    compare(rows, "prostate, two materials", prostate, {"prostate": (60e3, 0.45), "surrounding": (30e3, 0.45)})
+    return rows.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,159 @@
+#!/usr/bin/python3
+"""The tissue against exact solutions: constant strain on an irregular mesh, and a manufactured trigonometric field.
+
+The manufactured field u = a sin(pi x/L) sin(pi y/L) sin(pi z/L) vanishes on the cube's faces, which are all fixed; the
+body force that it needs is loaded consistently. Linear elements should reach order 2 in the displacement and 1 in the
+energy norm (Strang and Fix 1973), whatever nu below 0.5.
+"""
+import sys
+
+import numpy as np
+
+import tissue_model as tm
+from rows import Rows
+
+SIDE = 0.1                            # m
+AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
+YOUNGS_MODULUS = 20e3                 # Pa
+ORDER_LIMIT = 0.05                    # relative, of the observed order on the finest pair of meshes
+
+
+def cube(path, size, fixed_faces):
+    """Free tetrahedra of this size; `fixed_faces` tells from a face's centre whether it is held."""
+    tm.start_gmsh()
+    occ = tm.gmsh.model.occ
+    block = occ.addBox(0, 0, 0, SIDE, SIDE, SIDE)
+    occ.synchronize()
+    faces = {tag: occ.getCenterOfMass(2, tag) for _, tag in tm.gmsh.model.getEntities(2)}
+    fixed = [tag for tag, centre in faces.items() if fixed_faces(centre)]
+    groups = [(3, [block], "tissue"), (2, fixed, "fixed"), (2, [tag for tag in faces if tag not in fixed], "free")]
+    for number, (dimension, tags, name) in enumerate(groups, 1):
+        if tags:
+            tm.gmsh.model.addPhysicalGroup(dimension, tags, number)
+            tm.gmsh.model.setPhysicalName(dimension, number, name)
+    for option in ("MeshSizeMin", "MeshSizeMax"):
+        tm.gmsh.option.setNumber("Mesh." + option, size)
+    tm.gmsh.model.mesh.generate(3)
+    tm.gmsh.model.mesh.optimize("")
+    tm.gmsh.write(str(path))
+    tm.gmsh.finalize()
+    return tm.read_mesh(path)
+
+
+# ---- patch test ----
+
+def normals(model, triangles):
+    """Unit outward normals of triangles on the cube's surface."""
+    x = model.nodes[triangles]
+    n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    n *= np.sign(np.einsum("ti,ti->t", n, x.mean(1) - SIDE / 2))[:, None]
+    return n / np.linalg.norm(n, axis=1)[:, None]
+
+
+def patch_test(rows):
+    """u = d z vanishes on the held face; its constant stress loads the others. Any mesh must give it exactly."""
+    rows.section = "Tissue: patch test"
+    model = cube(rows.folder / "patch.msh", SIDE / 6, lambda centre: centre[2] < 1e-9)
+    triangles = model.surfaces["free"]
+    n = normals(model, triangles)
+    for nu in (0.3, 0.45, 0.499):
+        lam, mu = tm.lame((YOUNGS_MODULUS, nu))
+        for axis, name in enumerate(("shear in x", "shear in y", "stretch in z")):
+            d = np.eye(3)[axis] * 0.02
+            strain = (np.outer(d, [0, 0, 1]) + np.outer([0, 0, 1], d)) / 2
+            stress = 2 * mu * strain + lam * np.trace(strain) * np.eye(3)
+            load = tm.surface_load(model, triangles, lambda x: np.broadcast_to((n @ stress)[:, None], x.shape))
+            u = tm.solve_core(rows, model, {"tissue": (YOUNGS_MODULUS, nu)}, ["fixed"], [load])[0]
+            exact = np.outer(model.nodes[:, 2], d)
+            error = np.abs(u - exact).max() / np.abs(exact).max()
+            rows.error(f"{name}, nu = {nu}", "u = d z, every node", error, 1e-10)
+
+
+# ---- manufactured solution ----
+
+def field(x):
+    s, c = np.sin(np.pi * x / SIDE), np.cos(np.pi * x / SIDE)
+    return s, c, s.prod(-1)
+
+
+def exact(x):
+    return field(x)[2][..., None] * AMPLITUDE
+
+
+def exact_gradient(x):
+    """du_i / dx_j."""
+    s, c, _ = field(x)
+    k = np.pi / SIDE
+    slope = k * np.stack([c[..., 0] * s[..., 1] * s[..., 2], s[..., 0] * c[..., 1] * s[..., 2],
+                          s[..., 0] * s[..., 1] * c[..., 2]], -1)
+    return AMPLITUDE[:, None] * slope[..., None, :]
+
+
+def body_force(material):
+    """-div sigma = -mu laplace u - (lambda + mu) grad div u."""
+    lam, mu = tm.lame(material)
+
+    def density(x):
+        s, c, product = field(x)
+        k2 = (np.pi / SIDE) ** 2
+        hessian = np.empty(x.shape + (3,))
+        for i in range(3):
+            for j in range(3):
+                other = 3 - i - j
+                hessian[..., i, j] = -k2 * product if i == j else k2 * c[..., i] * c[..., j] * s[..., other]
+        return 3 * mu * k2 * product[..., None] * AMPLITUDE - (lam + mu) * hessian @ AMPLITUDE
+    return density
+
+
+def energy_density(material, gradient):
+    lam, mu = tm.lame(material)
+    strain = (gradient + np.swapaxes(gradient, -1, -2)) / 2
+    return mu * np.einsum("...ij,...ij->...", strain, strain) + lam / 2 * np.einsum("...ii->...", strain) ** 2
+
+
+def errors(model, material, u):
+    """Relative errors in the L2 and in the energy norm."""
+    points, weights = tm.tet_rule(4)
+    g, volume = tm.gradients(model)
+    x = np.einsum("qa,tax->tqx", points, model.nodes[model.tets])
+    difference = np.einsum("qa,tax->tqx", points, u[model.tets]) - exact(x)
+    strain_difference = np.einsum("tai,taj->tij", u[model.tets], g)[:, None] - exact_gradient(x)
+
+    def integral(values):
+        return np.einsum("q,t,tq->", 6 * weights, volume, values)
+    l2 = integral((difference ** 2).sum(-1)) / integral((exact(x) ** 2).sum(-1))
+    energy = integral(energy_density(material, strain_difference)) / integral(energy_density(material, exact_gradient(x)))
+    return np.sqrt(l2), np.sqrt(energy)
+
+
+def convergence(rows, models, nu):
+    material = (YOUNGS_MODULUS, nu)
+    found = []
+    for model in models:
+        load = tm.body_load(model, body_force(material))
+        u = tm.solve_core(rows, model, {"tissue": material}, ["fixed"], [load])[0]
+        found.append(errors(model, material, u))
+    size = np.array([(SIDE ** 3 / len(model.tets)) ** (1 / 3) for model in models])
+    found = np.array(found)
+    order = np.log(found[:-1] / found[1:]) / np.log(size[:-1] / size[1:])[:, None]
+    for column, (norm, expected) in enumerate((("L2 norm", 2), ("energy norm", 1))):
+        note = "errors " + ", ".join(f"{e:.2g}" for e in found[:, column]) + f" at {len(models[-1].nodes)} nodes and coarser"
+        rows.add(f"order in the {norm}, nu = {nu}", "linear elements", order[-1, column], expected,
+                 abs(order[-1, column] / expected - 1), ORDER_LIMIT, note=note)
+        rows.curve("tissue-convergence", f"{norm}, nu = {nu}", 1e3 * size, found[:, column],
+                   "element size: cube root of the mean volume (mm)", "relative error", logarithmic=True)
+
+
+def main():
+    rows = Rows.from_arguments(__doc__, "")
+    patch_test(rows)
+    rows.section = "Tissue: manufactured solution"
+    divisions = (4, 8, 16) if rows.short_form else (4, 8, 16, 32)
+    models = [cube(rows.folder / f"cube-{n}.msh", SIDE / n, lambda centre: True) for n in divisions]
+    for nu in (0.3, 0.45):
+        convergence(rows, models, nu)
+    return rows.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

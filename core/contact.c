@@ -75,7 +75,7 @@ static bool solve_definite(int n, double a[MAX_POINTS][MAX_POINTS], double *x) {
             double sum = a[i][j];
             for (int k = 0; k < j; k++) sum -= a[i][k] * a[j][k];
             if (i > j) a[i][j] = sum / a[j][j];
-            else if (sum <= 0.0) return false;
+            else if (!(sum > 0.0)) return false;
             else a[i][i] = sqrt(sum);
         }
         for (int k = 0; k < i; k++) x[i] -= a[i][k] * x[k];
@@ -130,7 +130,7 @@ static friction_state consistent_state(contact_problem *p, int i) {
 /* Active-set search: all inconsistent contacts switch at once, as a rule twice or so; if that cycles, one at a time in
    least-index order, which is finite for positive definite problems (Murty 1974). */
 static bool search_states(contact_problem *p) {
-    int together = 10, limit = together + 40 * (p->count + 1);
+    int together = 10, limit = together + 4 * p->count;
     for (int i = 0; i < p->count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {

@@ -7,18 +7,19 @@
 #include "tip.h"
 #include "window.h"
 
+enum { MOST_STEPS = 4 };                 /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
+static const double LOOK_BACK = 5e-3;    /* m behind the tip of a free needle: it may have come free below a dented surface */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
 /* ---- model ------------------------------------------------------------------------------------------------------------ */
 
 /* Means over the elements around each node, so that the local compliance is continuous across faces. */
-static void average_moduli(insertion_model *model) {
+static void average_moduli(insertion_model *model, int *count) {
     const mesh *m = model->mesh;
     for (int i = 0; i < m->node_count; i++) model->node_lateral[i] = model->node_axial[i] = model->node_point[i] = 0.0;
-    int *count = calloc((size_t)m->node_count, sizeof *count);
-    for (int e = 0; count && e < m->tet_count; e++) {
+    for (int e = 0; e < m->tet_count; e++) {
         const region_material *material = &model->materials[m->region[e]];
         double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
         for (int c = 0; c < 4; c++) {
@@ -29,22 +30,24 @@ static void average_moduli(insertion_model *model) {
             model->node_point[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
         }
     }
-    for (int i = 0; count && i < m->node_count; i++) {
+    for (int i = 0; i < m->node_count; i++) {
         model->node_lateral[i] /= count[i];
         model->node_axial[i] /= count[i];
         model->node_point[i] /= count[i];
     }
-    free(count);
 }
 
 trocar_status insertion_model_create(insertion_model *model, report *why) {
     size_t n = (size_t)model->mesh->node_count;
+    int *count = calloc(n, sizeof *count);
     model->node_lateral = malloc(3 * n * sizeof(double));
-    if (!model->node_lateral) return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
-    model->node_axial = model->node_lateral + n;
-    model->node_point = model->node_axial + n;
-    average_moduli(model);
-    return TROCAR_OK;
+    if (count && model->node_lateral) {
+        model->node_axial = model->node_lateral + n;
+        model->node_point = model->node_axial + n;
+        average_moduli(model, count);
+    }
+    free(count);
+    return model->node_point ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
 }
 
 void insertion_model_free(insertion_model *model) {
@@ -329,6 +332,19 @@ static void take_forces(insertion_state *state, const insertion_workspace *w, bo
     }
 }
 
+/* No equilibrium (a needle buckled beyond what the tissue holds): straight and without force, from where the next tick
+   starts afresh. */
+static void give_up(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    needle_rest(model->needle, state->needle.base, &state->needle);
+    for (int i = 0; i < state->active; i++) {
+        state->contacts[i].force = v3(0, 0, 0);
+        state->contacts[i].slip = 0.0;
+    }
+    state->tip.force = v3(0, 0, 0);
+    state->tip.slip = state->tip.speed = 0.0;
+    wrench->events |= EVENT_UNSTABLE;
+}
+
 /* Newton passes on the needle's shape around the condensed contact problem. */
 static void find_equilibrium(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
                              bool tip, const int handles[4], double dt, insertion_wrench *wrench) {
@@ -358,8 +374,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         bound_contacts(model, state, tip, dt, w);
         assemble(w, snapshot, tip);
         if (contact_solve(p) != TROCAR_OK) {
-            for (int i = 0; i < state->active; i++) state->contacts[i].slip = 0.0;
-            wrench->events |= EVENT_UNSTABLE;
+            give_up(model, state, wrench);
             return;
         }
         wrench->switches += p->switches;
@@ -391,7 +406,7 @@ static void move_freely(const insertion_model *model, insertion_state *state, po
     vec3 before = state->needle.joints[n];
     needle_rest(model->needle, base, &state->needle);
     vec3 axis = q_rotate(base.orientation, v3(0, 0, 1));
-    tip_touch(model, state, v3_axpy(-1e-4, axis, before), state->needle.joints[n], wrench);
+    tip_touch(model, state, v3_axpy(-LOOK_BACK, axis, before), state->needle.joints[n], wrench);
 }
 
 static void sum_wrench(const insertion_state *state, const insertion_workspace *w, bool tip, insertion_wrench *wrench) {
@@ -437,7 +452,8 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     *wrench = (insertion_wrench){.membrane = -1};
     pose held = state->needle.base;
-    int steps = (int)ceil(dt / model->settings.longest_step - 1e-6);
+    dt = fmax(dt, 1e-6);
+    int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), MOST_STEPS);
     for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
     step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);

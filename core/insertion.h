@@ -44,7 +44,7 @@ typedef enum {
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
-    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium found: forces of the last tick kept */
+    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium found: needle straight, no force, the next tick starts afresh */
 } insertion_event;
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
@@ -76,6 +76,7 @@ typedef struct {
     double shaft_force;      /* N, the part of it along the needle that is dry shaft friction, not cutting */
     double speed;            /* m/s, slip of the last solve over its time: viscous shaft friction */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    int face;                /* of `tet`, that what blocks lies on */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
@@ -124,7 +125,8 @@ void insertion_model_free(insertion_model *model);
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
 /* One tick of length dt (s): state and `base` in, state and wrench out; takes what the snapshot holds and leaves in
-   state->request what it wants next. Its time does not depend on the mesh. No allocation, no lock, no call to a
+   state->request what it wants next. Its time does not depend on the mesh (but for the look-up of the skin, O(log n), while
+   the needle is outside). No allocation, no lock, no call to a
    library. RT */
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);

@@ -91,6 +91,8 @@ static void take_up_contact(const insertion_model *model, insertion_state *state
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
+    for (int c = 0; c < 4; c++)
+        if (tip->leaf.corners[c] == -1 - last) tip->leaf_tet = -1;
     tip->nominal = node->position;
     tip->tet = node->tet;
     tip->depth = state->contacts[last].depth;
@@ -156,6 +158,7 @@ static void cut_forward(const insertion_model *model, insertion_state *state, ve
             leave_contact(model, state, wrench);
         } else if (to_face <= part) {
             tip->blocked_by = obstacle(model, tip->tet, face, model->mesh->neighbours[tip->tet][face]);
+            tip->face = face;
             if (tip->blocked_by == NOT_BLOCKED) cross_face(model, state, face, direction, wrench);
         }
     }
@@ -236,14 +239,12 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     needle_tip *tip = &state->tip;
     if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
     vec3 direction = v3_unit(needle_direction(model, state));
-    double distance;
-    int face = tip->depth > 0.0 ? mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &distance) : -1;
     wrench->events |= EVENT_PUNCTURED;
     wrench->membrane = tip->blocked_by;
     tip->blocked_by = NOT_BLOCKED;
     tip->slip = 0.0;
-    if (face >= 0) {
-        cross_face(model, state, face, direction, wrench);
+    if (tip->depth > 0.0) {
+        cross_face(model, state, tip->face, direction, wrench);
     } else { /* at the skin the tip is on the inner side already */
         tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
         tip->depth = FACE_CLEARANCE;

@@ -373,6 +373,62 @@ static void random_hands_break_nothing(void **unused) {
     lockstep_free(l);
 }
 
+/* Pushed against what never gives way until the needle buckles: it says so, and comes out as any other needle. */
+static void buckled_needle_recovers(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.membranes[1].puncture_force = INFINITY;
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    for (int i = 0; i < 170; i++) {
+        lockstep_move(l, v3(0, 0, 0.001), 0.02, 1e-3);
+        assert_true(isfinite(v3_norm(l->wrench.force)));
+        assert_true(l->wrench.depth < 0.045); /* the capsule is never crossed */
+    }
+    for (int i = 0; i < 180; i++) lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
+    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    assert_true(v3_norm(l->wrench.force) == 0.0);
+    lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
+    assert_true(l->wrench.force.z < -0.3);
+    lockstep_free(l);
+}
+
+/* Pressed on the skin, dragged over it, lifted, at a tilt: however it comes free, going in is felt. */
+static void no_needle_goes_in_unfelt(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    unsigned seed = 3;
+    for (int run = 0; run < 40; run++) {
+        double tilt = 0.35 * (run % 4) / 3.0, heading = 2 * M_PI * uniform(&seed);
+        pose start = {v3(0, 0, 0), q_exp(v3(tilt * cos(heading), tilt * sin(heading), 0))};
+        vec3 axis = q_rotate(start.orientation, v3(0, 0, 1));
+        start.position = v3_axpy(-0.203, axis, v3(0.01 * uniform(&seed), 0.01 * uniform(&seed), 0));
+        insertion_reset(&l->simulation.insertion, start, &l->state);
+        l->base = start;
+        lockstep_move(l, v3_scale(0.004 + 0.006 * uniform(&seed), axis), 0.2, 1e-3);
+        lockstep_move(l, v3(0.01 * (uniform(&seed) - 0.5), 0.01 * (uniform(&seed) - 0.5), 0), 0.2, 1e-3);
+        for (int k = 0; k < 200 && l->state.tip.phase != TIP_FREE; k++) lockstep_move(l, v3_scale(-1e-4, axis), 2e-3, 1e-3);
+        lockstep_move(l, v3_scale(0.03, axis), 0.5, 1e-3);
+        assert_int_equal(l->state.tip.phase, TIP_INSIDE);
+        assert_true(v3_norm(l->wrench.force) > 0.3);
+    }
+    lockstep_free(l);
+}
+
+/* A tick after a long stall is one tick, not a burst: bounded effort. */
+static void long_tick_takes_few_steps(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
+    pose later = l->base;
+    later.position.z += 0.002;
+    lockstep_tick(l, later, 5.0);
+    assert_true(l->wrench.passes <= 4 * c.insertion.max_passes);
+    assert_true(isfinite(v3_norm(l->wrench.force)));
+    lockstep_free(l);
+}
+
 /* A server restarted while the needle is in: it counts as inserted, without force, and comes out as usual. */
 static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     (void)unused;
@@ -428,6 +484,9 @@ int main(void) {
         cmocka_unit_test(needle_leaves_on_the_far_side_and_comes_back),
         cmocka_unit_test(degenerate_aims_break_nothing),
         cmocka_unit_test(random_hands_break_nothing),
+        cmocka_unit_test(buckled_needle_recovers),
+        cmocka_unit_test(no_needle_goes_in_unfelt),
+        cmocka_unit_test(long_tick_takes_few_steps),
         cmocka_unit_test(needle_found_in_the_tissue_is_engaged_without_force),
         cmocka_unit_test(restored_state_goes_on_to_the_bit),
     };

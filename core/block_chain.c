@@ -1,0 +1,133 @@
+#include "block_chain.h"
+
+#include <math.h>
+#include <string.h>
+
+/* ---- one block ------------------------------------------------------------------------------------------------------- */
+
+static void swap_rows(chain_block a, int p, int q) {
+    double row[CHAIN_LD];
+    if (p == q) return;
+    memcpy(row, a[p], sizeof row);
+    memcpy(a[p], a[q], sizeof row);
+    memcpy(a[q], row, sizeof row);
+}
+
+static int pivot_row(chain_block a, int column) {
+    int best = column;
+    for (int i = column + 1; i < CHAIN_ROWS; i++)
+        if (fabs(a[i][column]) > fabs(a[best][column])) best = i;
+    return best;
+}
+
+/* Gauss-Jordan in place with row exchanges, which come back as column exchanges of the inverse. */
+static void invert(chain_block a) {
+    int exchanged[CHAIN_ROWS];
+    for (int p = 0; p < CHAIN_ROWS; p++) {
+        exchanged[p] = pivot_row(a, p);
+        swap_rows(a, p, exchanged[p]);
+        double scale = 1.0 / a[p][p];
+        a[p][p] = 1.0;
+        for (int j = 0; j < CHAIN_LD; j++) a[p][j] *= scale;
+        for (int i = 0; i < CHAIN_ROWS; i++) {
+            if (i == p) continue;
+            double factor = a[i][p];
+            a[i][p] = 0.0;
+            for (int j = 0; j < CHAIN_LD; j++) a[i][j] -= factor * a[p][j];
+        }
+    }
+    for (int p = CHAIN_ROWS - 1; p >= 0; p--)
+        for (int i = 0; i < CHAIN_ROWS; i++) {
+            double value = a[i][p];
+            a[i][p] = a[i][exchanged[p]];
+            a[i][exchanged[p]] = value;
+        }
+}
+
+static void multiply(chain_block a, chain_block b, chain_block out) {
+    for (int i = 0; i < CHAIN_ROWS; i++) {
+        double row[CHAIN_LD] = {0};
+        for (int k = 0; k < CHAIN_ROWS; k++)
+            for (int j = 0; j < CHAIN_LD; j++) row[j] += a[i][k] * b[k][j];
+        memcpy(out[i], row, sizeof row);
+    }
+}
+
+static void transpose(chain_block a, chain_block out) {
+    memset(out, 0, sizeof(chain_block));
+    for (int i = 0; i < CHAIN_ROWS; i++)
+        for (int j = 0; j < CHAIN_ROWS; j++) out[j][i] = a[i][j];
+}
+
+/* ---- the chain ------------------------------------------------------------------------------------------------------- */
+
+void chain_factor(block_chain *chain) {
+    chain_block eliminated, turned, product;
+    for (int k = 0; k < chain->count; k++) {
+        invert(chain->diagonal[k]);
+        if (k + 1 == chain->count) break;
+        multiply(chain->diagonal[k], chain->upper[k], eliminated);
+        transpose(chain->upper[k], turned);
+        multiply(turned, eliminated, product);
+        for (int i = 0; i < CHAIN_ROWS; i++)
+            for (int j = 0; j < CHAIN_LD; j++) chain->diagonal[k + 1][i][j] -= product[i][j];
+        memcpy(chain->upper[k], eliminated, sizeof eliminated);
+    }
+}
+
+void chain_solve(const block_chain *chain, double (*x)[CHAIN_ROWS]) {
+    for (int k = 1; k < chain->count; k++)
+        for (int i = 0; i < CHAIN_ROWS; i++)
+            for (int j = 0; j < CHAIN_ROWS; j++) x[k][j] -= chain->upper[k - 1][i][j] * x[k - 1][i];
+    for (int k = chain->count - 1; k >= 0; k--) {
+        double y[CHAIN_ROWS];
+        for (int i = 0; i < CHAIN_ROWS; i++) {
+            y[i] = 0.0;
+            for (int j = 0; j < CHAIN_ROWS; j++) y[i] += chain->diagonal[k][i][j] * x[k][j];
+            for (int j = 0; k + 1 < chain->count && j < CHAIN_ROWS; j++) y[i] -= chain->upper[k][i][j] * x[k + 1][j];
+        }
+        memcpy(x[k], y, sizeof y);
+    }
+}
+
+/* The inverse's own block k from that of k + 1: G_k = S_k^-1 + T_k G_{k+1} T_k^T with T_k = S_k^-1 B_k. */
+static void next_own_block(block_chain *chain, int k, chain_block own) {
+    chain_block product, turned;
+    multiply(chain->upper[k], own, product);
+    transpose(chain->upper[k], turned);
+    multiply(product, turned, own);
+    for (int i = 0; i < CHAIN_ROWS; i++)
+        for (int j = 0; j < CHAIN_LD; j++) own[i][j] += chain->diagonal[k][i][j];
+}
+
+/* Rows of block k of the inverse, columns [begin, end) of the blocks after it: G_kj = -T_k G_{k+1,j}. */
+static void next_rows(chain_block factor, double (*from)[CHAIN_HEAD * CHAIN_BLOCKS], double (*to)[CHAIN_HEAD * CHAIN_BLOCKS], int begin, int end) {
+    for (int i = 0; i < CHAIN_ROWS; i++) {
+        double *row = to[i];
+        for (int c = begin; c < end; c++) row[c] = 0.0;
+        for (int m = 0; m < CHAIN_ROWS; m++) {
+            double f = factor[i][m];
+            const double *source = from[m];
+            for (int c = begin; c < end; c++) row[c] -= f * source[c];
+        }
+    }
+}
+
+void chain_inverse_heads(block_chain *chain, int first, double *out, int ld) {
+    int n = chain->count, end = CHAIN_HEAD * n;
+    chain_block own;
+    for (int k = n - 1; k >= first; k--) {
+        double (*rows)[CHAIN_HEAD * CHAIN_BLOCKS] = chain->columns[k % 2];
+        int begin = CHAIN_HEAD * k;
+        if (k == n - 1) {
+            memcpy(own, chain->diagonal[k], sizeof own);
+        } else {
+            next_rows(chain->upper[k], chain->columns[(k + 1) % 2], rows, begin + CHAIN_HEAD, end);
+            next_own_block(chain, k, own);
+        }
+        for (int i = 0; i < CHAIN_ROWS; i++)
+            for (int b = 0; b < CHAIN_HEAD; b++) rows[i][begin + b] = own[i][b];
+        for (int a = 0; a < CHAIN_HEAD; a++)
+            for (int c = begin; c < end; c++) out[(begin + a) * ld + c] = out[c * ld + begin + a] = rows[a][c];
+    }
+}

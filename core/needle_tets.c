@@ -248,8 +248,9 @@ static void tets_linearise(const needle_model *model, const needle_state *state,
 /* ---- a step ---------------------------------------------------------------------------------------------------------- */
 
 static vec3 step_of(double (*step)[CHAIN_ROWS], int section, int node) {
+    if (section == 0) return v3(0, 0, 0);
     const double *d = &step[section - 1][3 * node];
-    return section == 0 ? v3(0, 0, 0) : v3(d[0], d[1], d[2]);
+    return v3(d[0], d[1], d[2]);
 }
 
 /* Rotation of a section in a step of its nodes: least squares over the rim. */

@@ -144,8 +144,16 @@ static void take_fixed(checker *c, const scene_text *text, simulation_config *co
     }
 }
 
+static void take_needle_model(checker *c, const char *text, needle_choice *kind) {
+    if (!text) return;
+    if (strcmp(text, "rod") == 0) *kind = NEEDLE_ROD;
+    else if (strcmp(text, "tetrahedra") == 0) *kind = NEEDLE_TETRAHEDRA;
+    else reject(c, "model", "\"%s\": expected rod or tetrahedra", text);
+}
+
 static void take_needle(checker *c, const needle_text *text, needle_parameters *n) {
     enter_section(c, "needle.");
+    take_needle_model(c, text->model, &n->kind);
     take_number(c, "length", "m", text->length, POSITIVE, &n->length);
     take_number(c, "outer_diameter", "m", text->outer_diameter, POSITIVE, &n->outer_diameter);
     take_number(c, "inner_diameter", "m", text->inner_diameter, NOT_NEGATIVE, &n->inner_diameter);

@@ -29,9 +29,9 @@ static const cyaml_schema_field_t membrane_fields[] = {
     REQUIRED_TEXT(membrane_text, name), REQUIRED_TEXT(membrane_text, puncture_force), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t needle_fields[] = {
-    TEXT(needle_text, length), TEXT(needle_text, outer_diameter), TEXT(needle_text, inner_diameter),
-    TEXT(needle_text, youngs_modulus), TEXT(needle_text, poisson_ratio), TEXT(needle_text, bevel_slope),
-    TEXT(needle_text, segments), CYAML_FIELD_END};
+    TEXT(needle_text, model), TEXT(needle_text, length), TEXT(needle_text, outer_diameter),
+    TEXT(needle_text, inner_diameter), TEXT(needle_text, youngs_modulus), TEXT(needle_text, poisson_ratio),
+    TEXT(needle_text, bevel_slope), TEXT(needle_text, segments), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t contact_fields[] = {
     TEXT(contact_text, spacing), TEXT(contact_text, resolution), TEXT(contact_text, weakening_distance),

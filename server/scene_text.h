@@ -16,7 +16,7 @@ typedef struct {
 typedef struct { char *name, *puncture_force; } membrane_text;
 
 typedef struct {
-    char *length, *outer_diameter, *inner_diameter, *youngs_modulus, *poisson_ratio, *bevel_slope, *segments;
+    char *model, *length, *outer_diameter, *inner_diameter, *youngs_modulus, *poisson_ratio, *bevel_slope, *segments;
 } needle_text;
 
 typedef struct {

@@ -27,7 +27,7 @@ static const char GOOD[] =
     "  - {name: skin, puncture_force: 1.1}\n"                      /* 12 */
     "  - {name: capsule, puncture_force: .inf}\n"                  /* 13 */
     "fixed: [back, below]\n"                                       /* 14 */
-    "needle: {length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
+    "needle: {model: tetrahedra, length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
     "         segments: 30}\n"                                     /* 18 */
@@ -110,6 +110,7 @@ static void every_value_arrives(void **state) {
     const needle_parameters *n = &c->needle;
     assert_true(n->length == 0.15 && n->outer_diameter == 1.1e-3 && n->inner_diameter == 0 && n->youngs_modulus == 190e9);
     assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->segments == 30);
+    assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
     assert_true(i->contact_spacing == 3e-3 && i->resolution == 0.35 && i->weakening_distance == 2e-3);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
@@ -217,6 +218,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" is there twice"},
         {"[back, below]", "[]", ":14: fixed: expected at least 1"},
         {"[back, below]", "[a, b, c, d, e, f, g, h, i]", ":14: fixed: 9 entries: expected at most 8"},
+        {"model: tetrahedra", "model: beam", ":15: needle.model: \"beam\": expected rod or tetrahedra"},
         {"length: 0.15", "length: -0.15", ":15: needle.length: "},
         {"inner_diameter: 0", "inner_diameter: 1.1e-3", ":16: needle.inner_diameter: "},
         {"outer_diameter: 1.1e-3", "outer_diameter: 1", ":15: needle.outer_diameter: "},

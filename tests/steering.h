@@ -1,0 +1,107 @@
+/* Bevelled needles pushed through uniform tissue, and the track that they cut: for test_steering.c and verify_steering.c. */
+#ifndef TROCAR_TESTS_STEERING_H
+#define TROCAR_TESTS_STEERING_H
+
+#include "lockstep.h"
+
+typedef struct {
+    const char *mesh;            /* NULL: the figure-8 scene's */
+    needle_parameters needle;
+    double tissue_modulus;       /* Pa, everywhere */
+    double x, y;                 /* m, where it goes in */
+    double roll;                 /* rad about the needle's axis at the start; 0: the bevel faces +y */
+    double half_turn_at;         /* m of the base's way at which the needle is rolled by half a turn; INFINITY: never */
+    double way;                  /* m, of the base along +z, from 1 mm before the skin */
+} steering_case;
+
+/* The nominal track, from the skin to the tip. */
+typedef struct {
+    int count;
+    vec3 points[MAX_CONTACTS + 2]; /* m */
+} steering_track;
+
+/* The scene's 18 G steel needle. */
+static inline steering_case steering_steel(double slope) {
+    steering_case c = {.needle = lockstep_config().needle, .tissue_modulus = 60e3, .x = 0.005, .y = 0.003, .half_turn_at = INFINITY, .way = 0.08};
+    c.needle.bevel_slope = slope;
+    return c;
+}
+
+/* Webster's wire: nitinol of 0.7 mm, solid. Short, since nothing guides it between base and skin. */
+static inline steering_case steering_nitinol(double slope) {
+    steering_case c = steering_steel(slope);
+    c.needle.length = 0.1;
+    c.needle.outer_diameter = 0.7e-3;
+    c.needle.inner_diameter = 0.0;
+    c.needle.youngs_modulus = 75e9;
+    return c;
+}
+
+/* One material, and membranes that a thin needle overcomes without buckling. */
+static inline simulation_config steering_config(const steering_case *given) {
+    simulation_config c = lockstep_config();
+    if (given->mesh) snprintf(c.mesh_path, sizeof c.mesh_path, "%s", given->mesh);
+    c.needle = given->needle;
+    c.regions[0].material.youngs_modulus = given->tissue_modulus;
+    for (int i = 1; i < c.region_count; i++) c.regions[i].material = c.regions[0].material;
+    for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = 0.6;
+    return c;
+}
+
+static inline void steering_roll_over(lockstep *l) {
+    quat from = l->base.orientation;
+    for (int i = 1; i <= 500; i++) {
+        pose base = l->base;
+        base.orientation = q_unit(q_multiply(from, q_exp(v3(0, 0, M_PI * i / 500))));
+        lockstep_tick(l, base, 1e-3);
+    }
+}
+
+static inline steering_track steering_run(const steering_case *given) {
+    simulation_config config = steering_config(given);
+    pose start = {v3(given->x, given->y, -1e-3 - given->needle.length), q_exp(v3(0, 0, given->roll))};
+    lockstep *l = lockstep_create(&config, start);
+    double before = fmin(given->half_turn_at, given->way);
+    lockstep_move(l, v3(0, 0, before), 20.0 * before, 1e-3);
+    if (before < given->way) {
+        steering_roll_over(l);
+        lockstep_move(l, v3(0, 0, given->way - before), 20.0 * (given->way - before), 1e-3);
+    }
+    steering_track track = {.count = 1, .points = {l->state.entry}};
+    for (int i = 0; i < l->state.active; i++) track.points[track.count++] = l->state.refined.nodes[i].position;
+    track.points[track.count++] = l->state.tip.nominal;
+    lockstep_free(l);
+    return track;
+}
+
+/* Where the needle is steered to at the start: away from the bevel's face. */
+static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
+
+/* Signed curvature, 1/m, in the plane of +z and `sideways`, of the part of the track between these depths (z, m): parabola by
+   least squares over the part's chord. Positive: toward `sideways`. */
+static inline double steering_curvature(const steering_track *track, double from, double to, vec3 sideways) {
+    int first = 0, last = track->count - 1;
+    while (first < last && track->points[first].z < from) first++;
+    while (last > first && track->points[last].z > to) last--;
+    vec3 a = track->points[first], chord = v3_sub(track->points[last], a), z = v3(0, 0, 1);
+    double angle = atan2(v3_dot(chord, sideways), chord.z), length = v3_norm(chord);
+    vec3 along = v3_axpy(sin(angle), sideways, v3_scale(cos(angle), z));
+    vec3 across = v3_axpy(cos(angle), sideways, v3_scale(-sin(angle), z));
+    double s[5] = {0};
+    vec3 t = v3(0, 0, 0);
+    for (int i = first; i <= last; i++) {
+        vec3 p = v3_sub(track->points[i], a);
+        double u = v3_dot(p, along) / length - 0.5, v = v3_dot(p, across);
+        for (int k = 0; k < 5; k++) s[k] += pow(u, k);
+        t = v3_add(t, v3(v, u * v, u * u * v));
+    }
+    mat3 normal = {{{s[0], s[1], s[2]}, {s[1], s[2], s[3]}, {s[2], s[3], s[4]}}}, inverse = m3_inverse(&normal);
+    return 2.0 * m3_apply(&inverse, t).z / (length * length);
+}
+
+/* How far the tip has come off the straight way toward `sideways`, m. */
+static inline double steering_deflection(const steering_track *track, vec3 sideways) {
+    return v3_dot(v3_sub(track->points[track->count - 1], track->points[0]), sideways);
+}
+
+#endif

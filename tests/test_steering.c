@@ -1,0 +1,129 @@
+/* Bevel-tip steering: which way, how much, and what it depends on. */
+#include "steering.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static const double FROM = 0.03, TO = 0.08; /* m, depths between which a track's curvature is taken */
+
+static double curvature_of(const steering_case *c) {
+    steering_track track = steering_run(c);
+    double curvature = steering_curvature(&track, FROM, TO, steering_direction(c->roll));
+    print_message("slope %g, needle %g GPa, tissue %g kPa, roll %g deg: curvature %.3f 1/m\n", c->needle.bevel_slope,
+                  c->needle.youngs_modulus * 1e-9, c->tissue_modulus * 1e-3, c->roll * 180 / M_PI, curvature);
+    return curvature;
+}
+
+/* The fit itself, on a circle of known radius. */
+static void curvature_of_an_arc_is_found(void **unused) {
+    (void)unused;
+    steering_track arc = {.count = 30};
+    for (int i = 0; i < arc.count; i++) {
+        double angle = 0.4 * i / (arc.count - 1);
+        arc.points[i] = v3(0.01, -0.2 * (1.0 - cos(angle)), 0.2 * sin(angle));
+    }
+    assert_true(fabs(steering_curvature(&arc, 0, 1, v3(0, -1, 0)) - 5.0) < 0.05);
+    assert_true(fabs(steering_curvature(&arc, 0, 1, v3(0, 1, 0)) + 5.0) < 0.05);
+}
+
+static void needle_without_bevel_goes_straight(void **unused) {
+    (void)unused;
+    steering_case steel = steering_steel(0.0), nitinol = steering_nitinol(0.0);
+    const steering_case *both[] = {&steel, &nitinol};
+    for (int i = 0; i < 2; i++) {
+        steering_track track = steering_run(both[i]);
+        assert_true(fabs(steering_deflection(&track, v3(1, 0, 0))) < 1e-4);
+        assert_true(fabs(steering_deflection(&track, v3(0, 1, 0))) < 1e-4);
+    }
+}
+
+/* Bevel to +y: toward -y. Rolled with the base by any angle: the same, rolled. The mesh is not symmetric, so not to the bit. */
+static void path_bends_away_from_the_bevels_face(void **unused) {
+    (void)unused;
+    double upright = 0.0;
+    for (int quarter = 0; quarter < 4; quarter++) {
+        steering_case c = steering_steel(0.1);
+        c.x = c.y = 0.0;
+        c.roll = quarter * M_PI / 2;
+        steering_track track = steering_run(&c);
+        vec3 toward = steering_direction(c.roll), across = v3_cross(toward, v3(0, 0, 1));
+        double curvature = steering_curvature(&track, FROM, TO, toward);
+        print_message("roll %3d deg: curvature %.3f 1/m, deflection %.2f mm, across %.2f mm\n", 90 * quarter, curvature,
+                      1e3 * steering_deflection(&track, toward), 1e3 * steering_deflection(&track, across));
+        if (quarter == 0) upright = curvature;
+        assert_true(curvature > 0.0 && fabs(curvature / upright - 1.0) < 0.15);
+        assert_true(steering_deflection(&track, toward) > 5e-3);
+        assert_true(fabs(steering_deflection(&track, across)) < 0.05 * steering_deflection(&track, toward));
+    }
+}
+
+static void half_turn_gives_an_s(void **unused) {
+    (void)unused;
+    steering_case cases[] = {steering_steel(0.1), steering_nitinol(0.05)};
+    for (int i = 0; i < 2; i++) {
+        steering_case c = cases[i], never = c;
+        c.half_turn_at = 0.04;
+        steering_track s = steering_run(&c), arc = steering_run(&never);
+        vec3 toward = steering_direction(0.0);
+        double first = steering_curvature(&s, 0.0, 0.034, toward), second = steering_curvature(&s, 0.042, 0.08, toward);
+        print_message("half turn: curvature %.3f, then %.3f 1/m; without: %.3f, then %.3f 1/m\n", first, second,
+                      steering_curvature(&arc, 0.0, 0.034, toward), steering_curvature(&arc, 0.042, 0.08, toward));
+        assert_true(first > 0.5 && second < -0.5);
+        assert_true(steering_curvature(&arc, 0.042, 0.08, toward) > 0.5);
+        assert_true(fabs(steering_deflection(&s, toward)) < 0.5 * steering_deflection(&arc, toward));
+    }
+}
+
+static void curvature_grows_with_the_bevels_slope(void **unused) {
+    (void)unused;
+    double last = 0.0;
+    for (double slope = 0.025; slope < 0.11; slope *= 2) {
+        steering_case c = steering_steel(slope);
+        double curvature = curvature_of(&c);
+        assert_true(curvature > 1.5 * last);
+        last = curvature;
+    }
+}
+
+static void stiffer_needle_turns_less_and_stiffer_tissue_turns_more(void **unused) {
+    (void)unused;
+    double last = INFINITY;
+    for (double modulus = 50e9; modulus < 900e9; modulus *= 4) {
+        steering_case c = steering_steel(0.05);
+        c.needle.youngs_modulus = modulus;
+        double curvature = curvature_of(&c);
+        assert_true(curvature > 0.0 && curvature < 0.8 * last);
+        last = curvature;
+    }
+    last = 0.0;
+    for (double modulus = 15e3; modulus < 70e3; modulus *= 2) {
+        steering_case c = steering_steel(0.05);
+        c.tissue_modulus = modulus;
+        double curvature = curvature_of(&c);
+        assert_true(curvature > 1.1 * last);
+        last = curvature;
+    }
+}
+
+/* Webster et al. 2006 report a radius of about 0.22 m for a nitinol wire of 0.7 mm in stiff gel; here a slope of 0.05. */
+static void thin_nitinol_turns_like_websters(void **unused) {
+    (void)unused;
+    steering_case c = steering_nitinol(0.05);
+    double radius = 1.0 / curvature_of(&c);
+    assert_true(radius > 0.15 && radius < 0.33);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(curvature_of_an_arc_is_found),
+        cmocka_unit_test(needle_without_bevel_goes_straight),
+        cmocka_unit_test(path_bends_away_from_the_bevels_face),
+        cmocka_unit_test(half_turn_gives_an_s),
+        cmocka_unit_test(curvature_grows_with_the_bevels_slope),
+        cmocka_unit_test(stiffer_needle_turns_less_and_stiffer_tissue_turns_more),
+        cmocka_unit_test(thin_nitinol_turns_like_websters),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

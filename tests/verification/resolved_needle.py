@@ -29,14 +29,15 @@ SOFT, STIFF = 20e3, 60e3
 MOVE = 1e-3
 BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; CalculiX prints seven digits
 
-# rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there.
-# sectors: elements around the needle. largest: element size far away. Where the disc, bonded, meets the free wall of
-# the hole, displacements go about with the cube root of the distance: the force converges only with rim^(2/3).
+# rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there, and
+# far_slope with the distance from the rings. sectors: elements around the needle. largest: element size far away.
+# Where the disc, bonded, meets the free wall of the hole, displacements go about with the cube root of the distance and
+# the force converges only with rim^(2/3), so that discs need a finer rim.
 MESHES = {
-    "standard": {"needle": {"rim": 0.16, "slope": 0.75, "sectors": 10, "largest": 0.015},
-                 "disc": {"rim": 0.002, "slope": 1.0, "sectors": 10, "largest": 0.015}},
-    "fine": {"needle": {"rim": 0.08, "slope": 0.55, "sectors": 12, "largest": 0.012},
-             "disc": {"rim": 0.0005, "slope": 0.9, "sectors": 12, "largest": 0.015}},
+    "standard": {"needle": {"rim": 0.16, "slope": 0.75, "far_slope": 0.375, "sectors": 10, "largest": 0.015},
+                 "disc": {"rim": 0.003, "slope": 0.6, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
+    "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
+             "disc": {"rim": 0.001, "slope": 0.5, "far_slope": 0.6, "sectors": 10, "largest": 0.025}},
 }
 # How far the moved nodes go in each load case; a disc is pressed the way a needle is inserted.
 LOADS = {
@@ -79,7 +80,9 @@ CASES = all_cases()
 
 def graded(low, high, fine_at, first, mesh):
     """Points from low to high, spaced by `first` at the points `fine_at`, wider with the distance from these."""
-    s = np.linspace(low, high, 20001)
+    near = np.geomspace(0.01 * first, high - low, 2001)
+    s = np.concatenate([np.linspace(low, high, 2001), *(p + sign * near for p in fine_at for sign in (-1, 1))])
+    s = np.unique(np.clip(s, low, high))
     distance = np.min([np.abs(s - p) for p in fine_at], axis=0)
     size = np.minimum(first + mesh["slope"] * distance, mesh["largest"])
     elements = np.concatenate([[0.0], np.cumsum(np.diff(s) / (0.5 * (size[1:] + size[:-1])))])
@@ -122,7 +125,7 @@ def surroundings(axis, boundary, mesh):
     geo.addPlaneSurface(loops)
     geo.synchronize()
     field = gmsh.model.mesh.field.add("MathEval")
-    growth = f"{edge} + {0.5 * mesh['slope']} * (sqrt(x*x + y*y) - {RINGS_RADIUS})"
+    growth = f"{edge} + {mesh['far_slope']} * (sqrt(x*x + y*y) - {RINGS_RADIUS})"
     gmsh.model.mesh.field.setString(field, "F", growth)
     gmsh.model.mesh.field.setAsBackgroundMesh(field)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)

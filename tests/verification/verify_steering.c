@@ -1,0 +1,121 @@
+/* Bevel-tip steering: the curvature of the track that a bevelled needle cuts, against measured needles, beam theory and
+   symmetry. */
+#include "rows.h"
+#include "steering.h"
+
+static const double FROM = 0.03, TO = 0.08; /* m, depths between which a track's curvature is taken */
+enum { MOST_SLOPES = 5 };
+
+static double curvature_of(const steering_case *c) {
+    steering_track track = steering_run(c);
+    return steering_curvature(&track, FROM, TO, steering_direction(c->roll));
+}
+
+/* Inverse length over which a beam on an elastic foundation decays; subgrade modulus of Vesic (ASCE J. Soil Mech. Found.
+   Div. 87, 1961). */
+static double foundation_wave_number(const steering_case *c, double poisson_ratio) {
+    double d = c->needle.outer_diameter, inner = c->needle.inner_diameter;
+    double bending = c->needle.youngs_modulus * M_PI / 64.0 * (pow(d, 4) - pow(inner, 4));
+    double modulus = 0.65 * pow(c->tissue_modulus * pow(d, 4) / bending, 1.0 / 12.0) * c->tissue_modulus / (1.0 - poisson_ratio * poisson_ratio);
+    return pow(modulus / (4.0 * bending), 0.25);
+}
+
+static void draw_track(rows *r, const char *figure, const char *label, const steering_track *track) {
+    double depth[MAX_CONTACTS + 2], sideways[MAX_CONTACTS + 2];
+    for (int i = 0; i < track->count; i++) {
+        depth[i] = 1e3 * track->points[i].z;
+        sideways[i] = 1e3 * v3_dot(v3_sub(track->points[i], track->points[0]), steering_direction(0.0));
+    }
+    rows_curve(r, (curve){.figure = figure, .label = label, .x_label = "depth (mm)", .y_label = "sideways, away from the bevel's face (mm)",
+                          .count = track->count, .x = depth, .y = sideways});
+}
+
+static void check_straight(rows *r, const char *check, steering_case c) {
+    c.needle.bevel_slope = 0.0;
+    steering_track track = steering_run(&c);
+    double off = hypot(steering_deflection(&track, v3(1, 0, 0)), steering_deflection(&track, v3(0, 1, 0)));
+    rows_add(r, (row){.check = check, .reference = "straight line", .value = off, .expected = 0.0, .error = off, .limit = 1e-4, .unit = "m",
+                      .note = "deflection of the tip at 79 mm; absolute error"});
+}
+
+/* The half turn's S: sign and size of the curvature after it. */
+static void check_half_turn(rows *r, const char *name, steering_case c) {
+    char check[96];
+    steering_track arc = steering_run(&c);
+    c.half_turn_at = 0.04;
+    steering_track s = steering_run(&c);
+    double before = steering_curvature(&arc, 0.042, TO, steering_direction(0)), after = steering_curvature(&s, 0.042, TO, steering_direction(0));
+    snprintf(check, sizeof check, "%s: curvature after a half turn at 39 mm", name);
+    rows_add(r, (row){.check = check, .reference = "curvature there without the turn, reversed", .value = after, .expected = -before,
+                      .error = fabs(after / before + 1.0), .limit = 0.2, .unit = "1/m"});
+    snprintf(check, sizeof check, "%s, no turn", name);
+    draw_track(r, "steering-half-turn", check, &arc);
+    snprintf(check, sizeof check, "%s, half turn", name);
+    draw_track(r, "steering-half-turn", check, &s);
+}
+
+/* Rolled by half a turn before it goes in: mirrored, as far as the mesh allows. */
+static void check_mirror(rows *r, const char *check, steering_case c) {
+    c.x = c.y = 0.0;
+    double upright = curvature_of(&c);
+    c.roll = M_PI;
+    rows_compare(r, check, "curvature with the bevel upright", curvature_of(&c), upright, 0.15, "1/m");
+}
+
+static void check_nitinol_slopes(rows *r) {
+    double slopes[MOST_SLOPES] = {0.0125, 0.025, 0.05, 0.075, 0.1}, curvatures[MOST_SLOPES], beam[MOST_SLOPES];
+    double nu = lockstep_config().regions[0].material.poisson_ratio;
+    for (int i = 0; i < MOST_SLOPES; i++) {
+        steering_case c = steering_nitinol(slopes[i]);
+        steering_track track = steering_run(&c);
+        char label[64];
+        snprintf(label, sizeof label, "slope %g", slopes[i]);
+        draw_track(r, "steering-slopes", label, &track);
+        curvatures[i] = steering_curvature(&track, FROM, TO, steering_direction(0.0));
+        beam[i] = slopes[i] * foundation_wave_number(&c, nu);
+    }
+    curve shared = {.figure = "steering-curvature", .x_label = "bevel slope", .y_label = "curvature (1/m)", .count = MOST_SLOPES, .x = slopes};
+    shared.label = "0.7 mm nitinol in 60 kPa", shared.y = curvatures;
+    rows_curve(r, shared);
+    shared.label = "beam on a Winkler foundation", shared.y = beam;
+    rows_curve(r, shared);
+    rows_add(r, (row){.check = "0.7 mm nitinol, slope 0.05, tissue 60 kPa: radius of the track",
+                      .reference = "about 0.22 m: Webster et al., Int. J. Robotics Research 25, 2006 (45 deg bevel, stiff gel)",
+                      .value = 1.0 / curvatures[2], .expected = 0.22, .error = fabs(log2(0.22 * curvatures[2])), .limit = 1.0, .unit = "m",
+                      .note = "the slope is a free parameter, chosen for this radius; error in factors of two"});
+    rows_add(r, (row){.check = "0.7 mm nitinol, slope 0.05, tissue 60 kPa: curvature",
+                      .reference = "slope / decay length of a beam on a Winkler foundation (steady state)",
+                      .value = curvatures[2], .expected = beam[2], .error = fabs(log2(curvatures[2] / beam[2])), .limit = 1.0, .unit = "1/m",
+                      .note = "an estimate: error in factors of two"});
+}
+
+static void check_meshes(rows *r) {
+    static const int sizes[] = {1700, 3300, 6500};
+    steering_case cases[] = {steering_steel(0.05), steering_nitinol(0.05)};
+    static const char *const names[] = {"18 G steel", "0.7 mm nitinol"};
+    for (int k = 0; k < 2; k++) {
+        double coarse = curvature_of(&cases[k]);
+        for (int i = 0; i < 3; i++) {
+            char path[1024], check[96];
+            snprintf(path, sizeof path, GENERATED "/prostate-%d.msh", sizes[i]);
+            snprintf(check, sizeof check, "%s, slope 0.05: curvature on 570 nodes against %d", names[k], sizes[i]);
+            cases[k].mesh = path;
+            rows_compare(r, check, "the finer mesh", coarse, curvature_of(&cases[k]), 0.15, "1/m");
+        }
+    }
+}
+
+int main(int argc, char **argv) {
+    rows r = rows_begin(argc, argv, "Steering: bevel tip");
+    check_straight(&r, "18 G steel without bevel", steering_steel(0.0));
+    check_half_turn(&r, "18 G steel, slope 0.1", steering_steel(0.1));
+    check_nitinol_slopes(&r);
+    if (!r.short_form) {
+        check_straight(&r, "0.7 mm nitinol without bevel", steering_nitinol(0.0));
+        check_half_turn(&r, "0.7 mm nitinol, slope 0.05", steering_nitinol(0.05));
+        check_mirror(&r, "18 G steel, slope 0.1: curvature, rolled by half a turn", steering_steel(0.1));
+        check_mirror(&r, "0.7 mm nitinol, slope 0.05: curvature, rolled by half a turn", steering_nitinol(0.05));
+        check_meshes(&r);
+    }
+    return rows_end(&r);
+}

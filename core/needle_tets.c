@@ -67,10 +67,6 @@ static void build_mesh(needle_model *model) {
 
 /* ---- shape ----------------------------------------------------------------------------------------------------------- */
 
-static vec3 *node_of(needle_state *state, int section, int node) {
-    return node == 0 ? &state->joints[section] : &state->rim[section][node - 1];
-}
-
 static vec3 position_of(const needle_state *state, int layer, int node) {
     int section = layer + node / NEEDLE_SECTION, i = node % NEEDLE_SECTION;
     return i == 0 ? state->joints[section] : state->rim[section][i - 1];
@@ -115,11 +111,20 @@ static void tets_rest(const needle_model *model, pose base, needle_state *state)
     for (int k = 0; k < model->given.segments; k++) state->frames[k] = base.orientation;
 }
 
+/* The roll of the base is passed on to all sections: left to the first layer, a fast one would strain it beyond what
+   Newton's method comes back from within a tick. */
 static void tets_hold(const needle_model *model, pose base, needle_state *state) {
     vec3 shift = v3_sub(base.position, state->base.position);
+    vec3 turn = q_log(q_multiply(base.orientation, q_conjugate(state->base.orientation)));
+    double roll = v3_dot(turn, q_rotate(state->base.orientation, v3(0, 0, 1)));
+    for (int k = 1; k <= model->given.segments; k++) {
+        quat about_axis = q_exp(v3_scale(roll, q_rotate(state->frames[k - 1], v3(0, 0, 1))));
+        vec3 before = state->joints[k];
+        state->joints[k] = v3_add(before, shift);
+        for (int i = 0; i < NEEDLE_RIM; i++)
+            state->rim[k][i] = v3_add(state->joints[k], q_rotate(about_axis, v3_sub(state->rim[k][i], before)));
+    }
     state->base = base;
-    for (int k = 1; k <= model->given.segments; k++)
-        for (int i = 0; i < NEEDLE_SECTION; i++) *node_of(state, k, i) = v3_add(*node_of(state, k, i), shift);
     place_section(model, state, 0);
     find_frames(model, state);
 }
@@ -134,8 +139,9 @@ typedef struct {
 
 static mat3 deformation_of(const layer_tet *tet, const needle_state *state, int layer) {
     mat3 f = {{{0}}};
-    for (int a = 0; a < 4; a++) {
-        vec3 x = position_of(state, layer, tet->nodes[a]), g = tet->gradients[a];
+    vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients add up to zero: no rounding from afar */
+    for (int a = 0; a < 3; a++) {
+        vec3 x = v3_sub(position_of(state, layer, tet->nodes[a]), origin), g = tet->gradients[a];
         const double p[3] = {x.x, x.y, x.z}, q[3] = {g.x, g.y, g.z};
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) f.m[i][j] += p[i] * q[j];

@@ -1,0 +1,131 @@
+/* The rod against beam theory: small-deflection formulas, the elastica, Euler buckling, frame invariance. */
+#include "bending.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static needle_model make(int segments) { return needle_made(NEEDLE_ROD, segments); }
+
+static vec3 tip(const needle_model *model, const needle_state *state) { return needle_tip_of(model, state); }
+
+static void small_deflection_is_that_of_a_cantilever(void **unused) {
+    (void)unused;
+    needle_model model = make(40);
+    needle_state state;
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    bend(&model, &state, v3(0, 1e-4, 0), tangent);
+    double expected = 1e-4 * pow(0.2, 3) / (3.0 * model.bending);
+    assert_true(fabs(tip(&model, &state).y / expected - 1.0) < 5e-4); /* 1/(2 N^2) = 3e-4 */
+    /* the tangent's own compliance is the same number */
+    assert_true(fabs(tangent->compliance[3 * 40 + 1][3 * 40 + 1] / (pow(0.2, 3) / (3.0 * model.bending)) - 1.0) < 1e-3);
+    /* compliance between an inner joint and the tip: a^2 (3 L - a) / (6 EI) */
+    double a = 0.1;
+    assert_true(fabs(tangent->compliance[3 * 20 + 1][3 * 40 + 1] / (a * a * (0.6 - a) / (6.0 * model.bending)) - 1.0) < 1e-3);
+    free(tangent);
+}
+
+static void large_deflection_follows_the_elastica(void **unused) {
+    (void)unused;
+    for (int c = 0; c < 3; c++) {
+        double p = (double[]){0.5, 1.0, 2.0}[c], x, y; /* p = F L^2 / EI */
+        elastica(p, &x, &y);
+        needle_model model = make(64);
+        needle_state state;
+        needle_tangent *tangent = malloc(sizeof *tangent);
+        needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+        bend(&model, &state, v3(0, p * model.bending / 0.04, 0), tangent);
+        assert_true(fabs(tip(&model, &state).y / 0.2 - y) < 5e-4);
+        assert_true(fabs(tip(&model, &state).z / 0.2 - x) < 5e-4);
+        free(tangent);
+    }
+}
+
+/* Under an axial load below Euler's pi^2 EI / (4 L^2) the sideways compliance is tan(kL)/(k P) - L/P. */
+static void axial_load_softens_as_a_beam_column(void **unused) {
+    (void)unused;
+    needle_model model = make(60);
+    needle_state state;
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    memset(load, 0, sizeof load);
+    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    double euler = M_PI * M_PI * model.bending / (4 * 0.04);
+    for (int c = 0; c < 3; c++) {
+        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last one is buckled: negative compliance */
+        load[60] = v3(0, 0, -compression);
+        needle_linearise(&model, &state, load, 0, tangent);
+        double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
+        assert_true(fabs(tangent->compliance[181][181] / expected - 1.0) < 5e-3);
+    }
+    free(tangent);
+}
+
+static void newton_converges_quadratically(void **unused) {
+    (void)unused;
+    needle_model model = make(40);
+    needle_state state;
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    memset(load, 0, sizeof load);
+    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    load[40] = v3(0.1, 0.25, -0.1);
+    load[22] = v3(-0.2, 0.2, 0.3);
+    double change[8];
+    for (int i = 0; i < 8; i++) {
+        needle_linearise(&model, &state, load, 0, tangent);
+        change[i] = needle_advance(&model, tangent, load, &state);
+    }
+    assert_true(change[7] < 1e-12);
+    assert_true(change[5] < 1e-6);
+    free(tangent);
+}
+
+static void turned_base_gives_turned_shape(void **unused) {
+    (void)unused;
+    needle_model model = make(40);
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    needle_state plain, turned;
+    quat q = q_exp(v3(0.7, -1.1, 2.0));
+    vec3 shift = v3(0.3, -0.2, 0.1), force = v3(0.1, 0.3, -0.4);
+    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &plain);
+    needle_rest(&model, (pose){shift, q}, &turned);
+    bend(&model, &plain, force, tangent);
+    bend(&model, &turned, q_rotate(q, force), tangent);
+    for (int k = 0; k <= 40; k++) {
+        vec3 expected = v3_add(shift, q_rotate(q, plain.joints[k]));
+        assert_true(v3_norm(v3_sub(turned.joints[k], expected)) < 1e-10);
+    }
+    assert_true(fabs(needle_energy(&model, &plain) / needle_energy(&model, &turned) - 1.0) < 1e-9);
+    free(tangent);
+}
+
+static void roll_of_the_base_reaches_the_tip(void **unused) {
+    (void)unused;
+    needle_model model = make(40);
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    needle_state state;
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    memset(load, 0, sizeof load);
+    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_hold(&model, (pose){v3(0, 0, 0), q_exp(v3(0, 0, 0.8))}, &state);
+    for (int i = 0; i < 4; i++) {
+        needle_linearise(&model, &state, load, 0, tangent);
+        needle_advance(&model, tangent, load, &state);
+    }
+    vec3 y = q_rotate(state.frames[39], v3(0, 1, 0));
+    assert_true(fabs(y.x + sin(0.8)) < 1e-12 && fabs(y.y - cos(0.8)) < 1e-12);
+    assert_true(needle_energy(&model, &state) < 1e-20);
+    free(tangent);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(small_deflection_is_that_of_a_cantilever), cmocka_unit_test(large_deflection_follows_the_elastica),
+        cmocka_unit_test(axial_load_softens_as_a_beam_column),      cmocka_unit_test(newton_converges_quadratically),
+        cmocka_unit_test(turned_base_gives_turned_shape),           cmocka_unit_test(roll_of_the_base_reaches_the_tip),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

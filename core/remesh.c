@@ -318,3 +318,14 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     memcpy(snapshot->compliance, r->handles, (size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof(double));
     return TROCAR_OK;
 }
+
+trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
+    static const refinement nothing = {.count = 0};
+    bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
+    trocar_status status = update_nodes(r, &nothing, why);
+    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
+    if (status != TROCAR_OK || !answered) return status;
+    status = update_nodes(r, &request->wanted, why);
+    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
+    return status;
+}

@@ -43,4 +43,8 @@ void remesher_free(remesher *r);
 /* Brings the refined mesh to what is wanted (removals, then additions) and fills the snapshot. Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
+/* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
+   the snapshot answers another request. Nested: to the bit. Woodbury: to rounding, as the dense inverse is updated again. */
+trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why);
+
 #endif

@@ -126,6 +126,17 @@ trocar_status simulation_step(simulation *s, insertion_state *state, compliance_
     return remesher_serve(s->remesher, &state->request, snapshot, why);
 }
 
+void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {
+    memcpy(&saved->state, state, sizeof *state);
+    memcpy(&saved->snapshot, snapshot, sizeof *snapshot);
+}
+
+trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why) {
+    memcpy(state, &saved->state, sizeof *state);
+    memcpy(snapshot, &saved->snapshot, sizeof *snapshot);
+    return remesher_resume(s->remesher, &state->request, snapshot, why);
+}
+
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS + 1];

@@ -51,6 +51,18 @@ void simulation_free(simulation *s);
 trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
                               insertion_wrench *wrench, report *why);
 
+/* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
+typedef struct {
+    insertion_state state;
+    compliance_snapshot snapshot;
+} checkpoint;
+
+void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
+
+/* Into this simulation or another one of the same configuration. What follows has the same bits as what followed the save;
+   to rounding only with the Woodbury method or the sparse inverse, whose last bits depend on what was asked before. */
+trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
+
 /* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS + 1), m.
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);

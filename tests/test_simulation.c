@@ -1,0 +1,115 @@
+/* Save and restore: after a detour, into the same simulation or another one, the same bits follow. */
+#include "lockstep.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+enum { MARKS = 12 };
+typedef struct { vec3 force[MARKS], torque[MARKS]; double depth[MARKS]; } recorded;
+
+/* Sideways, deeper, back past contact nodes, in again: nodes come and go. */
+static recorded go_on(lockstep *l) {
+    static const double way[MARKS][3] = {{1, 2, 4}, {0, 0, 4}, {-1, 0, -3}, {0, 0, -5}, {0, 1, -4}, {0, 0, 6},
+                                         {0, 0, 6}, {1, -2, 5}, {0, 0, -4}, {0, 0, 3}, {0, 0, 5}, {0, 0, -20}};
+    recorded r;
+    memset(&r, 0, sizeof r);
+    for (int i = 0; i < MARKS; i++) {
+        lockstep_move(l, v3(1e-3 * way[i][0], 1e-3 * way[i][1], 1e-3 * way[i][2]), 0.1, 1e-3);
+        r.force[i] = l->wrench.force;
+        r.torque[i] = l->wrench.torque;
+        r.depth[i] = l->wrench.depth;
+    }
+    return r;
+}
+
+static void restore(lockstep *l, const checkpoint *saved) {
+    report why;
+    assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+    l->base = l->state.needle.base;
+}
+
+/* Another way from the same point, with as many new nodes, whose numbers are then used again. */
+static void make_a_detour(lockstep *l) {
+    lockstep_move(l, v3(-0.003, 0.004, 0.012), 0.3, 1e-3);
+    lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
+}
+
+static double largest_difference(const recorded *a, const recorded *b) {
+    double largest = 0.0;
+    for (int i = 0; i < MARKS; i++) largest = fmax(largest, v3_norm(v3_sub(a->force[i], b->force[i])));
+    return largest;
+}
+
+static lockstep *inserted(const simulation_config *config) {
+    lockstep *l = lockstep_create(config, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
+    lockstep_move(l, v3(0.001, 0, -0.006), 0.2, 1e-3);
+    return l;
+}
+
+static void restored_simulation_goes_on_to_the_bit(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.needle.bevel_slope = 0.05;
+    lockstep *l = inserted(&c), *other = lockstep_create(&c, lockstep_start());
+    checkpoint *saved = malloc(sizeof *saved);
+    simulation_save(&l->state, l->snapshot, saved);
+    recorded once = go_on(l);
+    assert_true(v3_norm(once.force[0]) > 0.1);
+
+    restore(l, saved);
+    make_a_detour(l);
+    restore(l, saved);
+    recorded again = go_on(l);
+    assert_memory_equal(&once, &again, sizeof once);
+
+    restore(other, saved);
+    recorded elsewhere = go_on(other);
+    assert_memory_equal(&once, &elsewhere, sizeof once);
+    free(saved);
+    lockstep_free(other);
+    lockstep_free(l);
+}
+
+static void restored_at_rest_starts_anew(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    checkpoint *saved = malloc(sizeof *saved);
+    simulation_save(&l->state, l->snapshot, saved);
+    lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
+    insertion_wrench once = l->wrench;
+    restore(l, saved);
+    lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
+    assert_memory_equal(&once.force, &l->wrench.force, sizeof once.force);
+    free(saved);
+    lockstep_free(l);
+}
+
+static void woodbury_goes_on_to_rounding(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.remeshing = REMESH_WOODBURY;
+    lockstep *l = inserted(&c);
+    checkpoint *saved = malloc(sizeof *saved);
+    simulation_save(&l->state, l->snapshot, saved);
+    recorded once = go_on(l);
+    restore(l, saved);
+    make_a_detour(l);
+    restore(l, saved);
+    recorded again = go_on(l);
+    assert_true(largest_difference(&once, &again) < 1e-6);
+    free(saved);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(restored_simulation_goes_on_to_the_bit),
+        cmocka_unit_test(restored_at_rest_starts_anew),
+        cmocka_unit_test(woodbury_goes_on_to_rounding),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -101,7 +101,7 @@ static void next_own_block(block_chain *chain, int k, chain_block own) {
 }
 
 /* Rows of block k of the inverse, columns [begin, end) of the blocks after it: G_kj = -T_k G_{k+1,j}. */
-static void next_rows(chain_block factor, double (*from)[CHAIN_HEAD * CHAIN_BLOCKS], double (*to)[CHAIN_HEAD * CHAIN_BLOCKS], int begin, int end) {
+static void next_rows(chain_block factor, chain_rows *from, chain_rows *to, int begin, int end) {
     for (int i = 0; i < CHAIN_ROWS; i++) {
         double *row = to[i];
         for (int c = begin; c < end; c++) row[c] = 0.0;
@@ -117,7 +117,7 @@ void chain_inverse_heads(block_chain *chain, int first, double *out, int ld) {
     int n = chain->count, end = CHAIN_HEAD * n;
     chain_block own;
     for (int k = n - 1; k >= first; k--) {
-        double (*rows)[CHAIN_HEAD * CHAIN_BLOCKS] = chain->columns[k % 2];
+        chain_rows *rows = chain->columns[k % 2];
         int begin = CHAIN_HEAD * k;
         if (k == n - 1) {
             memcpy(own, chain->diagonal[k], sizeof own);

@@ -11,12 +11,13 @@ enum {
 };
 
 typedef double chain_block[CHAIN_ROWS][CHAIN_LD];
+typedef double chain_rows[CHAIN_HEAD * CHAIN_BLOCKS]; /* one row, the head columns of every block */
 
 typedef struct {
     int count;                                    /* blocks */
     chain_block diagonal[CHAIN_BLOCKS];           /* A_k; after chain_factor the inverse of its Schur complement S_k */
     chain_block upper[CHAIN_BLOCKS];              /* B_k, rows of block k, columns of k + 1; after chain_factor S_k^-1 B_k */
-    double columns[2][CHAIN_ROWS][CHAIN_HEAD * CHAIN_BLOCKS]; /* scratch of chain_inverse_heads */
+    chain_rows columns[2][CHAIN_ROWS];            /* scratch of chain_inverse_heads */
 } block_chain;
 
 /* Block elimination from the first block to the last, in place. 6 CHAIN_ROWS^3 operations a block. */

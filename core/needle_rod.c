@@ -230,4 +230,5 @@ static trocar_status rod_create(needle_model *model, report *why) {
     return TROCAR_OK;
 }
 
-const needle_kind needle_kind_rod = {"rod", rod_create, rod_rest, rod_hold, rod_linearise, rod_advance, rod_root_moment, rod_energy};
+const needle_kind needle_kind_rod = {"rod", rod_create, rod_rest, rod_hold, rod_linearise, rod_advance,
+                                     rod_root_moment, rod_energy};

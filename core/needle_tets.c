@@ -10,7 +10,7 @@
               2   3
 
    Such flat elements lock: they see bending mostly as shear. Young's modulus is scaled so that a small load on the tip
-   gives the rod's deflection; extension and torsion become softer with it. */
+   gives the rod's deflection; extension becomes softer with it (README.md, "Tetrahedra"). */
 #include "needle_kind.h"
 
 #include <stdbool.h>
@@ -236,7 +236,8 @@ static void solve_step(int n, const needle_tangent *tangent, const vec3 *load, d
     chain_solve(&tangent->tets.stiffness, step);
 }
 
-static void tets_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
+static void tets_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first,
+                           needle_tangent *tangent) {
     (void)load; /* dead forces; the stress they cause is in the shape */
     int n = model->given.segments;
     double step[NEEDLE_MAX_SEGMENTS][CHAIN_ROWS];
@@ -364,9 +365,11 @@ static trocar_status calibrate(needle_model *model, report *why) {
 
 static trocar_status tets_create(needle_model *model, report *why) {
     double nu = model->given.poisson_ratio;
-    if (!(nu > -1.0 && nu < 0.5)) return fail(why, TROCAR_BAD_INPUT, "needle: poisson_ratio of the tetrahedra must be above -1 and below 0.5");
+    if (!(nu > -1.0 && nu < 0.5))
+        return fail(why, TROCAR_BAD_INPUT, "needle: poisson_ratio of the tetrahedra must be above -1 and below 0.5");
     build_mesh(model);
     return calibrate(model, why);
 }
 
-const needle_kind needle_kind_tetrahedra = {"tetrahedra", tets_create, tets_rest, tets_hold, tets_linearise, tets_advance, tets_root_moment, tets_energy};
+const needle_kind needle_kind_tetrahedra = {"tetrahedra", tets_create, tets_rest, tets_hold, tets_linearise, tets_advance,
+                                            tets_root_moment, tets_energy};

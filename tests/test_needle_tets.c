@@ -35,7 +35,8 @@ static void it_bends_alike_in_all_directions(void **unused) {
             least = fmin(least, tip.x), most = fmax(most, tip.x), across = fmax(across, fabs(tip.y));
         }
         double mean = 0.5 * (least + most);
-        print_message("%d segments: deflection %.4f of the length, within %.5f, across %.5f\n", SEGMENTS[s], mean / 0.2, (most - mean) / mean, across / mean);
+        print_message("%d segments: deflection %.4f of the length, within %.5f, across %.5f\n", SEGMENTS[s], mean / 0.2,
+                      (most - mean) / mean, across / mean);
         assert_true((most - mean) / mean < 5e-3 && across / mean < 5e-3);
     }
     free(tangent);

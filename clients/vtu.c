@@ -101,6 +101,14 @@ static void write_tissue_cells(const simulation *s, const refined_mesh *m, FILE 
     begin_array("Float64", "poisson_ratio", 1, out);
     for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", s->materials[s->mesh.region[m->parent[e]]].poisson_ratio);
     end_array(out);
+    if (s->tissue.volumetric == STRAIN_BY_NODE) { /* the nodes onto which each cell's volumetric strain is averaged */
+        begin_array("Int32", "volumetric_nodes", 4, out);
+        for (int e = 0; e < m->tet_count; e++) {
+            const int *corners = s->mesh.tets[m->parent[e]];
+            fprintf(out, "%d %d %d %d\n", corners[0], corners[1], corners[2], corners[3]);
+        }
+        end_array(out);
+    }
     fprintf(out, "</CellData>\n");
 }
 

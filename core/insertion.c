@@ -1,6 +1,5 @@
 #include "insertion.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "local.h"
@@ -11,49 +10,14 @@ enum { MOST_STEPS = 4 };                 /* of a tick: 250 Hz in milliseconds; a
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
 static const double LOOK_BACK = 5e-3;    /* m behind the tip of a free needle: it may have come free below a dented surface */
+static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
 /* ---- model ------------------------------------------------------------------------------------------------------------ */
 
-/* Means over the elements around each node, so that the local compliance is continuous across faces. */
-static void average_moduli(insertion_model *model, int *count) {
-    const mesh *m = model->mesh;
-    for (int i = 0; i < m->node_count; i++) model->node_lateral[i] = model->node_axial[i] = model->node_point[i] = 0.0;
-    for (int e = 0; e < m->tet_count; e++) {
-        const region_material *material = &model->materials[m->region[e]];
-        double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
-        for (int c = 0; c < 4; c++) {
-            int node = m->tets[e][c];
-            count[node]++;
-            model->node_lateral[node] += (3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu));
-            model->node_axial[node] += 1.0 / (2.0 * M_PI * mu);
-            model->node_point[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
-        }
-    }
-    for (int i = 0; i < m->node_count; i++) {
-        model->node_lateral[i] /= count[i];
-        model->node_axial[i] /= count[i];
-        model->node_point[i] /= count[i];
-    }
-}
+trocar_status insertion_model_create(insertion_model *model, report *why) { return local_create(model, why); }
 
-trocar_status insertion_model_create(insertion_model *model, report *why) {
-    size_t n = (size_t)model->mesh->node_count;
-    int *count = calloc(n, sizeof *count);
-    model->node_lateral = malloc(3 * n * sizeof(double));
-    if (count && model->node_lateral) {
-        model->node_axial = model->node_lateral + n;
-        model->node_point = model->node_axial + n;
-        average_moduli(model, count);
-    }
-    free(count);
-    return model->node_point ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
-}
-
-void insertion_model_free(insertion_model *model) {
-    free(model->node_lateral);
-    model->node_lateral = model->node_axial = model->node_point = NULL;
-}
+void insertion_model_free(insertion_model *model) { local_free(model); }
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* go on counting: an old snapshot must not match */
@@ -281,7 +245,7 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     double hold = fmin(1.0, state->tip.depth / TIP_FADE + pressing / TIP_BITE);
     local_compliance local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
     w->lateral[state->active] = local.lateral / fmax(hold * (w->share[state->active] + radius), 1e-9);
-    w->axial[state->active] = local.point;
+    w->axial[state->active] = local_at_tip(model, state->tip.leaf_tet, state->tip.nominal, state->tip.depth);
 }
 
 /* The part of the tip's force that is friction follows its limit over the shaft's elastic distance of sliding. */
@@ -332,17 +296,24 @@ static void take_forces(insertion_state *state, const insertion_workspace *w, bo
     }
 }
 
-/* No equilibrium (a needle buckled beyond what the tissue holds): straight and without force, from where the next tick
-   starts afresh. */
-static void give_up(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
-    needle_rest(model->needle, state->needle.base, &state->needle);
+/* No equilibrium: the needle has buckled beyond what the tissue holds. */
+static void give_up(insertion_state *state, insertion_wrench *wrench) {
     for (int i = 0; i < state->active; i++) {
         state->contacts[i].force = v3(0, 0, 0);
         state->contacts[i].slip = 0.0;
     }
     state->tip.force = v3(0, 0, 0);
     state->tip.slip = state->tip.speed = 0.0;
+    state->buckled = true;
     wrench->events |= EVENT_UNSTABLE;
+}
+
+/* A buckled needle counts as straight and without force until its tip is back at the point where it stuck. */
+static void wait_for_return(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
+    needle_rest(model->needle, base, &state->needle);
+    vec3 off = v3_sub(state->needle.joints[model->needle->given.segments], state->tip.nominal);
+    state->buckled = v3_norm(off) > RETURN_DISTANCE;
+    if (state->buckled) wrench->events |= EVENT_UNSTABLE;
 }
 
 /* Newton passes on the needle's shape around the condensed contact problem. */
@@ -374,7 +345,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         bound_contacts(model, state, tip, dt, w);
         assemble(w, snapshot, tip);
         if (contact_solve(p) != TROCAR_OK) {
-            give_up(model, state, wrench);
+            give_up(state, wrench);
             return;
         }
         wrench->switches += p->switches;
@@ -423,7 +394,12 @@ static void sum_wrench(const insertion_state *state, const insertion_workspace *
 
 static void step(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                  const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
-    if (state->tip.phase == TIP_FREE) {
+    if (state->buckled) {
+        wait_for_return(model, state, base, wrench);
+        wrench->depth = state->tip.depth;
+        wrench->contacts = state->active;
+        if (state->buckled) return;
+    } else if (state->tip.phase == TIP_FREE) {
         move_freely(model, state, base, wrench);
     } else {
         mat3 gradient = gradient_at_tip(model, state, snapshot);

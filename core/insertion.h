@@ -31,7 +31,8 @@ typedef struct {
     insertion_settings settings;
     double *node_lateral;        /* node_count: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
     double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
-    double *node_point;          /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc, along its axis */
+    double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc in the depth, times its radius */
+    double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: the same bonded to a free surface */
 } insertion_model;
 
 typedef enum {
@@ -44,7 +45,7 @@ typedef enum {
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
-    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium found: needle straight, no force, the next tick starts afresh */
+    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
 } insertion_event;
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
@@ -92,6 +93,7 @@ typedef struct {
     refinement refined;          /* the contact nodes, base to tip */
     shaft_contact contacts[MAX_CONTACTS];
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
+    bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;

@@ -1,19 +1,74 @@
 #include "local.h"
 
+#include <stdlib.h>
+
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
+static const double POINT_RESOLUTION = 1.5; /* a mesh that resolves a line force down to alpha h does so for a point force to 1.5 alpha h */
+static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
+
+/* ---- model ---------------------------------------------------------------------------------------------------------- */
+
+static void add_moduli(insertion_model *model, int node, const region_material *material) {
+    double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
+    model->node_lateral[node] += (3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu));
+    model->node_axial[node] += 1.0 / (2.0 * M_PI * mu);
+    model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
+    model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
+}
+
+trocar_status local_create(insertion_model *model, report *why) {
+    const mesh *m = model->mesh;
+    size_t n = (size_t)m->node_count;
+    int *count = calloc(n, sizeof *count);
+    double *sums = calloc(4 * n, sizeof *sums);
+    if (!count || !sums) {
+        free(count);
+        free(sums);
+        return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
+    }
+    model->node_lateral = sums;
+    model->node_axial = sums + n;
+    model->node_disc = sums + 2 * n;
+    model->node_punch = sums + 3 * n;
+    for (int e = 0; e < m->tet_count; e++)
+        for (int c = 0; c < 4; c++) {
+            count[m->tets[e][c]]++;
+            add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
+        }
+    for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
+    free(count);
+    return TROCAR_OK;
+}
+
+void local_free(insertion_model *model) {
+    free(model->node_lateral);
+    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = NULL;
+}
+
+/* ---- at a point ----------------------------------------------------------------------------------------------------- */
+
+/* A nodal field at a point, continuous across elements. */
+static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *field) {
+    double sum = 0.0;
+    for (int i = 0; i < 4; i++) sum += fmax(weights[i], 0.0) * field[model->mesh->tets[tet][i]];
+    return sum;
+}
 
 local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
-    double weights[4], size = 0.0, lateral = 0.0, axial = 0.0, point = 0.0;
+    double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    for (int i = 0; i < 4; i++) {
-        int node = model->mesh->tets[tet][i];
-        double w = fmax(weights[i], 0.0);
-        size += w * model->mesh->node_size[node];
-        lateral += w * model->node_lateral[node];
-        axial += w * model->node_axial[node];
-        point += w * model->node_point[node];
-    }
-    double radius = model->needle->radius, resolved = model->settings.resolution * size;
-    double logarithm = fmax(log(resolved / radius), LEAST_LOGARITHM);
-    return (local_compliance){lateral * logarithm, axial * logarithm, point * fmax(1.0 / radius - 1.0 / resolved, 0.0)};
+    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
+    double logarithm = fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM);
+    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * logarithm,
+                              interpolate(model, tet, weights, model->node_axial) * logarithm};
+}
+
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {
+    double weights[4], radius = model->needle->radius;
+    mesh_barycentric(model->mesh, tet, x, weights);
+    double resolved = POINT_RESOLUTION * model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
+    double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
+    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius)); /* from the surface to the end of a hole in the depth */
+    double whole = punch + in * (0.5 * (disc + punch) - punch), known = punch + in * (disc - punch);
+    return fmax(whole / radius - known / resolved, 0.0);
 }

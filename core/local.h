@@ -7,10 +7,16 @@
 
 typedef struct {
     double lateral, axial;   /* m^2/N: divide by the share of length */
-    double point;            /* m/N: at the tip, along the axis */
 } local_compliance;
 
 /* At point x of nominal element `tet`; continuous across elements. */
 local_compliance local_at(const insertion_model *model, int tet, vec3 x);
+
+/* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface. */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth);
+
+/* Fills the model's node_ arrays: means over the elements around each node. NO_MEMORY. */
+trocar_status local_create(insertion_model *model, report *why);
+void local_free(insertion_model *model);
 
 #endif

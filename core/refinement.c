@@ -60,14 +60,15 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
 
 /* The surplus' hat function has gradient g_i / w_i in the sub-tet that replaces corner i, whose volume is w_i V. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at) {
-    const region_material *material = &t->materials[t->mesh->region[tet]];
+    double youngs_modulus, poisson_ratio;
+    element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
     vec3 corners[4], g[4];
     for (int i = 0; i < 4; i++) corners[i] = corner_position(t->mesh, r, at->corners[i]);
     double volume = tet_gradients(corners, g);
     mat3 d = {{{0}}};
     for (int i = 0; i < 4; i++) {
         double weight = fmax(at->weights[i], 1e-9); /* on a face d is infinite and the compliance zero */
-        mat3 k = stiffness_block(g[i], g[i], volume / weight, material->youngs_modulus, material->poisson_ratio);
+        mat3 k = stiffness_block(g[i], g[i], volume / weight, youngs_modulus, poisson_ratio);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) d.m[a][b] += k.m[a][b];
     }

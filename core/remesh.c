@@ -147,7 +147,8 @@ static vec3 position_of(const remesher *r, int corner) {
 
 /* Stiffness change of the patch: four new elements minus the leaf, minus the starting spring. 15 x 15, node-major. */
 static void patch_change(const remesher *r, const added_node *node, const int corners[CORNERS + 1], double change[PATCH][PATCH]) {
-    const region_material *material = &r->tissue->materials[r->tissue->mesh->region[node->tet]];
+    double youngs_modulus, poisson_ratio; /* averaged volumetric strain does not change inside an element */
+    element_moduli(r->tissue, node->tet, &youngs_modulus, &poisson_ratio);
     memset(change, 0, sizeof(double[PATCH][PATCH]));
     for (int e = 0; e <= CORNERS; e++) { /* e < 4: the leaf with corner e replaced by the node; e = 4: the leaf itself */
         int local[4] = {0, 1, 2, 3};
@@ -155,7 +156,7 @@ static void patch_change(const remesher *r, const added_node *node, const int co
         vec3 x[4];
         for (int i = 0; i < 4; i++) x[i] = position_of(r, corners[local[i]]);
         double k[12][12];
-        tet_stiffness(x, material->youngs_modulus, material->poisson_ratio, k);
+        tet_stiffness(x, youngs_modulus, poisson_ratio, k);
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++)
                 change[3 * local[a / 3] + a % 3][3 * local[b / 3] + b % 3] += e < CORNERS ? k[a][b] : -k[a][b];

@@ -16,6 +16,7 @@ void simulation_defaults(simulation_config *config) {
                       .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
+        .volumetric = STRAIN_BY_NODE,
     };
 }
 
@@ -73,7 +74,7 @@ static trocar_status build_tissue(simulation *s, report *why) {
         else
             for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
     }
-    if (status == TROCAR_OK) status = tissue_create(&s->mesh, s->materials, fixed, &s->tissue, why);
+    if (status == TROCAR_OK) status = tissue_create(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
     free(fixed);
     return status;
 }

@@ -24,6 +24,7 @@ typedef struct {
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
+    volumetric_strain volumetric;
 } simulation_config;
 
 typedef struct {

@@ -36,14 +36,22 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
+/* With the volumetric part apart: the same mu, no lambda. */
+void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
+    const region_material *material = &t->materials[t->mesh->region[tet]];
+    bool whole = t->volumetric == STRAIN_BY_ELEMENT;
+    *youngs_modulus = whole ? material->youngs_modulus : material->youngs_modulus / (1.0 + material->poisson_ratio);
+    *poisson_ratio = whole ? material->poisson_ratio : 0.0;
+}
+
 /* Adds the lower triangle of one element's stiffness to the triplets. */
 static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
-    const region_material *material = &t->materials[m->region[tet]];
     vec3 corners[4];
     for (int a = 0; a < 4; a++) corners[a] = m->nodes[m->tets[tet][a]];
-    double k[12][12];
-    tet_stiffness(corners, material->youngs_modulus, material->poisson_ratio, k);
+    double k[12][12], youngs_modulus, poisson_ratio;
+    element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
+    tet_stiffness(corners, youngs_modulus, poisson_ratio, k);
 
     int *rows = triplets->i, *columns = triplets->j;
     double *values = triplets->x;
@@ -58,6 +66,74 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
         }
 }
 
+/* Lame's lambda, Pa. */
+static double volumetric_modulus(const region_material *m) {
+    return m->youngs_modulus * m->poisson_ratio / ((1.0 + m->poisson_ratio) * (1.0 - 2.0 * m->poisson_ratio));
+}
+
+/* One element's share in the mean volumetric strain of its nodes: a column for each node of the region. */
+static void add_divergence(const tissue *t, int tet, const double *node_volume, cholmod_triplet *triplets) {
+    const mesh *m = t->mesh;
+    vec3 corners[4], g[4];
+    for (int c = 0; c < 4; c++) corners[c] = m->nodes[m->tets[tet][c]];
+    double volume = tet_gradients(corners, g), modulus = volumetric_modulus(&t->materials[m->region[tet]]);
+    int *rows = triplets->i, *columns = triplets->j;
+    double *values = triplets->x;
+    for (int a = 0; a < 4; a++) {
+        int node = m->tets[tet][a];
+        double weight = 0.25 * volume * sqrt(modulus / node_volume[node]);
+        for (int c = 0; c < 4; c++) {
+            int dof = t->dof[m->tets[tet][c]];
+            for (int k = 0; k < 3 && dof >= 0; k++) {
+                size_t at = triplets->nnz++;
+                rows[at] = dof + k;
+                columns[at] = node;
+                values[at] = weight * (k == 0 ? g[c].x : k == 1 ? g[c].y : g[c].z);
+            }
+        }
+    }
+}
+
+/* B B^T of one region: sum over its nodes of lambda V (mean of div u)^2, V a quarter of the elements around the node. */
+static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *node_volume) {
+    const mesh *m = t->mesh;
+    size_t tets = 0;
+    for (int i = 0; i < m->node_count; i++) node_volume[i] = 0.0;
+    for (int e = 0; e < m->tet_count; e++) {
+        if (m->region[e] != region) continue;
+        tets++;
+        for (int c = 0; c < 4; c++) node_volume[m->tets[e][c]] += 0.25 * mesh_volume(m, e);
+    }
+    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)m->node_count, 48 * tets + 1, 0, CHOLMOD_REAL, &t->common);
+    if (!triplets) return NULL;
+    for (int e = 0; e < m->tet_count; e++)
+        if (m->region[e] == region) add_divergence(t, e, node_volume, triplets);
+    cholmod_sparse *b = cholmod_triplet_to_sparse(triplets, 0, &t->common);
+    cholmod_free_triplet(&triplets, &t->common);
+    cholmod_sparse *full = b ? cholmod_aat(b, NULL, 0, 1, &t->common) : NULL;
+    cholmod_sparse *lower = full ? cholmod_copy(full, -1, 1, &t->common) : NULL;
+    cholmod_free_sparse(&b, &t->common);
+    cholmod_free_sparse(&full, &t->common);
+    return lower;
+}
+
+static bool add_volumetric_stiffness(tissue *t) {
+    double *node_volume = malloc((size_t)t->mesh->node_count * sizeof *node_volume), one[2] = {1.0, 0.0};
+    bool added = node_volume != NULL;
+    for (int g = 0; g < t->mesh->group_count && added; g++) {
+        if (t->mesh->groups[g].dimension != 3 || t->materials[g].poisson_ratio == 0.0) continue;
+        cholmod_sparse *region = volumetric_stiffness(t, g, node_volume);
+        cholmod_sparse *sum = region ? cholmod_add(t->stiffness, region, one, one, 1, 1, &t->common) : NULL;
+        cholmod_free_sparse(&region, &t->common);
+        added = sum != NULL;
+        if (!added) break;
+        cholmod_free_sparse(&t->stiffness, &t->common);
+        t->stiffness = sum;
+    }
+    free(node_volume);
+    return added;
+}
+
 static trocar_status assemble(tissue *t, report *why) {
     size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78;
     cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
@@ -65,7 +141,8 @@ static trocar_status assemble(tissue *t, report *why) {
     for (int e = 0; e < t->mesh->tet_count; e++) add_element(t, e, triplets);
     t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
     cholmod_free_triplet(&triplets, &t->common);
-    return t->stiffness ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
+    bool whole = t->stiffness && (t->volumetric == STRAIN_BY_ELEMENT || add_volumetric_stiffness(t));
+    return whole ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
 }
 
 /* About the least eigenvalue of K over the greatest: the Rayleigh quotient after two steps of inverse iteration.
@@ -104,8 +181,10 @@ static trocar_status factor(tissue *t, report *why) {
     return TROCAR_OK;
 }
 
-trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, tissue *t, report *why) {
+trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                            tissue *t, report *why) {
     memset(t, 0, sizeof *t);
+    t->volumetric = volumetric;
     cholmod_start(&t->common);
     t->common.supernodal = CHOLMOD_SUPERNODAL;
     t->common.print = 0;

@@ -199,12 +199,22 @@ static void take_mesh_path(checker *c, const char *text, char *path, size_t size
     if (length < 0 || (size_t)length >= size) reject(c, "mesh", "path longer than %zu characters", size - 1);
 }
 
-static void take_remeshing(checker *c, const char *text, remesh_method *method) {
-    if (!text) return;
+/* One of a list of words ("a, b or c"), its place from 0; nothing given: the default stays. */
+static int take_word(checker *c, const char *key, const char *text, const char *const *words, const char *list, int given) {
+    if (!text) return given;
+    for (int i = 0; words[i]; i++)
+        if (strcmp(text, words[i]) == 0) return i;
+    reject(c, key, "\"%s\": expected %s", text, list);
+    return given;
+}
+
+static void take_methods(checker *c, const scene_text *text, simulation_config *s) {
     enter_section(c, "%s", "");
-    if (strcmp(text, "nested") == 0) *method = REMESH_NESTED;
-    else if (strcmp(text, "woodbury") == 0) *method = REMESH_WOODBURY;
-    else reject(c, "remeshing", "\"%s\": expected nested or woodbury", text);
+    static const char *const remeshing[] = {"nested", "woodbury", NULL}, *const inverses[] = {"auto", "dense", "sparse", NULL},
+                      *const strains[] = {"node", "element", NULL};
+    s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, remeshing, "nested or woodbury", (int)s->remeshing);
+    s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, inverses, "auto, dense or sparse", (int)s->inverse);
+    s->volumetric = (volumetric_strain)take_word(c, "volumetric_strain", text->volumetric_strain, strains, "node or element", (int)s->volumetric);
 }
 
 static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {
@@ -218,7 +228,7 @@ static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {
     take_fixed(c, text, &s->simulation);
     take_needle(c, &text->needle, &s->simulation.needle);
     take_contact(c, &text->contact, &s->simulation.insertion);
-    take_remeshing(c, text->remeshing, &s->simulation.remeshing);
+    take_methods(c, text, &s->simulation);
     take_device(c, &text->device, &s->guard);
     return c->status;
 }

@@ -28,7 +28,7 @@ typedef struct {
 } device_text;
 
 typedef struct {
-    char *mesh, *rate_hz, *remeshing;
+    char *mesh, *rate_hz, *remeshing, *inverse, *volumetric_strain;
     region_text *regions;
     membrane_text *membranes;
     char **fixed;

@@ -211,7 +211,7 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "scene      %s\n", s->scene.path);
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
-    fprintf(out, "inverse    %s, %d unknowns; node addition by %s\n", inverse_dense(s->simulation.inverse) ? "dense" : "factor",
+    fprintf(out, "inverse    %s, %d unknowns; node addition by %s\n", inverse_name(s->simulation.inverse),
             s->simulation.tissue.dof_count, config->remeshing == REMESH_NESTED ? "nested bordering" : "Woodbury updates");
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");

@@ -93,14 +93,32 @@ def strain_matrices(corners):
 
 
 def internal_forces(grid, tets):
-    """K u at all points, assembled from the elements, and the elements' volumes."""
+    """K u at all points, and the elements' volumes."""
     b, volumes = strain_matrices(grid.points[tets])
     d = elasticity(grid.cell_data["youngs_modulus"], grid.cell_data["poisson_ratio"])
-    stiffness = np.einsum("eki,ekl,elj,e->eij", b, d, b, volumes, optimize=True)
-    local = np.einsum("eij,ej->ei", stiffness, grid.point_data["displacement"][tets].reshape(-1, 12))
+    u = grid.point_data["displacement"][tets].reshape(-1, 12)
+    strain = np.einsum("ekj,ej->ek", b, u)
+    stress = np.einsum("ekl,el->ek", d, strain)
+    if "volumetric_nodes" in grid.cell_data:
+        modulus = d[:, 0, 1]  # lambda
+        pressure = averaged_volumetric_stress(grid, volumes, strain[:, :3].sum(axis=1), modulus)
+        stress[:, :3] += (pressure - modulus * strain[:, :3].sum(axis=1))[:, None]
+    local = np.einsum("eki,ek,e->ei", b, stress, volumes)
     forces = np.zeros_like(grid.points)
     np.add.at(forces, tets, local.reshape(-1, 4, 3))
     return forces, volumes
+
+
+def averaged_volumetric_stress(grid, volumes, divergence, modulus):
+    """lambda div u, with div u averaged by volume at nodes, region by region, and the four nodes' mean for each cell."""
+    nodes = grid.cell_data["volumetric_nodes"].astype(int) + len(grid.points) * grid.cell_data["region"].astype(int)[:, None]
+    size = nodes.max() + 1
+    volume, change = np.zeros(size), np.zeros(size)
+    for corner in range(4):
+        np.add.at(volume, nodes[:, corner], volumes)
+        np.add.at(change, nodes[:, corner], volumes * divergence)
+    mean = np.divide(change, volume, out=np.zeros(size), where=volume > 0)
+    return modulus * mean[nodes].mean(axis=1)
 
 
 def most_tets_on_a_face(tets):

@@ -62,6 +62,7 @@ static void membranes_give_way_at_their_forces(void **unused) {
 static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
+    c.volumetric = STRAIN_BY_ELEMENT; /* the averaged one is checked by check_vtu.py */
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0.004, 0.008, 0), 0.2, 1e-3);
@@ -384,7 +385,10 @@ static void buckled_needle_recovers(void **unused) {
         assert_true(isfinite(v3_norm(l->wrench.force)));
         assert_true(l->wrench.depth < 0.045); /* the capsule is never crossed */
     }
-    for (int i = 0; i < 180; i++) lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
+    for (int i = 0; i < 180; i++) {
+        lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
+        assert_true(v3_norm(l->wrench.force) < 20.0);
+    }
     assert_int_equal(l->state.tip.phase, TIP_FREE);
     assert_true(v3_norm(l->wrench.force) == 0.0);
     lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);

@@ -88,7 +88,7 @@ static void make_uniform(cube *c, double e, double nu) {
     report why = {""};
     assert_int_equal(cube_shape(c, 0.1, &why), TROCAR_OK);
     c->materials[0] = c->materials[1] = (region_material){.youngs_modulus = e, .poisson_ratio = nu};
-    if (tissue_create(&c->mesh, c->materials, c->fixed, &c->tissue, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    if (tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
 /* Solves K u = f where f are the nodal forces of the stress `sigma` on the outer surface. */
@@ -145,7 +145,7 @@ static void bar_in_tension_grows_by_f_l_over_e_a(void **state) {
 
 static void assert_refused(cube *c, const char *words) {
     report why = {""};
-    assert_int_equal(tissue_create(&c->mesh, c->materials, c->fixed, &c->tissue, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_BAD_INPUT);
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
@@ -168,7 +168,7 @@ static void loose_bodies_are_refused(void **state) {
         c.fixed[i] = false;
     }
     c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three off one line are enough */
-    assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, &c.tissue, &why), TROCAR_OK);
+    assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
     tissue_free(&c.tissue);
     memset(c.fixed, 1, sizeof c.fixed);
     assert_refused(&c, "every node is fixed");
@@ -202,10 +202,10 @@ static void each_piece_must_be_held(void **state) {
     tissue t;
     report why = {""};
     memcpy(fixed, one.fixed, sizeof one.fixed);
-    assert_int_equal(tissue_create(&pair, one.materials, fixed, &t, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(tissue_create(&pair, one.materials, fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "every part of the mesh"));
     memcpy(fixed + CUBE_NODES, two.fixed, sizeof two.fixed);
-    assert_int_equal(tissue_create(&pair, one.materials, fixed, &t, &why), TROCAR_OK);
+    assert_int_equal(tissue_create(&pair, one.materials, fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
     tissue_free(&t);
     mesh_free(&pair);
     cube_free(&one);

@@ -62,7 +62,7 @@ static void solve_case(problem *p) {
 static trocar_status begin_case(problem *p, report *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);
-    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, &p->tissue, why);
+    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, STRAIN_BY_ELEMENT, &p->tissue, why);
     if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, &p->inverse, why);
     p->loaded = true;
     return status;

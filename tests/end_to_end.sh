@@ -23,6 +23,7 @@ value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
 holds() { awk "BEGIN { exit !($1) }"; }
 
 start_server() {
+    : >"$work/server.out" # no "ready" of the server before
     "$server" --scene "$scene" --allow-non-rt "$@" >"$work/server.out" 2>&1 &
     pid=$!
     for _ in $(seq 100); do

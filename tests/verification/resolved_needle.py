@@ -31,8 +31,7 @@ BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; Cal
 
 # rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there, and
 # far_slope with the distance from the rings. sectors: elements around the needle. largest: element size far away.
-# Where the disc, bonded, meets the free wall of the hole, displacements go about with the cube root of the distance and
-# the force converges only with rim^(2/3), so that discs need a finer rim.
+# Discs have a finer rim: stresses are singular there, most of all where the bonded end meets the hole's free wall.
 MESHES = {
     "standard": {"needle": {"rim": 0.16, "slope": 0.75, "far_slope": 0.375, "sectors": 10, "largest": 0.015},
                  "disc": {"rim": 0.003, "slope": 0.6, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
@@ -232,7 +231,7 @@ def block_with_needle(one, mesh):
     heights = layers(one, first, mesh)
     nodes, elements = extrude(vertices, triangles, heights)
 
-    within = np.linalg.norm(vertices[triangles].mean(axis=1), axis=1) < one["radius"]
+    within = np.linalg.norm(vertices, axis=1)[triangles].max(axis=1) < one["radius"] * (1 + 1e-6)
     middle = np.repeat(0.5 * (heights[1:] + heights[:-1])[:, None], 3 * len(triangles), axis=1)
     tissue = ~((middle > one["tip"]) & np.repeat(within, 3))
     elements, middle = elements[tissue], middle[tissue]

@@ -8,3 +8,6 @@ set_tests_properties(clients_hand PROPERTIES SKIP_RETURN_CODE 77 RUN_SERIAL TRUE
 if(TROCAR_SANITIZE) # the simulation is many times slower then, the matrix product is not
     set_tests_properties(clients_bench PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=no")
 endif()
+add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction.py
+    $<TARGET_FILE_DIR:trocar-replay> ${PROJECT_SOURCE_DIR})
+set_tests_properties(fit_friction PROPERTIES TIMEOUT 240 LABELS release_only)

@@ -3,7 +3,9 @@
 #include <stdlib.h>
 
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
-static const double POINT_RESOLUTION = 1.5; /* a mesh that resolves a line force down to alpha h does so for a point force to 1.5 alpha h */
+/* A mesh that resolves a line force's field down to alpha h when it acts sideways does so, against the resolved needle of
+   tests/verification, down to these multiples of it when it acts along the line, and at a point. */
+static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 1.5;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -58,9 +60,10 @@ local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
     double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
-    double logarithm = fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM);
-    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * logarithm,
-                              interpolate(model, tet, weights, model->node_axial) * logarithm};
+    double lateral = fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM);
+    double axial = fmax(log(AXIAL_RESOLUTION * resolved / model->needle->radius), LEAST_LOGARITHM);
+    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * lateral,
+                              interpolate(model, tet, weights, model->node_axial) * axial};
 }
 
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {

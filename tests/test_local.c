@@ -51,7 +51,7 @@ static void uniform_tissue_follows_kelvin(void **state) {
         int tet = rand() % body.mesh.tet_count;
         local_compliance c = local_at(&model, tet, cube_point(&body, tet, 0.0));
         assert_close(c.lateral / ((3 - 4 * nu) / (8 * M_PI * mu * (1 - nu)) * logarithm), 1.0, 1e-12);
-        assert_close(c.axial / (logarithm / (2 * M_PI * mu)), 1.0, 1e-12);
+        assert_close(c.axial / ((logarithm + log(1.2)) / (2 * M_PI * mu)), 1.0, 1e-12); /* along a line it resolves 1.2 times less */
     }
     destroy();
 }
@@ -60,7 +60,7 @@ static void uniform_tissue_follows_kelvin(void **state) {
 static void fine_meshes_need_little(void **state) {
     (void)state;
     create(0.0, true);
-    model.settings.resolution = 0.5 * RADIUS / uniform_size();
+    model.settings.resolution = 0.4 * RADIUS / uniform_size();
     local_compliance fine = local_at(&model, 0, cube_point(&body, 0, 0.1));
     model.settings.resolution = RESOLUTION;
     local_compliance coarse = local_at(&model, 0, cube_point(&body, 0, 0.1));

@@ -42,8 +42,9 @@ static inline simulation_config steering_config(const steering_case *given) {
     simulation_config c = lockstep_config();
     if (given->mesh) snprintf(c.mesh_path, sizeof c.mesh_path, "%s", given->mesh);
     c.needle = given->needle;
-    c.regions[0].material.youngs_modulus = given->tissue_modulus;
-    for (int i = 1; i < c.region_count; i++) c.regions[i].material = c.regions[0].material;
+    for (int i = 0; i < c.region_count; i++)
+        c.regions[i].material = (region_material){.youngs_modulus = given->tissue_modulus, .poisson_ratio = 0.45, .cutting_force = 0.5,
+                                                  .cutting_viscosity = 1, .friction_static = 15, .friction_kinetic = 9, .friction_viscous = 100};
     for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = 0.6;
     return c;
 }

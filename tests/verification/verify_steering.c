@@ -100,7 +100,11 @@ static void check_meshes(rows *r) {
             snprintf(path, sizeof path, GENERATED "/prostate-%d.msh", sizes[i]);
             snprintf(check, sizeof check, "%s, slope 0.05: curvature on 570 nodes against %d", names[k], sizes[i]);
             cases[k].mesh = path;
-            rows_compare(r, check, "the finer mesh", coarse, curvature_of(&cases[k]), 0.15, "1/m");
+            double fine = curvature_of(&cases[k]);
+            rows_add(r, (row){.check = check, .reference = "the finer mesh", .value = coarse, .expected = fine, .error = fabs(coarse / fine - 1.0),
+                              .limit = 0.15, .unit = "1/m",
+                              .note = "the way of the cut into the nominal mesh uses the gradient of one element, which grows near the tip as "
+                                      "elements shrink"});
         }
     }
 }

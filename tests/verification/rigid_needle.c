@@ -1,0 +1,101 @@
+/* Force that a rigid straight needle needs to move the tissue, by the contact nodes, tributary lengths and local
+   compliances of the insertion: for comparison with a needle whose surface is resolved (resolved_needle.py).
+   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower"
+   Needle along -z from the top (z = 0.1 m). Prints: nodes, contacts, and the forces in N for 1 mm: the whole needle
+   sideways along x, the whole needle along z, the tip alone along z. */
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "local.h"
+#include "simulation.h"
+#include "tip.h"
+#include "window.h"
+
+typedef struct {
+    simulation simulation;
+    insertion_state state;
+    compliance_snapshot snapshot;
+} body;
+
+static trocar_status configure(char **argument, simulation_config *c, report *why) {
+    mesh m;
+    simulation_defaults(c);
+    snprintf(c->mesh_path, sizeof c->mesh_path, "%s", argument[1]);
+    trocar_status status = mesh_read(c->mesh_path, &m, why);
+    if (status != TROCAR_OK) return status;
+    for (int g = 0; g < m.group_count; g++) {
+        if (m.groups[g].dimension != 3) continue;
+        region_config *region = &c->regions[c->region_count++];
+        memcpy(region->name, m.groups[g].name, sizeof region->name);
+        region->material = region_defaults();
+        region->material.poisson_ratio = atof(argument[3]);
+        region->material.youngs_modulus = atof(strcmp(region->name, "lower") == 0 ? argument[8] : argument[7]);
+    }
+    mesh_free(&m);
+    snprintf(c->fixed[c->fixed_count++], MESH_NAME, "fixed");
+    c->needle.outer_diameter = 2.0 * atof(argument[2]);
+    c->needle.inner_diameter = 0.5 * c->needle.outer_diameter;
+    return TROCAR_OK;
+}
+
+/* Compliance of the points (contacts, then the tip) along one axis of the world, local parts included. */
+static int assemble(const body *b, int axis, double *a, double *tip_alone) {
+    const insertion_state *s = &b->state;
+    const insertion_model *model = &b->simulation.insertion;
+    int contacts = contacts_passed(s), n = contacts + 1, handles[4];
+    leaf_point leaf = refinement_locate(model->mesh, &s->refined, contacts, s->tip.tet, s->tip.nominal);
+    if (!window_covers(&b->snapshot, &leaf, handles)) return 0;
+    double from = 0.0, whole = s->tip.depth, own = surplus_compliance(model->tissue, &s->refined, s->tip.tet, &leaf).m[axis][axis];
+    for (int i = 0; i < contacts; i++) {
+        for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
+        a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, leaf.weights, i).m[axis][axis];
+        double to = 0.5 * (s->contacts[i].depth + (i + 1 < contacts ? s->contacts[i + 1].depth : whole));
+        local_compliance local = local_at(model, s->refined.nodes[i].tet, s->refined.nodes[i].position);
+        a[i * n + i] += (axis == 2 ? local.axial : local.lateral) / (to - from);
+        from = to;
+    }
+    for (int c = 0; c < 4; c++) own += leaf.weights[c] * compliance_to_point(&b->snapshot, handles, leaf.weights, handles[c]).m[axis][axis];
+    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole);
+    double share = local_at(model, s->tip.tet, s->tip.nominal).lateral / (whole - from + model->needle->radius);
+    a[contacts * n + contacts] = own + (axis == 2 ? disc : share);
+    *tip_alone = 1e-3 / (own + disc);
+    return n;
+}
+
+/* Total force when all points move by 1 mm. */
+static double total_force(const body *b, int axis, double *tip_alone) {
+    static double a[(MAX_CONTACTS + 1) * (MAX_CONTACTS + 1)], x[MAX_CONTACTS + 1];
+    lapack_int pivots[MAX_CONTACTS + 1];
+    int n = assemble(b, axis, a, tip_alone);
+    double sum = 0.0;
+    for (int i = 0; i < n; i++) x[i] = 1e-3;
+    if (n == 0 || LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, 1, a, n, pivots, x, 1) != 0) return NAN;
+    for (int i = 0; i < n; i++) sum += x[i];
+    return sum;
+}
+
+int main(int argc, char **argv) {
+    report why;
+    simulation_config config;
+    body *b = calloc(1, sizeof *b);
+    if (argc != 9 || !b) {
+        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER\n");
+        return 2;
+    }
+    pose base = {v3(atof(argv[4]), atof(argv[5]), 0), {0, 1, 0, 0}}; /* turned about x: the needle points along -z */
+    trocar_status status = configure(argv, &config, &why);
+    if (status == TROCAR_OK) status = simulation_create(&config, &b->simulation, &why);
+    if (status == TROCAR_OK) {
+        base.position.z = atof(argv[6]) + config.needle.length;
+        insertion_reset(&b->simulation.insertion, base, &b->state);
+        status = remesher_serve(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
+    }
+    if (status != TROCAR_OK) {
+        fprintf(stderr, "rigid_needle: %s\n", why.text);
+        return 2;
+    }
+    double tip_alone, sideways = total_force(b, 0, &tip_alone), along = total_force(b, 2, &tip_alone);
+    printf("%d %d %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), sideways, along, tip_alone);
+    return 0;
+}

@@ -8,7 +8,8 @@
 
 enum { MOST_STEPS = 4 };                 /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
-static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
+static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
+static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
 static const double LOOK_BACK = 5e-3;    /* m behind the tip of a free needle: it may have come free below a dented surface */
 static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
@@ -241,8 +242,7 @@ static void find_local_compliance(const insertion_model *model, const insertion_
         w->axial[i] = state->contacts[i].local_axial / w->share[i];
     }
     if (!tip) return;
-    double radius = model->needle->radius, pressing = fmax(v3_dot(state->tip.force, tangent_of(&w->points[state->active])), 0.0);
-    double hold = fmin(1.0, state->tip.depth / TIP_FADE + pressing / TIP_BITE);
+    double radius = model->needle->radius, hold = fmin(1.0, state->tip.depth / TIP_FADE + state->tip.pressing / TIP_BITE);
     local_compliance local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
     w->lateral[state->active] = local.lateral / fmax(hold * (w->share[state->active] + radius), 1e-9);
     w->axial[state->active] = local_at_tip(model, state->tip.leaf_tet, state->tip.nominal, state->tip.depth);
@@ -257,6 +257,11 @@ static void follow_friction(const insertion_model *model, insertion_state *state
     double stretch = density * local_at(model, tip->tet, tip->nominal).axial;
     tip->shaft_force += (tip->friction * limit - tip->shaft_force) * (stretch > 0.0 ? -expm1(-fabs(tip->slip) / stretch) : 1.0);
     tip->shaft_force = fmin(fmax(tip->shaft_force, -limit), limit);
+}
+
+static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
+    double pressing = fmax(v3_dot(tip->force, tangent_of(p)), 0.0);
+    tip->pressing += (pressing - tip->pressing) * -expm1(-dt / BITE_TIME);
 }
 
 static void locate_points(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
@@ -371,13 +376,14 @@ static void glide_on_surface(const insertion_model *model, insertion_state *stat
     tip_glide(model, state, axis, v3_scale(excess * compliance / v3_norm(sideways), sideways), wrench);
 }
 
-/* Needle in the air: straight. Touching the outer surface starts an insertion. */
+/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */
 static void move_freely(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
     needle_rest(model->needle, base, &state->needle);
-    vec3 axis = q_rotate(base.orientation, v3(0, 0, 1));
-    tip_touch(model, state, v3_axpy(-LOOK_BACK, axis, before), state->needle.joints[n], wrench);
+    vec3 axis = q_rotate(base.orientation, v3(0, 0, 1)), now = state->needle.joints[n];
+    bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
+    tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
 }
 
 static void sum_wrench(const insertion_state *state, const insertion_workspace *w, bool tip, insertion_wrench *wrench) {
@@ -412,7 +418,10 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     int handles[4];
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
-    if (tip) follow_friction(model, state, scratch->share[state->active], dt);
+    if (tip) {
+        follow_friction(model, state, scratch->share[state->active], dt);
+        follow_pressing(&state->tip, &scratch->points[state->active], dt);
+    }
     tip_puncture(model, state, wrench);
     sum_wrench(state, scratch, tip, wrench);
 }

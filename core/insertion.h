@@ -76,6 +76,7 @@ typedef struct {
     vec3 force;              /* N, world frame, on the tissue */
     double shaft_force;      /* N, the part of it along the needle that is dry shaft friction, not cutting */
     double speed;            /* m/s, slip of the last solve over its time: viscous shaft friction */
+    double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`, that what blocks lies on */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */

@@ -36,7 +36,7 @@ def run(*command):
 # ---- data --------------------------------------------------------------------------------------------------------------
 
 
-def in_and_out(speed, depth=0.066, rest=0.3):
+def in_and_out(speed, depth=0.072, rest=0.3):
     """z of the base, m: in and out at this speed (m/s)."""
     steps = int(depth / speed * RATE)
     way = speed / RATE * np.arange(steps)
@@ -126,7 +126,7 @@ def parameters_come_back():
     assert_truth(values, ["cutting_force", "kinetic", "viscous", "puncture_force"])
     assert "lower bound" in text
     for name in ("surrounding", "prostate"):
-        assert values[name]["kinetic"] < values[name]["static"] < 1.05 * TRUTH[name]["static"]
+        assert values[name]["kinetic"] <= values[name]["static"] < TRUTH[name]["static"]
     with open("fit.svg", encoding="utf-8") as file:
         assert "</svg>" in file.read()
 

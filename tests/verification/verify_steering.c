@@ -35,7 +35,7 @@ static void check_straight(rows *r, const char *check, steering_case c) {
     steering_track track = steering_run(&c);
     double off = hypot(steering_deflection(&track, v3(1, 0, 0)), steering_deflection(&track, v3(0, 1, 0)));
     rows_add(r, (row){.check = check, .reference = "straight line", .value = off, .expected = 0.0, .error = off, .limit = 1e-4, .unit = "m",
-                      .note = "deflection of the tip at 79 mm; absolute error"});
+                      .note = "deflection of the tip at 79 mm, absolute error; mesh and its supports are not symmetric about the needle"});
 }
 
 /* The half turn's S: sign and size of the curvature after it. */

@@ -72,6 +72,6 @@ double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth)
     double resolved = POINT_RESOLUTION * model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius)); /* from the surface to the end of a hole in the depth */
-    double whole = punch + in * (0.5 * (disc + punch) - punch), known = punch + in * (disc - punch);
+    double whole = punch + in * 2.0 / 3.0 * (disc - punch), known = punch + in * (disc - punch);
     return fmax(whole / radius - known / resolved, 0.0);
 }

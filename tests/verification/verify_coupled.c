@@ -1,0 +1,307 @@
+/* Needle and tissue together, against what must hold whatever the parameters: equilibrium of forces and moments, the exact
+   axial curve in homogeneous tissue, reversibility below the friction limit, insertions that repeat, and the way out on the
+   far side. */
+#include "lockstep.h"
+#include "rows.h"
+
+static const double TICK = 1e-3;              /* s */
+static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N, N: of the homogeneous tissue */
+
+/* One material throughout, without viscous terms and with friction at its kinetic value from the start: the axial curve is
+   known. The capsule resists no more than the tissue. */
+static simulation_config homogeneous(void) {
+    simulation_config c = lockstep_config();
+    for (int i = 0; i < c.region_count; i++) {
+        region_material *m = &c.regions[i].material;
+        m->youngs_modulus = 30e3;
+        m->cutting_viscosity = m->friction_viscous = 0.0;
+        m->cutting_force = CUTTING;
+        m->friction_static = m->friction_kinetic = FRICTION;
+    }
+    c.membranes[0].puncture_force = SKIN;
+    c.membrane_count = 1;
+    return c;
+}
+
+/* ---- equilibrium -------------------------------------------------------------------------------------------------------- */
+
+/* Sums over the added nodes' forces and their moments about the origin at nominal positions, where linear elasticity has
+   them; over the fixed nodes, the same of the reactions K u. */
+typedef struct { vec3 force, moment; } resultant;
+
+static void add_to(resultant *sum, vec3 x, vec3 force) {
+    sum->force = v3_add(sum->force, force);
+    sum->moment = v3_add(sum->moment, v3_cross(x, force));
+}
+
+static resultant load_on_tissue(const lockstep *l) {
+    refinement refined;
+    vec3 force[MAX_CONTACTS + 1];
+    resultant sum = {0};
+    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
+    insertion_forces(&l->state, force);
+    for (int i = 0; i < refined.count; i++) add_to(&sum, refined.nodes[i].position, force[i]);
+    return sum;
+}
+
+/* Stress integrated over the elements of the refined mesh, assembled here from shape functions. */
+static resultant reaction_of_fixed_nodes(lockstep *l) {
+    const mesh *m = &l->simulation.mesh;
+    refinement refined;
+    refined_mesh whole;
+    report why;
+    resultant sum = {0};
+    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
+    if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);
+    vec3 *u = calloc((size_t)whole.node_count, sizeof *u);
+    simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
+    for (int e = 0; e < whole.tet_count; e++) {
+        const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
+        double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu)), lambda = 2.0 * mu * nu / (1.0 - 2.0 * nu);
+        vec3 x[4], g[4];
+        for (int a = 0; a < 4; a++) x[a] = whole.nodes[whole.tets[e][a]];
+        double volume = tet_gradients(x, g), gradient[3][3] = {{0}};
+        for (int a = 0; a < 4; a++) {
+            vec3 d = u[whole.tets[e][a]];
+            const double du[3] = {d.x, d.y, d.z}, dg[3] = {g[a].x, g[a].y, g[a].z};
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) gradient[i][j] += du[i] * dg[j];
+        }
+        mat3 stress;
+        double trace = gradient[0][0] + gradient[1][1] + gradient[2][2];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) stress.m[i][j] = mu * (gradient[i][j] + gradient[j][i]) + (i == j ? lambda * trace : 0.0);
+        for (int a = 0; a < 4; a++)
+            if (whole.tets[e][a] < m->node_count && l->simulation.tissue.fixed[whole.tets[e][a]])
+                add_to(&sum, x[a], v3_scale(volume, m3_apply(&stress, g[a])));
+    }
+    free(u);
+    refined_mesh_free(&whole);
+    return sum;
+}
+
+static double apart(vec3 a, vec3 b) { return v3_norm(v3_sub(a, b)) / v3_norm(b); }
+
+static const vec3 ways[] = {{0, 0, 0.03}, {0.001, 0.001, 0.025}, {0.002, 0.006, 0.005}, {-0.001, 0.002, -0.01}, {0.001, -0.003, -0.02}};
+enum { WAYS = sizeof ways / sizeof *ways };
+
+static void check_forces(rows *r) {
+    simulation_config c = lockstep_config();
+    c.volumetric = STRAIN_BY_ELEMENT; /* so that an element's stress comes from its own corners */
+    c.needle.bevel_slope = 0.03;
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double base = 0.0, force = 0.0, moment = 0.0;
+    for (int k = 0; k < WAYS; k++) {
+        lockstep_move(l, ways[k], 0.4, TICK);
+        resultant load = load_on_tissue(l), reaction = reaction_of_fixed_nodes(l);
+        base = fmax(base, apart(v3_scale(-1, load.force), l->wrench.force));
+        force = fmax(force, apart(reaction.force, l->wrench.force));
+        moment = fmax(moment, apart(v3_scale(-1, reaction.moment), load.moment));
+    }
+    rows_error(r, "base force against the forces on the tissue, 5 states", "equal and opposite", base, 1e-6);
+    rows_error(r, "base force against the reaction of the fixed nodes", "stress in their elements", force, 1e-6);
+    rows_error(r, "moment of the forces on the tissue against that of the reaction", "stress in the elements of the fixed nodes", moment, 1e-6);
+    lockstep_free(l);
+}
+
+/* Newton passes until nothing changes, instead of to 1e-8 m. */
+static void converge(simulation_config *c) {
+    c->insertion.max_passes = 20;
+    c->insertion.tolerance = 1e-15;
+}
+
+/* The base torque is the sum of the contacts' moments; bending at the base is of the needle's shape alone. */
+static void check_bending(rows *r) {
+    for (int converged = 0; converged < 2; converged++) {
+        simulation_config c = lockstep_config();
+        c.needle.bevel_slope = 0.03;
+        if (converged) converge(&c);
+        lockstep *l = lockstep_create(&c, lockstep_start());
+        double worst = 0.0;
+        for (int k = 0; k < WAYS; k++) {
+            lockstep_move(l, ways[k], 0.4, TICK);
+            double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
+            worst = fmax(worst, off / (converged ? v3_norm(l->wrench.torque) : v3_norm(l->wrench.force) * c.needle.length));
+        }
+        rows_error(r, converged ? "base torque against bending at the base, equilibrium to the last digit"
+                                : "base torque against bending at the base, over force times length; equilibrium to 1e-8 m, as by default",
+                   "elastic moment of the needle's shape", worst, 1e-6);
+        lockstep_free(l);
+    }
+}
+
+/* ---- the axial curve ------------------------------------------------------------------------------------------------------ */
+
+static bool whole_shaft_slides(const lockstep *l, friction_state way) {
+    for (int k = 0; k < l->state.active; k++)
+        if (l->state.contacts[k].friction != way) return false;
+    return l->state.active > 0 && l->state.tip.friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
+}
+
+/* Largest error of the force along the needle over a move, where the whole shaft slides: against friction times the depth
+   and, on the way in, cutting. */
+static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
+    double worst = 0.0;
+    int n = (int)(fabs(way) / 2e-5 + 0.5);
+    for (int i = 0; i < n; i++) {
+        lockstep_move(l, v3(0, 0, way / n), TICK, TICK);
+        if (i % 50 == 0) depth[*count] = 1e3 * l->wrench.depth, force[(*count)++] = -l->wrench.force.z;
+        if (!whole_shaft_slides(l, slides) || l->wrench.events) continue;
+        double expected = slides * FRICTION * l->wrench.depth + (slides == SLIP_FORWARD ? CUTTING : 0.0);
+        worst = fmax(worst, fabs(-l->wrench.force.z - expected));
+        (*ticks)++;
+    }
+    return worst;
+}
+
+/* The rise before the puncture: needle and tissue in series, the tissue's compliance at the entry point by its own solve. */
+static double compliance_at_entry(lockstep *l) {
+    const mesh *m = &l->simulation.mesh;
+    vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
+    double weights[4], sum = 0.0;
+    int tet = l->state.tip.tet;
+    mesh_barycentric(m, tet, l->state.entry, weights);
+    for (int c = 0; c < 4; c++) force[m->tets[tet][c]].z = weights[c];
+    inverse_apply(l->simulation.inverse, force, u);
+    for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
+    free(force);
+    free(u);
+    return sum + l->simulation.workspace->axial[0]; /* and the end face's own */
+}
+
+static void check_rise(rows *r) {
+    simulation_config c = homogeneous();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double touch = NAN, last = 0.0, base = 0.0;
+    for (int i = 0; i < 4000 && !(l->wrench.events & EVENT_PUNCTURED); i++) {
+        last = -l->wrench.force.z;
+        base = l->base.position.z;
+        lockstep_move(l, v3(0, 0, 1e-5), TICK, TICK);
+        if (l->wrench.events & EVENT_TOUCHED) touch = l->state.entry.z - c.needle.length;
+    }
+    rows_compare(r, "force of the last tick before the puncture", "puncture force of the skin", last, SKIN, 0.01, "N");
+    rows_compare(r, "stiffness of the rise to it", "entry point's compliance by a static solve", last / (base - touch), 1.0 / compliance_at_entry(l), 0.01, "N/m");
+    lockstep_free(l);
+}
+
+static void check_axial_curve(rows *r) {
+    simulation_config c = homogeneous();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double depth[400], force[400], exact[400];
+    int in_ticks = 0, out_ticks = 0, count = 0;
+    double in = curve_error(l, 0.081, SLIP_FORWARD, &in_ticks, depth, force, &count);
+    double out = curve_error(l, -0.085, SLIP_BACKWARD, &out_ticks, depth, force, &count);
+    rows_add(r, (row){.check = "pushed in 80 mm: worst force where the whole shaft slides", .reference = "cutting + friction times depth", .value = in,
+                      .expected = 0.0, .error = in / (CUTTING + 0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error over the greatest force"});
+    rows_add(r, (row){.check = "drawn out: worst force where the whole shaft slides", .reference = "friction times depth", .value = out, .expected = 0.0,
+                      .error = out / (0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error over the greatest force"});
+    double part = (double)in_ticks / (0.08 / 2e-5);
+    rows_add(r, (row){.check = "part of the way in on which the whole shaft slides", .reference = "at least half", .value = part, .expected = NAN,
+                      .error = 1.0 - part, .limit = 0.5, .note = "absolute; the check above counts there"});
+    rows_curve(r, (curve){.figure = "axial-curve", .label = "simulated, in and out", .x_label = "depth (mm)", .y_label = "push at the base (N)",
+                          .count = count, .x = depth, .y = force});
+    for (int i = 0; i < count; i++) exact[i] = CUTTING + 1e-3 * FRICTION * depth[i];
+    rows_curve(r, (curve){.figure = "axial-curve", .label = "cutting + friction times depth", .x_label = "depth (mm)", .y_label = "push at the base (N)",
+                          .count = count / 2, .x = depth, .y = exact});
+    lockstep_free(l);
+}
+
+/* ---- reversibility, repetition, exit ---------------------------------------------------------------------------------------- */
+
+static void check_reversibility(rows *r, bool converged, double limit) {
+    simulation_config c = homogeneous();
+    if (converged) converge(&c);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.07), 1.0, TICK);
+    lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unloads, so that nothing slides */
+    insertion_wrench before = l->wrench;
+    double swing = 0.0, twist = 0.0, force = 0.0, torque = 0.0;
+    for (int i = 0; i < 5; i++) {
+        lockstep_move(l, v3(2e-5, 4e-5, -2e-5), 0.05, TICK);
+        swing = fmax(swing, v3_norm(v3_sub(l->wrench.force, before.force)));
+        twist = fmax(twist, v3_norm(v3_sub(l->wrench.torque, before.torque)));
+        lockstep_move(l, v3(-2e-5, -4e-5, 2e-5), 0.05, TICK);
+        force = fmax(force, v3_norm(v3_sub(l->wrench.force, before.force)));
+        torque = fmax(torque, v3_norm(v3_sub(l->wrench.torque, before.torque)));
+    }
+    char check[160];
+    const char *how = converged ? "to the last digit" : "to 1e-8 m of the 5e-5 m moved, as by default";
+    snprintf(check, sizeof check, "below the friction limit, there and back 5 times: force over its swing, equilibrium %s", how);
+    rows_error(r, check, "as before", force / swing, limit);
+    snprintf(check, sizeof check, "the same: torque, equilibrium %s", how);
+    rows_error(r, check, "as before", torque / twist, limit);
+    lockstep_free(l);
+}
+
+enum { SAMPLES = 80 };
+
+static void push_and_pull(lockstep *l, double *force) {
+    for (int i = 0; i < SAMPLES; i++) {
+        lockstep_move(l, v3(0, 0, i < SAMPLES / 2 ? 0.0018 : -0.0018), 0.05, TICK);
+        force[i] = l->wrench.force.z;
+    }
+}
+
+/* In and out ten times at one place, with a neighbouring track 3 mm away before each, against the first time. */
+static void check_repetition(rows *r) {
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    double first[SAMPLES], force[SAMPLES], beside[SAMPLES], beside_first[SAMPLES], peak = 0.0, worst = 0.0, worst_beside = 0.0, left = 0.0;
+    for (int round = 0; round < (r->short_form ? 3 : 10); round++) {
+        push_and_pull(l, round == 0 ? first : force);
+        left = fmax(left, v3_norm(l->wrench.force));
+        lockstep_move(l, v3(0.003, 0, 0), 0.1, TICK);
+        push_and_pull(l, round == 0 ? beside_first : beside);
+        left = fmax(left, v3_norm(l->wrench.force));
+        lockstep_move(l, v3(-0.003, 0, 0), 0.1, TICK);
+        for (int i = 0; i < SAMPLES; i++) {
+            peak = fmax(peak, fabs(first[i]));
+            if (round == 0) continue;
+            worst = fmax(worst, fabs(force[i] - first[i]));
+            worst_beside = fmax(worst_beside, fabs(beside[i] - beside_first[i]));
+        }
+    }
+    rows_error(r, "ten times in and out through one track: force", "the first time", worst / peak, 1e-6);
+    rows_error(r, "ten times through a neighbouring track in between: force", "the first time", worst_beside / peak, 1e-6);
+    rows_error(r, "force left after withdrawing, N", "0", left, 0.0);
+    lockstep_free(l);
+}
+
+/* Through the flank, 100 mm of tissue, along x. */
+static void check_exit(rows *r) {
+    simulation_config c = homogeneous();
+    lockstep *l = lockstep_create(&c, (pose){v3(-0.2505, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))});
+    double worst = 0.0, worst_back = 0.0, depth = 0.0;
+    for (int round = 0; round < 2; round++) {
+        int exited = 0;
+        for (int i = 0; i < 14500; i++) {
+            lockstep_move(l, v3(1e-5, 0, 0), TICK, TICK);
+            if (l->state.tip.phase == TIP_BEYOND) exited++;
+            if (exited > 2000) worst = fmax(worst, fabs(-l->wrench.force.x / (FRICTION * 0.1) - 1.0));
+        }
+        depth = l->wrench.depth;
+        lockstep_move(l, v3(-0.020, 0, 0), 1.0, TICK);
+        worst_back = fmax(worst_back, fabs(l->wrench.force.x / (FRICTION * 0.1) - 1.0));
+        lockstep_move(l, v3(-0.125, 0, 0), 4.0, TICK);
+    }
+    rows_compare(r, "needle out on the far side: length in the tissue", "thickness", depth, 0.1, 1e-3, "m");
+    rows_error(r, "pushed on, 2 mm beyond: force, twice", "friction times the thickness, no cutting", worst, 1e-2);
+    rows_error(r, "drawn back 20 mm, still out: force, twice", "the same, reversed", worst_back, 1e-2);
+    rows_error(r, "drawn out the way it came: force left, N", "0", v3_norm(l->wrench.force), 0.0);
+    lockstep_free(l);
+}
+
+int main(int argc, char **argv) {
+    rows r = rows_begin(argc, argv, "Coupled: equilibrium");
+    check_forces(&r);
+    check_bending(&r);
+    r.section = "Coupled: straight axial insertion in homogeneous tissue";
+    check_rise(&r);
+    check_axial_curve(&r);
+    r.section = "Coupled: reversibility, repetition, exit";
+    check_reversibility(&r, false, 2e-4);
+    check_reversibility(&r, true, 1e-6);
+    check_repetition(&r);
+    if (!r.short_form) check_exit(&r);
+    return rows_end(&r);
+}

@@ -4,8 +4,8 @@
 
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 /* A mesh that resolves a line force's field down to alpha h when it acts sideways does so, against the resolved needle of
-   tests/verification, down to these multiples of it when it acts along the line, and at a point. */
-static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 1.5;
+   tests/verification, down to these multiples of it when it acts along the line, at a point, and at a point of the surface. */
+static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 1.5, SURFACE_RESOLUTION = 2.0;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -69,9 +69,10 @@ local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
-    double resolved = POINT_RESOLUTION * model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
+    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius)); /* from the surface to the end of a hole in the depth */
-    double whole = punch + in * 2.0 / 3.0 * (disc - punch), known = punch + in * (disc - punch);
+    double whole = punch + in * 2.0 / 3.0 * (disc - punch);
+    double known = (1.0 - in) * punch / SURFACE_RESOLUTION + in * disc / POINT_RESOLUTION;
     return fmax(whole / radius - known / resolved, 0.0);
 }

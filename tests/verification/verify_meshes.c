@@ -1,0 +1,72 @@
+/* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and how far the base had
+   come when each membrane gave way, against the finest. */
+#include <unistd.h>
+
+#include "lockstep.h"
+#include "motion.h"
+#include "rows.h"
+
+static const double LIMIT = 0.07; /* what people notice of a force (Pang, Tan and Durlach 1991) */
+
+typedef struct {
+    int nodes, punctures;
+    double push, pull, sagittal, torque;   /* largest of the figure-8 motion, N and N m */
+    double way[4];                         /* m of base travel at each puncture */
+    double sideways;                       /* N, base moved 5 mm sideways at 55 mm depth */
+} outcome;
+
+static void figure8(lockstep *l, outcome *o) {
+    const motion *script = motion_find("figure8");
+    for (int i = 1; i <= 2400; i++) {
+        lockstep_tick(l, motion_pose(script, lockstep_start(), i * 1e-3), 1e-3);
+        if (l->wrench.events & EVENT_PUNCTURED) o->way[o->punctures++ & 3] = l->base.position.z - lockstep_start().position.z;
+        o->push = fmax(o->push, -l->wrench.force.z);
+        o->pull = fmax(o->pull, l->wrench.force.z);
+        o->sagittal = fmax(o->sagittal, -l->wrench.force.y);
+        o->torque = fmax(o->torque, l->wrench.torque.x);
+    }
+}
+
+static outcome run(const char *mesh) {
+    simulation_config c = lockstep_config();
+    snprintf(c.mesh_path, sizeof c.mesh_path, "%s", mesh);
+    outcome o = {0};
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    o.nodes = l->simulation.mesh.node_count;
+    figure8(l, &o);
+    insertion_reset(&l->simulation.insertion, lockstep_start(), &l->state);
+    l->base = lockstep_start();
+    lockstep_move(l, v3(0, 0, 0.066), 2.0, 1e-3);
+    lockstep_move(l, v3(0.005, 0, 0), 0.5, 1e-3);
+    o.sideways = -l->wrench.force.x;
+    lockstep_free(l);
+    return o;
+}
+
+static void compare(rows *r, const outcome *o, const outcome *finest) {
+    char check[96], reference[48];
+    snprintf(reference, sizeof reference, "%d nodes", finest->nodes);
+    const struct { const char *what, *unit; double value, expected; } all[] = {
+        {"push, axial peak", "N", o->push, finest->push},        {"pull, axial peak", "N", o->pull, finest->pull},
+        {"sagittal peak", "N", o->sagittal, finest->sagittal},   {"sagittal torque", "N m", o->torque, finest->torque},
+        {"skin punctured at", "m", o->way[0], finest->way[0]},   {"capsule punctured at", "m", o->way[1], finest->way[1]},
+        {"sideways push at depth", "N", o->sideways, finest->sideways}};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+        snprintf(check, sizeof check, "%s, %d nodes", all[i].what, o->nodes);
+        rows_compare(r, check, reference, all[i].value, all[i].expected, LIMIT, all[i].unit);
+    }
+}
+
+int main(int argc, char **argv) {
+    static const char *const files[] = {MESHES "/prostate-570.msh",      GENERATED "/prostate-1700.msh", GENERATED "/prostate-1750.msh",
+                                        GENERATED "/prostate-1650.msh",  GENERATED "/prostate-3300.msh", GENERATED "/prostate-6500.msh",
+                                        GENERATED "/prostate-20000.msh", GENERATED "/prostate-45000.msh"};
+    rows r = rows_begin(argc, argv, "Mesh independence: figure 8 and a sideways push");
+    outcome found[sizeof files / sizeof *files];
+    int count = 0, wanted = r.short_form ? 1 : (int)(sizeof files / sizeof *files);
+    for (int i = 0; i < wanted; i++)
+        if (access(files[i], R_OK) == 0) found[count++] = run(files[i]);
+    for (int i = 0; i < count - 1; i++) compare(&r, &found[i], &found[count - 1]);
+    if (r.short_form) rows_compare(&r, "punctures", "skin and capsule", found[0].punctures, 2, 0.0, NULL);
+    return rows_end(&r);
+}

@@ -1,7 +1,6 @@
 /* The tick as a whole: forces against what friction and cutting add up to, equilibrium against an assembled K,
    independence of the rate, the passes and the worker, and every way in and out of the tissue. */
-#include "lockstep.h"
-#include "motion.h"
+#include "figure8.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -116,72 +115,9 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     lockstep_free(l);
 }
 
-/* The figure-8 motion: force and torque of every tick. */
-enum { MOST_TICKS = 2400 * 4 };
-static const double DURATION = 2.4, SLOWEST_PERIOD = 4e-3; /* s */
-typedef struct {
-    double rate;
-    int ticks, punctures;
-    double worst_jump;       /* of a tick, over max(7 %, 0.05 N), away from punctures */
-    unsigned events;
-    double wrench[MOST_TICKS][6];
-} record;
-
-static record *run_figure8(const simulation_config *config, double rate, int every_serve) {
-    record *r = calloc(1, sizeof *r);
-    lockstep *l = lockstep_create(config, lockstep_start());
-    const motion *script = motion_find("figure8");
-    vec3 last = v3(0, 0, 0);
-    double quiet = 0.0;
-    r->rate = rate;
-    r->ticks = (int)(DURATION * rate + 0.5);
-    for (int i = 0; i < r->ticks; i++) {
-        double t = (i + 1) / rate;
-        report why;
-        insertion_tick(&l->simulation.insertion, &l->state, l->simulation.workspace, l->snapshot, motion_pose(script, lockstep_start(), t), 1 / rate, &l->wrench);
-        if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0)
-            assert_int_equal(remesher_serve(l->simulation.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
-        bool punctured = l->wrench.events & EVENT_PUNCTURED;
-        r->events |= l->wrench.events;
-        r->punctures += punctured;
-        quiet = punctured ? 0.0 : quiet + 1 / rate;
-        double jump = v3_norm(v3_sub(l->wrench.force, last)), allowed = fmax(0.05, 0.07 * v3_norm(last));
-        if (quiet > 1.5e-3) r->worst_jump = fmax(r->worst_jump, jump / allowed);
-        last = l->wrench.force;
-        memcpy(r->wrench[i], &l->wrench.force, sizeof(vec3));
-        memcpy(r->wrench[i] + 3, &l->wrench.torque, sizeof(vec3));
-    }
-    lockstep_free(l);
-    return r;
-}
-
-static double peak(const record *r, int from, int to) {
-    double largest = 0.0;
-    for (int i = 0; i < r->ticks; i++)
-        for (int a = from; a < to; a++) largest = fmax(largest, fabs(r->wrench[i][a]));
-    return largest;
-}
-
-/* Largest difference of a's components [from, to) to those of b at the same time, or up to `shift` s away (a puncture
-   falls on one tick or the next), over b's peak. */
-static double difference(const record *a, const record *b, int from, int to, double shift) {
-    double largest = 0.0;
-    for (int i = 0; i < a->ticks; i++) {
-        double t = (i + 1) / a->rate, nearest = INFINITY;
-        int middle = (int)(t * b->rate + 0.5) - 1, reach = (int)(shift * b->rate + 0.5);
-        for (int j = middle - reach < 0 ? 0 : middle - reach; j <= middle + reach && j < b->ticks; j++) {
-            double off = 0.0;
-            for (int k = from; k < to; k++) off = fmax(off, fabs(a->wrench[i][k] - b->wrench[j][k]));
-            nearest = fmin(nearest, off);
-        }
-        largest = fmax(largest, nearest);
-    }
-    return largest / peak(b, from, to);
-}
-
 /* Prints and checks force and torque of a run against another. */
-static void assert_alike(const char *what, double value, const record *a, const record *b, double shift, double limit) {
-    double force = difference(a, b, 0, 3, shift), torque = difference(a, b, 3, 6, shift);
+static void assert_alike(const char *what, double value, const figure8_record *a, const figure8_record *b, double shift, double limit) {
+    double force = figure8_difference(a, b, 0, 3, shift), torque = figure8_difference(a, b, 3, 6, shift);
     print_message("%g %s: force differs by %.5f, torque by %.5f of the peak\n", value, what, force, torque);
     assert_int_equal(a->punctures, b->punctures);
     assert_true(force < limit && torque < limit);
@@ -190,11 +126,11 @@ static void assert_alike(const char *what, double value, const record *a, const 
 static void forces_do_not_depend_on_the_rate(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    record *reference = run_figure8(&c, 4000, 1);
+    figure8_record *reference = figure8_run(&c, 4000, 1);
     assert_int_equal(reference->punctures, 2);
     for (double rate = 250; rate < 4000; rate *= 2) {
-        record *r = run_figure8(&c, rate, 1);
-        assert_alike("Hz", rate, r, reference, SLOWEST_PERIOD, 0.01);
+        figure8_record *r = figure8_run(&c, rate, 1);
+        assert_alike("Hz", rate, r, reference, FIGURE8_SLOWEST_PERIOD, 0.01);
         free(r);
     }
     free(reference);
@@ -203,14 +139,14 @@ static void forces_do_not_depend_on_the_rate(void **unused) {
 static void forces_do_not_depend_on_the_passes(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    record *standard = run_figure8(&c, 1000, 1);
+    figure8_record *standard = figure8_run(&c, 1000, 1);
     c.insertion.max_passes = 12;
     c.insertion.tolerance = 1e-12;
-    record *converged = run_figure8(&c, 1000, 1);
+    figure8_record *converged = figure8_run(&c, 1000, 1);
     assert_alike("passes at most, as by default", 4, standard, converged, 0.0, 0.01);
     for (int passes = 1; passes <= 4; passes *= 2) {
         c.insertion.max_passes = passes;
-        record *r = run_figure8(&c, 1000, 1);
+        figure8_record *r = figure8_run(&c, 1000, 1);
         assert_alike("passes", passes, r, converged, 0.0, 0.01);
         free(r);
     }
@@ -221,7 +157,7 @@ static void forces_do_not_depend_on_the_passes(void **unused) {
 static void no_jump_away_from_punctures(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    record *r = run_figure8(&c, 1000, 1);
+    figure8_record *r = figure8_run(&c, 1000, 1);
     print_message("largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", r->worst_jump);
     assert_true(r->worst_jump <= 1.0);
     assert_false(r->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
@@ -231,9 +167,9 @@ static void no_jump_away_from_punctures(void **unused) {
 static void both_remeshing_methods_give_the_same_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    record *nested = run_figure8(&c, 500, 1);
+    figure8_record *nested = figure8_run(&c, 500, 1);
     c.remeshing = REMESH_WOODBURY;
-    record *woodbury = run_figure8(&c, 500, 1);
+    figure8_record *woodbury = figure8_run(&c, 500, 1);
     assert_alike("woodbury", 1, woodbury, nested, 0.0, 1e-6);
     free(nested);
     free(woodbury);
@@ -243,7 +179,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
 static void a_late_worker_does_little_harm(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    record *prompt = run_figure8(&c, 1000, 1), *late = run_figure8(&c, 1000, 20);
+    figure8_record *prompt = figure8_run(&c, 1000, 1), *late = figure8_run(&c, 1000, 20);
     assert_false(late->events & EVENT_UNSTABLE);
     assert_alike("ticks late at most", 20, late, prompt, 20e-3, 0.07);
     free(prompt);

@@ -32,7 +32,7 @@ BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; Cal
 # rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there, and
 # far_slope with the distance from the rings. sectors: elements around the needle. largest: element size far away.
 # Discs have a finer rim: where the bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees,
-# Williams 1952), displacements go with the power 0.28 of the distance at nu = 0.45, so the force converges with rim^0.56.
+# Williams 1952), displacements go with the power 0.28 of the distance at nu = 0.45, so forces go as rim^0.56.
 MESHES = {
     "standard": {"needle": {"rim": 0.16, "slope": 0.75, "far_slope": 0.375, "sectors": 10, "largest": 0.015},
                  "disc": {"rim": 0.003, "slope": 0.6, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},

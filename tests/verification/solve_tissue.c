@@ -1,7 +1,8 @@
 /* Displacements of a tissue under nodal forces, by core, for the scripts beside this file.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
-   INPUT, one a line: `material REGION E NU`, `fixed GROUP`, `case` (begins a load case), `load NODE FX FY FZ`.
+   INPUT, one a line: `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
+   (begins a load case), `load NODE FX FY FZ`.
    OUTPUT: x y z of each node (m), then for each case ux uy uz of each node (m), all with 17 digits. */
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +12,7 @@
 typedef struct {
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
+    volumetric_strain strain;
     bool *fixed;
     tissue tissue;
     inverse *inverse;
@@ -26,6 +28,14 @@ static trocar_status set_material(problem *p, const char *line, report *why) {
     int group = mesh_find_group(&p->mesh, name, 3);
     if (group < 0) return fail(why, TROCAR_BAD_INPUT, "material: the mesh has no region '%s'", name);
     p->materials[group] = material;
+    return TROCAR_OK;
+}
+
+static trocar_status set_strain(problem *p, const char *line, report *why) {
+    bool by_node = strcmp(line, "strain node") == 0;
+    if (!by_node && strcmp(line, "strain element") != 0)
+        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: strain node, or strain element", line);
+    p->strain = by_node ? STRAIN_BY_NODE : STRAIN_BY_ELEMENT;
     return TROCAR_OK;
 }
 
@@ -62,7 +72,7 @@ static void solve_case(problem *p) {
 static trocar_status begin_case(problem *p, report *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);
-    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, STRAIN_BY_ELEMENT, &p->tissue, why);
+    if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
     if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, &p->inverse, why);
     p->loaded = true;
     return status;
@@ -72,6 +82,7 @@ static trocar_status read_line(problem *p, const char *line, report *why) {
     if (strncmp(line, "load ", 5) == 0) return add_load(p, line, why);
     if (strncmp(line, "case", 4) == 0) return begin_case(p, why);
     if (strncmp(line, "fixed ", 6) == 0) return fix_group(p, line, why);
+    if (strncmp(line, "strain ", 7) == 0) return set_strain(p, line, why);
     return set_material(p, line, why);
 }
 

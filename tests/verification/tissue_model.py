@@ -178,9 +178,11 @@ def point_load(model, points, force):
 
 # ---- solutions: displacements (cases, n, 3) ----
 
-def solve_core(rows, model, materials, fixed, cases):
-    """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces."""
-    lines = [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
+def solve_core(rows, model, materials, fixed, cases, strain="node"):
+    """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: where the
+    volumetric strain is taken, "node" as by default or "element"."""
+    lines = [f"strain {strain}"]
+    lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
         loaded = np.flatnonzero(np.any(force != 0, axis=1))
         lines += ["case"] + [f"load {i} {force[i, 0]:.17g} {force[i, 1]:.17g} {force[i, 2]:.17g}" for i in loaded]

@@ -1,16 +1,21 @@
 #!/usr/bin/python3
-"""Volumetric locking: how much too stiff core's linear tetrahedra become when Poisson's ratio nears 0.5.
+"""Volumetric locking: how much too stiff core's tetrahedra become when Poisson's ratio nears 0.5.
 
 The prostate's mesh, under a pressure patch on the skin and along a needle's track. What is compared is the compliance
 felt by a load of total force F, (f . u) / F^2; references are CalculiX's quadratic tetrahedra (C3D10, straight sides).
 - Loads that do not depend on the mesh, the patch and a force spread around the track over a radius that every mesh
-  resolves: against C3D10 on the finest mesh that it solves. The error is the whole error of the elements.
+  resolves: against C3D10 on the finest mesh that it solves. The whole error of the elements: locking and coarseness.
 - Points along the track, each shared among the corners of its tetrahedron, as a needle loads the mesh: against C3D10 on
   the same mesh under the same nodal forces. A point force has no finite answer, so elements of another order differ at
-  any nu, and the local compliance of the contacts stands for that; the error counts what is added since nu = 0.3.
+  any nu, and the local compliance of the contacts stands for that.
+Locking is what is added to the error since nu = 0.3, for each of them. The figures show two formulations: volumetric
+strain by node, core's default, and by element, the plain linear tetrahedron. At nu = 0.499 the latter is off the figures.
 """
+import itertools
+import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +26,8 @@ LIMIT = 0.07           # what people notice of a force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
-LARGEST_REFERENCE = 3300  # nodes: quadratic elements have eight times as many
+REFERENCES = (570, 1700, 3300)  # solved with quadratic elements, which have eight times as many nodes
+LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
 TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # of the figure-8 scene
 SPREAD = 0.006         # m, standard deviation of the force spread around the track
 PATCH = 0.025          # m, radius of the pressure patch
@@ -63,15 +69,22 @@ def materials(nu):
     return {"prostate": (60e3, nu), "surrounding": (30e3, nu)}
 
 
-def linear(rows, model, nu):
+def linear(rows, model, nu, strain):
     cases = load_cases(model)
-    return compliances(cases, tm.solve_core(rows, model, materials(nu), ["fixed"], list(cases.values())))
+    return compliances(cases, tm.solve_core(rows, model, materials(nu), ["fixed"], list(cases.values()), strain))
 
 
-def reference(model, nu):
+def quadratic(rows, model, nu):
+    """By C3D10; kept in the folder above, as the larger meshes take minutes each."""
+    kept = rows.folder.parent / f"locking-{model.path.stem}-{nu}.json"
+    if kept.exists() and kept.stat().st_mtime > max(Path(file).stat().st_mtime for file in (model.path, __file__, tm.__file__)):
+        return json.loads(kept.read_text())
+    print(f"C3D10, {len(model.nodes)} corner nodes, nu = {nu}", flush=True)
     middle = tm.Quadratic(model)
     cases = load_cases(model, 2, middle)
-    return compliances(cases, tm.solve_calculix(model, materials(nu), ["fixed"], list(cases.values()), middle))
+    found = compliances(cases, tm.solve_calculix(model, materials(nu), ["fixed"], list(cases.values()), middle))
+    kept.write_text(json.dumps(found))
+    return found
 
 
 def mesh_of(rows, nodes):
@@ -84,47 +97,55 @@ def mesh_of(rows, nodes):
     return tm.read_mesh(path)
 
 
-def excess(found, load, nodes):
-    """How much too stiff at each nu, relative; of point loads, beside what it is at the first nu."""
-    solved = [n for n in found if found[n][DEFAULT][1]]
-    if not is_points(load):
-        return np.array([found[max(solved)][nu][1][load] / ours[load] - 1 for nu, (ours, _) in found[nodes].items()])
-    ratio = np.array([same_mesh[load] / ours[load] for ours, same_mesh in found[nodes].values()])
-    return ratio / ratio[0] - 1
-
-
 def is_points(load):
     return load.startswith("points")
 
 
-def report(rows, found):
-    """found[nodes][nu]: compliances by load of core, and of C3D10 on the same mesh or None."""
-    finest = max(n for n in found if found[n][DEFAULT][1])
-    for load in next(iter(found.values()))[DEFAULT][0]:
-        for nodes, by_nu in found.items():
-            own = nodes if is_points(load) else finest
-            if not found[own][DEFAULT][1]:
-                continue
-            too_stiff = dict(zip(by_nu, excess(found, load, nodes)))
-            note = "too stiff by " + ", ".join(f"{100 * e:.1f} % at nu = {nu}" for nu, e in too_stiff.items())
-            rows.add(f"{load}, {nodes} nodes, nu = {DEFAULT}",
-                     "C3D10, same mesh and forces, since nu = 0.3" if is_points(load) else f"C3D10, {finest} nodes",
-                     by_nu[DEFAULT][0][load], found[own][DEFAULT][1][load], abs(too_stiff[DEFAULT]), LIMIT, "m/N", note)
-            rows.curve("locking-" + load.replace(",", "").replace(" ", "-"), f"{nodes} nodes", list(too_stiff),
-                       [100 * e for e in too_stiff.values()], "Poisson's ratio", f"{load}: too stiff by (%)")
+def report(rows, ours, references):
+    """ours[strain][nodes][nu] and references[nodes][nu]: compliances by load."""
+    for load in ours["node"][MESHES[0]][DEFAULT]:
+        for strain, nodes in itertools.product(ours, MESHES):
+            own = nodes if is_points(load) else max(references)
+            if own in references:
+                mine, theirs = ([table[nu][load] for nu in POISSON] for table in (ours[strain][nodes], references[own]))
+                report_mesh(rows, load, strain, nodes, np.array(mine), np.array(theirs))
+
+
+def report_mesh(rows, load, strain, nodes, mine, theirs):
+    """Compliances at each of POISSON."""
+    too_stiff = theirs / mine - 1
+    locking = (1 + too_stiff) / (1 + too_stiff[0]) - 1
+    at = POISSON.index(DEFAULT)
+    rows.section = LOCKING if is_points(load) else WHOLE
+    rows.curve("locking-" + load.replace(",", "").replace(" ", "-"), f"{nodes} nodes, strain by {strain}", POISSON[:-1],
+               100 * (locking if is_points(load) else too_stiff)[:-1], "Poisson's ratio",
+               f"{load}:\n{'stiffer than at nu = 0.3' if is_points(load) else 'too stiff'} by (%)")
+    if strain != "node":
+        return
+    reference = "C3D10, same mesh and forces" if is_points(load) else f"C3D10, {max(REFERENCES)} nodes"
+    case = f"{load}, {nodes} nodes, nu = {DEFAULT}"
+    rows.section = LOCKING
+    rows.add(case, f"{reference}; since nu = {POISSON[0]}", mine[at], theirs[at], abs(locking[at]), LIMIT, "m/N",
+             "locks by " + percent(locking))
+    if not is_points(load):
+        rows.section = WHOLE
+        rows.add(case, reference, mine[at], theirs[at], abs(too_stiff[at]), LIMIT, "m/N", "too stiff by " + percent(too_stiff))
+
+
+def percent(errors):
+    return ", ".join(f"{100 * error:.1f} % at nu = {nu}" for nu, error in zip(POISSON, errors))
 
 
 def main():
-    rows = Rows.from_arguments(__doc__, "Tissue: volumetric locking")
+    rows = Rows.from_arguments(__doc__, LOCKING)
     if rows.short_form:
-        print("in the full form only: linear tetrahedra exceed the limit at the default nu, as the report says")
+        print("in the full form only: the references take minutes")
         return SKIPPED
-    found = {}
-    for nodes in MESHES:
-        model = mesh_of(rows, nodes)
-        found[nodes] = {nu: (linear(rows, model, nu), reference(model, nu) if nodes <= LARGEST_REFERENCE else None)
-                        for nu in POISSON}
-    report(rows, found)
+    models = {nodes: mesh_of(rows, nodes) for nodes in MESHES}
+    references = {nodes: {nu: quadratic(rows, models[nodes], nu) for nu in POISSON} for nodes in REFERENCES}
+    ours = {strain: {nodes: {nu: linear(rows, model, nu, strain) for nu in POISSON} for nodes, model in models.items()}
+            for strain in ("node", "element")}
+    report(rows, ours, references)
     return rows.end()
 
 

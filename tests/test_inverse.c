@@ -103,6 +103,31 @@ static void the_dense_matrix_is_numbered_as_the_tissue(void **state) {
     assert_ptr_equal(inverse_tissue(body.inverse), &body.tissue);
 }
 
+/* Columns on demand against the whole matrix: one by one, prefetched, and through whole fields. */
+static void sparse_columns_equal_the_dense_ones(void **state) {
+    (void)state;
+    report why;
+    inverse *sparse;
+    assert_int_equal(inverse_create_sparse(&body.tissue, &sparse, &why), TROCAR_OK);
+    assert_null(inverse_dense(sparse));
+    int all[CUBE_NODES];
+    enum { N = 3 * CUBE_NODES };
+    double *dense = calloc(2 * N * N, sizeof *dense), *found = dense + N * N, largest = 0.0;
+    for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
+    inverse_prefetch(sparse, CUBE_NODES / 2, all);
+    inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N);
+    inverse_gather(sparse, CUBE_NODES, all, CUBE_NODES, all, found, N);
+    for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(dense[i]));
+    for (int i = 0; i < N * N; i++) assert_close(found[i], dense[i], 1e-12 * largest);
+    vec3 force[CUBE_NODES], one[CUBE_NODES], other[CUBE_NODES];
+    for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
+    inverse_apply(body.inverse, force, one);
+    inverse_apply(sparse, force, other);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(other[i], one[i], 1e-11 * N * largest);
+    free(dense);
+    inverse_free(sparse);
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
@@ -111,6 +136,7 @@ int main(void) {
         cmocka_unit_test(gathered_blocks_are_answers_to_unit_forces),
         cmocka_unit_test(all_blocks_equal_those_of_lapack),
         cmocka_unit_test(the_dense_matrix_is_numbered_as_the_tissue),
+        cmocka_unit_test(sparse_columns_equal_the_dense_ones),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

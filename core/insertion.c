@@ -112,7 +112,7 @@ static void activate_contact(const insertion_model *model, insertion_state *stat
     shaft_contact *contact = &state->contacts[index];
     const added_node *node = &state->refined.nodes[index];
     const region_material *material = &model->materials[model->mesh->region[node->tet]];
-    local_compliance local = local_at(model, node->tet, node->position);
+    local_compliance local = local_in(model, node->tet, node->position);
     contact->local_lateral = local.lateral;
     contact->local_axial = local.axial;
     double limit = friction_density(material, contact->slid, model->settings.weakening_distance);

@@ -10,10 +10,17 @@ static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which 
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
+/* Of a line force per length and logarithm, m^2/N: Kelvin's in plane strain, and anti-plane shear. */
+static local_compliance line_force(const region_material *material) {
+    double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
+    return (local_compliance){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
+}
+
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
     double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
-    model->node_lateral[node] += (3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu));
-    model->node_axial[node] += 1.0 / (2.0 * M_PI * mu);
+    local_compliance line = line_force(material);
+    model->node_lateral[node] += line.lateral;
+    model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
@@ -56,14 +63,26 @@ static double interpolate(const insertion_model *model, int tet, const double we
     return sum;
 }
 
+/* Logarithms of the radius that the mesh resolves over the needle's. */
+static local_compliance unresolved(const insertion_model *model, int tet, const double weights[4]) {
+    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
+    return (local_compliance){fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM),
+                              fmax(log(AXIAL_RESOLUTION * resolved / model->needle->radius), LEAST_LOGARITHM)};
+}
+
 local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
-    double lateral = fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM);
-    double axial = fmax(log(AXIAL_RESOLUTION * resolved / model->needle->radius), LEAST_LOGARITHM);
-    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * lateral,
-                              interpolate(model, tet, weights, model->node_axial) * axial};
+    local_compliance logarithm = unresolved(model, tet, weights);
+    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * logarithm.lateral,
+                              interpolate(model, tet, weights, model->node_axial) * logarithm.axial};
+}
+
+local_compliance local_in(const insertion_model *model, int tet, vec3 x) {
+    double weights[4];
+    mesh_barycentric(model->mesh, tet, x, weights);
+    local_compliance logarithm = unresolved(model, tet, weights), line = line_force(&model->materials[model->mesh->region[tet]]);
+    return (local_compliance){line.lateral * logarithm.lateral, line.axial * logarithm.axial};
 }
 
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {

@@ -12,6 +12,9 @@ typedef struct {
 /* At point x of nominal element `tet`; continuous across elements. */
 local_compliance local_at(const insertion_model *model, int tet, vec3 x);
 
+/* The same with the moduli of the element's own region, for a contact that stays where it is. */
+local_compliance local_in(const insertion_model *model, int tet, vec3 x);
+
 /* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface. */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth);
 

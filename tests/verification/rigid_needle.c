@@ -51,7 +51,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, leaf.weights, i).m[axis][axis];
         double to = 0.5 * (s->contacts[i].depth + (i + 1 < contacts ? s->contacts[i + 1].depth : whole));
-        local_compliance local = local_at(model, s->refined.nodes[i].tet, s->refined.nodes[i].position);
+        local_compliance local = local_in(model, s->refined.nodes[i].tet, s->refined.nodes[i].position);
         a[i * n + i] += (axis == 2 ? local.axial : local.lateral) / (to - from);
         from = to;
     }

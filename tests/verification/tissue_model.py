@@ -189,7 +189,7 @@ def solve_core(rows, model, materials, fixed, cases, strain="node"):
     program = rows.build / "tests" / "verification" / "solve_tissue"
     done = subprocess.run([program, model.path], input="\n".join(lines) + "\n", capture_output=True, text=True)
     if done.returncode:
-        sys.exit(f"solve_tissue: {done.stderr}")
+        sys.exit(f"solve_tissue: status {done.returncode}: {done.stderr}")
     values = np.array(done.stdout.split(), float).reshape(1 + len(cases), -1, 3)
     if not np.array_equal(values[0], model.nodes):
         sys.exit("solve_tissue orders the nodes in another way")
@@ -238,5 +238,5 @@ def solve_calculix(model, materials, fixed, cases, middle=None):
         Path(folder, "model.inp").write_text("\n".join(lines) + "\n")
         done = subprocess.run(["ccx", "model"], cwd=folder, capture_output=True, text=True)
         if done.returncode or "*ERROR" in done.stdout:
-            sys.exit(f"ccx: {done.stdout[-2000:]}{done.stderr}")
+            sys.exit(f"ccx: status {done.returncode}: {done.stdout[-2000:]}{done.stderr}")
         return read_displacements(Path(folder, "model.dat"), len(nodes))

@@ -144,7 +144,7 @@ def static_friction_comes_back_in_stiff_tissue():
 def punctures_are_found():
     _, values = fitted("slow.csv", *REGIONS)
     assert sorted(values) == ["membrane_1", "membrane_2", "prostate", "surrounding"], sorted(values)
-    # the skin's force comes out up to 10 % too high where its depth is not given: see the file's other checks with it given
+    assert abs(values["membrane_1"]["puncture_force"] / 1.0 - 1.0) < 0.05
     assert abs(values["membrane_2"]["puncture_force"] / 1.3 - 1.0) < 0.05
 
 

@@ -22,6 +22,7 @@ typedef struct {
 /* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
 typedef struct {
     int64_t tick;
+    int64_t pose_utime;          /* us, of the pose that the tick answers */
     int flags;                   /* as in needle_wrench_t */
     int64_t wrench_dropped;      /* since start */
     double snapshot_age;         /* s since the last request, 0 when it is answered */

@@ -74,12 +74,13 @@ static void ask_worker(haptic *h, int64_t now) {
 }
 
 /* Shows the state to telemetry, VIEW_HZ times a second, once there is one. RT */
-static void show(haptic *h, const loop_wake *wake, int flags, uint64_t answered) {
+static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message, uint64_t answered) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEW_HZ * h->period));
     if (h->guard.engagement == 0 || wake->tick % ticks_per_view != 0) return;
     view_sample *view = newest_slot(&h->exchange->views);
     view->tick = wake->tick;
-    view->flags = flags;
+    view->pose_utime = message->pose_utime;
+    view->flags = message->flags;
     view->wrench_dropped = h->wrench_dropped;
     view->snapshot_age = answered == h->posted ? 0.0 : 1e-9 * (double)(wake->now - h->posted_at);
     view->state = *h->state;
@@ -105,6 +106,6 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     send_wrench(h, &message);
 
     ask_worker(h, wake->now);
-    show(h, wake, message.flags, snapshot->serial);
+    show(h, wake, &message, snapshot->serial);
     return !(wind_down && guard_at_rest(&h->guard));
 }

@@ -11,34 +11,12 @@
 
 enum { VIEW_HZ = 30, STATUS_HZ = 10 };
 
-/* Marks the nodes that a viewer may see; returns how many there are. */
-static int mark_surface(const mesh *m, bool *seen) {
-    for (int f = 0; f < m->boundary_count; f++)
-        for (int i = 0; i < 3; i++) seen[m->boundary[f].nodes[i]] = true;
-    for (int g = 0; g < m->group_count; g++)
-        for (int i = 0; m->groups[g].dimension == 2 && i < m->groups[g].node_count; i++) seen[m->groups[g].nodes[i]] = true;
-    int count = 0;
-    for (int n = 0; n < m->node_count; n++) count += seen[n];
-    return count;
-}
-
-static bool list_surface(telemetry *t, const mesh *m) {
-    bool *seen = calloc((size_t)m->node_count, sizeof *seen);
-    if (seen == NULL) return false;
-    t->surface_count = mark_surface(m, seen);
-    size_t count = (size_t)t->surface_count;
-    t->surface = malloc(count * sizeof *t->surface);
-    t->surface_values = malloc(3 * count * sizeof *t->surface_values);
-    t->surface_rows = malloc(count * sizeof *t->surface_rows);
-    bool complete = t->surface && t->surface_values && t->surface_rows;
-    for (int n = 0, i = 0; complete && n < m->node_count; n++) {
-        if (!seen[n]) continue;
-        t->surface[i] = n;
-        t->surface_rows[i] = t->surface_values + 3 * (size_t)i;
-        i++;
-    }
-    free(seen);
-    return complete;
+/* Rows of one array, as LCM's generated types want them. */
+static bool lay_out_rows(telemetry *t, int count) {
+    t->displacement = malloc(3 * (size_t)count * sizeof *t->displacement);
+    t->displacement_rows = malloc((size_t)count * sizeof *t->displacement_rows);
+    for (int n = 0; t->displacement && t->displacement_rows && n < count; n++) t->displacement_rows[n] = t->displacement + 3 * (size_t)n;
+    return t->displacement && t->displacement_rows;
 }
 
 trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
@@ -48,7 +26,7 @@ trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_
     t->nodal = malloc((size_t)s->mesh.node_count * sizeof *t->nodal);
     t->added = malloc((MAX_CONTACTS + 1) * sizeof *t->added);
     t->latency = calloc(1, sizeof *t->latency);
-    if (!list_surface(t, &s->mesh) || t->nodal == NULL || t->added == NULL || t->latency == NULL) {
+    if (!lay_out_rows(t, s->mesh.node_count) || t->nodal == NULL || t->added == NULL || t->latency == NULL) {
         telemetry_free(t);
         return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry buffers for %d nodes", s->mesh.node_count);
     }
@@ -62,9 +40,8 @@ trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_
 void telemetry_free(telemetry *t) {
     if (t->lcm != NULL) lcm_destroy(t->lcm);
     free(t->latency);
-    free(t->surface);
-    free(t->surface_values);
-    free(t->surface_rows);
+    free(t->displacement);
+    free(t->displacement_rows);
     free(t->nodal);
     free(t->added);
     *t = (telemetry){0};
@@ -122,14 +99,13 @@ static void publish_status(telemetry *t, const view_sample *view) {
 
 static void publish_deformation(telemetry *t, const view_sample *view) {
     simulation_displacement(t->simulation, &view->state, t->nodal, t->added);
-    for (int i = 0; i < t->surface_count; i++) {
-        vec3 u = t->nodal[t->surface[i]];
-        t->surface_rows[i][0] = (float)u.x;
-        t->surface_rows[i][1] = (float)u.y;
-        t->surface_rows[i][2] = (float)u.z;
+    int count = t->simulation->mesh.node_count;
+    for (int n = 0; n < count; n++) {
+        t->displacement_rows[n][0] = (float)t->nodal[n].x;
+        t->displacement_rows[n][1] = (float)t->nodal[n].y;
+        t->displacement_rows[n][2] = (float)t->nodal[n].z;
     }
-    trocar_deformation_t m = {.utime = wall_us(), .tick = view->tick, .node_count = t->surface_count,
-                              .node = t->surface, .displacement = t->surface_rows};
+    trocar_deformation_t m = {.utime = wall_us(), .tick = view->tick, .node_count = count, .displacement = t->displacement_rows};
     trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &m);
 }
 
@@ -169,7 +145,9 @@ static void publish_contacts(telemetry *t, const view_sample *view) {
         arc[count] = needle->given.length;
         sliding[count++] = (int8_t)state->tip.friction;
     }
-    trocar_contacts_t m = {.utime = wall_us(), .tick = view->tick, .joint_count = segments + 1, .centreline = joints.rows,
+    quat q = state->needle.base.orientation;
+    trocar_contacts_t m = {.utime = wall_us(), .tick = view->tick, .pose_utime = view->pose_utime, .orientation = {q.w, q.x, q.y, q.z},
+                           .joint_count = segments + 1, .centreline = joints.rows,
                            .contact_count = count, .position = positions.rows, .force = forces.rows, .arc = arc,
                            .state = sliding};
     trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m);

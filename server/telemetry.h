@@ -23,11 +23,9 @@ typedef struct {
     lcm_t *lcm;                  /* all below: the thread's own */
     int64_t timings_published;
     histogram *latency;          /* of the worker, this interval */
-    int surface_count;
-    int32_t *surface;            /* surface_count: nodes of the outer and the named surfaces, ascending */
-    float *surface_values;       /* 3 surface_count, m */
-    float **surface_rows;        /* surface_count: rows of surface_values, as LCM wants them */
-    vec3 *nodal, *added;         /* displacements, m */
+    vec3 *nodal, *added;         /* displacements, m: of the mesh's nodes and of those that the insertion added */
+    float *displacement;         /* 3 node_count: the mesh's again, as they are sent */
+    float **displacement_rows;   /* node_count: rows of it, as LCM wants them */
 } telemetry;
 
 /* Connects to LCM. `s`, `w` and `x` must outlive it. BAD_INPUT if the URL is of no use. */

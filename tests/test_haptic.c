@@ -129,6 +129,7 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     const view_sample *view = newest_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->state.active >= 1);
     assert_true(view->snapshot_age < 2e-3);
+    assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
 }
 
 static void silence_ramps_to_zero_and_is_flagged(void **state) {

@@ -30,6 +30,8 @@ int main(void) {
         if (trocar_needle_pose_t_publish(lcm, "TROCAR_POSE", &pose) != 0) return 1;
         nanosleep(&period, NULL);
         while (lcm_handle_timeout(lcm, 0) > 0) continue;                  /* drain: only the newest wrench counts */
-        if (wrench.session == pose.session) render_on_device(wrench.force, wrench.torque);
+        if (wrench.session != pose.session) continue;
+        render_on_device(wrench.force, wrench.torque);
+        pose.wrench_tick = wrench.tick;                                   /* lets the server measure the round trip */
     }
 }

@@ -26,6 +26,7 @@ typedef struct {
     double period;           /* s */
     hand hand;
     vec3 force;              /* N, newest, on the hand */
+    int64_t wrench_tick;     /* of that force */
     trocar_status status;    /* of the first failure in a callback */
     report *why;
 } player;
@@ -56,6 +57,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &wrench) != (int)buffer->data_size) return;
     if (wrench.session != p->record->session) return;
     p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
+    p->wrench_tick = wrench.tick;
     trocar_status status = recording_add_wrench(p->record, seconds(CLOCK_MONOTONIC), &wrench, p->why);
     if (p->status == TROCAR_OK) p->status = status;
 }
@@ -72,6 +74,7 @@ static trocar_status send_pose(player *p, double t) {
     recording *r = p->record;
     pose base = next_pose(p, t);
     trocar_needle_pose_t message = message_of_pose(base, wall_microseconds(), r->session, r->sent_count);
+    message.wrench_tick = p->wrench_tick;
     trocar_status status = recording_add_pose(r, seconds(CLOCK_MONOTONIC), base, p->why);
     if (status != TROCAR_OK) return status;
     if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;

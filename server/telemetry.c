@@ -73,7 +73,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .context_switches = loop->usage.context_switches,
         .worker_latency_p50 = histogram_quantile(t->latency, 0.50), .worker_latency_max = histogram_max(t->latency),
         .snapshot_age = view->snapshot_age, .contacts = view->state.active,
-        .wrench_dropped = (int32_t)view->wrench_dropped};
+        .wrenches_dropped = view->wrench_dropped};
     trocar_loop_timing_t_publish(t->lcm, "TROCAR_TIMING", &m);
     if (t->verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }

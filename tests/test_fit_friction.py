@@ -52,7 +52,7 @@ def write_log(path, positions):
     with open(path, "wb") as file:
         for i, z in enumerate(positions):
             time = 1000000 + i * 1000000 // RATE
-            data = fingerprint + struct.pack(">qqq3d4d", time, 1, i, 0.005, 0.003, z, 1, 0, 0, 0)
+            data = fingerprint + struct.pack(">qqq3d4dq", time, 1, i, 0.005, 0.003, z, 1, 0, 0, 0, 0)
             file.write(struct.pack(">IqqII", 0xEDA1DA01, i, time, len(channel), len(data)) + channel + data)
 
 

@@ -72,7 +72,7 @@ static void reads_what_was_written(void **state) {
     pose_log_free(&log);
 }
 
-enum { POSE_EVENT = 28 + 11 + 88, WRENCH_EVENT = 28 + 13 + 168, PAIR = POSE_EVENT + WRENCH_EVENT };
+enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 168, PAIR = POSE_EVENT + WRENCH_EVENT };
 
 /* Every length but whole events is refused; none may crash or allocate wildly. */
 static void refuses_a_log_cut_anywhere(void **state) {

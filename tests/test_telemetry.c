@@ -132,7 +132,7 @@ static void all_four_messages_say_what_was_shown(void **state) {
 
     assert_int_equal(f->timing->ticks, 500);
     assert_int_equal(f->timing->misses, 2);
-    assert_int_equal(f->timing->wrench_dropped, 3);
+    assert_int_equal(f->timing->wrenches_dropped, 3);
     assert_true(fabs(f->timing->compute_p99 - 50e-6) < 2e-6);
     assert_true(fabs(f->timing->worker_latency_max - 3e-3) < 1e-9);
 

@@ -148,6 +148,22 @@ def punctures_are_found():
     assert abs(values["membrane_2"]["puncture_force"] / 1.3 - 1.0) < 0.05
 
 
+def other_records_of_the_same_do():
+    """Sampled ten times more coarsely, with noise on the depth, without time, written by another program."""
+    random = np.random.default_rng(1)
+    changed("coarse.csv", lambda text: "\n".join(text.splitlines()[::10]))
+    changed("noisy.csv", of_each_row(lambda t, d, f: f"{t},{float(d) + 0.01 * random.standard_normal():.5f},{f}"))
+    changed("timeless.csv", lambda text: re.sub("^[^,]*,", "", text, flags=re.MULTILINE))
+    changed("other.csv", lambda text: "\ufeff# of another laboratory\n" + text.replace(",", ";").replace("depth [mm]", "Depth (mm)"))
+    _, expected = fitted("slow.csv", *REGIONS)
+    for record in (["coarse.csv"], ["noisy.csv"], ["timeless.csv", "--speed", "5"], ["other.csv"]):
+        _, values = fitted(*record, *REGIONS)
+        for name, keys in (("surrounding", ("cutting_force", "kinetic")), ("prostate", ("cutting_force", "kinetic")),
+                           ("membrane_1", ("puncture_force",)), ("membrane_2", ("puncture_force",))):
+            for key in keys:
+                assert abs(values[name][key] / expected[name][key] - 1.0) < 0.05, f"{record[0]}: {name} {key}: {values[name][key]}"
+
+
 def one_speed_is_announced():
     text, values = fitted("slow.csv", *REGIONS, *PUNCTURES)
     assert "cannot be told apart" in text and values["surrounding"]["viscous"] == 0.0
@@ -181,10 +197,12 @@ def changed(path, change):
     return path
 
 
-def negated(text):
-    head, *lines = text.splitlines()
-    rows = [line.split(",") for line in lines]
-    return "\n".join([head] + [f"{t},{d},{-float(f)}" for t, d, f in rows]) + "\n"
+def of_each_row(change):
+    """A change of a whole text from one of time, depth and force."""
+    def of_text(text):
+        head, *lines = text.splitlines()
+        return "\n".join([head] + [change(*line.split(",")) for line in lines]) + "\n"
+    return of_text
 
 
 def nonsense_is_refused():
@@ -194,8 +212,12 @@ def nonsense_is_refused():
     refuses("'inch'", changed("inch.csv", lambda text: text.replace("[mm]", "[inch]")))
     refuses("no column 'force", changed("column.csv", lambda text: text.replace("force", "torque")))
     refuses("word.csv:3", changed("word.csv", lambda text: re.sub(r"\n(.*\n)[^,]*,", r"\n\1two,", text, count=1)))
+    refuses("word.csv:4", changed("word.csv", lambda text: "# note\n" + re.sub(r"\n(.*\n)[^,]*,", r"\n\1two,", text, count=1)))
+    refuses("zero throughout", changed("still.csv", lambda text: re.sub(r"^[\d.]+,", "0,", text, flags=re.MULTILINE).replace("time [s]", "speed [m/s]")))
+    refuses("stays within 0 mm", changed("depth.csv", of_each_row(lambda t, d, f: f"{t},0,{f}")))
+    refuses("comma.csv:2: '0,000000'", changed("comma.csv", lambda text: text.replace(",", ";").replace(".", ",")))
     refuses("not finite", changed("nan.csv", lambda text: text.replace("\n0.009000", "\nnan", 1)))
-    refuses("sign reversed", changed("sign.csv", negated))
+    refuses("sign reversed", changed("sign.csv", of_each_row(lambda t, d, f: f"{t},{d},{-float(f)}")))
     refuses("no retraction", changed("half.csv", lambda text: "\n".join(text.splitlines()[:10000])))
     refuses("time does not grow", changed("time.csv", lambda text: text.replace("\n0.009000", "\n0.001000", 1)))
     refuses("no speed", changed("speed.csv", lambda text: text.replace("time [s]", "run [1]")))
@@ -203,6 +225,7 @@ def nonsense_is_refused():
     refuses("must begin at 0", "slow.csv", "--region", "a=5")
     refuses("no insertion passes there", "slow.csv", *REGIONS, "--puncture", "skin=150")
     refuses("NAME=DEPTH", "slow.csv", "--region", "a")
+    refuses("NAME=DEPTH", "slow.csv", "--region", "a: b=0")
     refuses("above 0", "slow.csv", "--speed", "-3")
 
 
@@ -210,7 +233,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for check in (parameters_come_back, static_friction_comes_back_in_stiff_tissue, punctures_are_found,
-                      one_speed_is_announced, the_server_accepts_the_output, nonsense_is_refused):
+                      other_records_of_the_same_do, one_speed_is_announced, the_server_accepts_the_output, nonsense_is_refused):
             print(f"-- {check.__name__}", flush=True)
             check()
         os.chdir("/")

@@ -215,7 +215,7 @@ def nonsense_is_refused():
     refuses("word.csv:4", changed("word.csv", lambda text: "# note\n" + re.sub(r"\n(.*\n)[^,]*,", r"\n\1two,", text, count=1)))
     refuses("zero throughout", changed("still.csv", lambda text: re.sub(r"^[\d.]+,", "0,", text, flags=re.MULTILINE).replace("time [s]", "speed [m/s]")))
     refuses("stays within 0 mm", changed("depth.csv", of_each_row(lambda t, d, f: f"{t},0,{f}")))
-    refuses("comma.csv:2: '0,000000'", changed("comma.csv", lambda text: text.replace(",", ";").replace(".", ",")))
+    refuses("comma.csv:2: '0,00000' in column depth", changed("comma.csv", lambda text: text.replace(",", ";").replace(".", ",")))
     refuses("not finite", changed("nan.csv", lambda text: text.replace("\n0.009000", "\nnan", 1)))
     refuses("sign reversed", changed("sign.csv", of_each_row(lambda t, d, f: f"{t},{d},{-float(f)}")))
     refuses("no retraction", changed("half.csv", lambda text: "\n".join(text.splitlines()[:10000])))

@@ -266,6 +266,74 @@ static void the_figure_8_scene_is_good(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
+/* A parameter of PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, alike
+   for what is there but once. */
+typedef struct { const char *key; double values[3]; } parameter;
+
+/* False for a line that is no row of the table of parameters. */
+static bool read_parameter(const char *line, char key[64], double values[3]) {
+    for (int k = 0; k < 3; k++) values[k] = NAN;
+    int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;
+    if (found == 0) return sscanf(line, "| `%*[^`]` | none | %lf, %lf", &values[1], &values[2]) == 2;
+    for (int k = found; k < 3 && found > 0; k++) values[k] = values[found - 1];
+    return found > 0;
+}
+
+static void assert_same_values(const parameter *expected, const double values[3]) {
+    for (int k = 0; k < 3; k++)
+        if (values[k] != expected->values[k] && !(isnan(values[k]) && isnan(expected->values[k])))
+            fail_msg("PARAMETERS.md: %s: %g where %g is true", expected->key, values[k], expected->values[k]);
+}
+
+static void the_table_of_parameters_is_true(void **state) {
+    (void)state;
+    scene bare, figure8;
+    report why = {""};
+    load_good("mesh: a\nregions: [{name: all}]\nfixed: [b]\n", &bare);
+    if (scene_load(MESHES "/figure8.yaml", &figure8, &why) != TROCAR_OK) fail_msg("%s", why.text);
+#define ONCE(key, field) {key, {bare.field, figure8.field, figure8.field}}
+#define OF_REGIONS(key, field) {"regions." key, {bare.simulation.regions[0].material.field, \
+        figure8.simulation.regions[0].material.field, figure8.simulation.regions[1].material.field}}
+    const parameter expected[] = {
+        OF_REGIONS("youngs_modulus", youngs_modulus), OF_REGIONS("poisson_ratio", poisson_ratio),
+        OF_REGIONS("cutting_force", cutting_force), OF_REGIONS("cutting_viscosity", cutting_viscosity),
+        OF_REGIONS("friction.static", friction_static), OF_REGIONS("friction.kinetic", friction_kinetic),
+        OF_REGIONS("friction.viscous", friction_viscous),
+        {"membranes.puncture_force", {NAN, figure8.simulation.membranes[0].puncture_force, figure8.simulation.membranes[1].puncture_force}},
+        ONCE("needle.length", simulation.needle.length), ONCE("needle.outer_diameter", simulation.needle.outer_diameter),
+        ONCE("needle.inner_diameter", simulation.needle.inner_diameter), ONCE("needle.youngs_modulus", simulation.needle.youngs_modulus),
+        ONCE("needle.poisson_ratio", simulation.needle.poisson_ratio), ONCE("needle.bevel_slope", simulation.needle.bevel_slope),
+        ONCE("needle.segments", simulation.needle.segments), ONCE("contact.spacing", simulation.insertion.contact_spacing),
+        ONCE("contact.weakening_distance", simulation.insertion.weakening_distance),
+        ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
+        ONCE("contact.resolution", simulation.insertion.resolution), ONCE("contact.max_passes", simulation.insertion.max_passes),
+        ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
+        ONCE("device.max_force", guard.max_force), ONCE("device.max_torque", guard.max_torque),
+        ONCE("device.max_force_rate", guard.max_force_rate), ONCE("device.max_torque_rate", guard.max_torque_rate),
+        ONCE("device.max_speed", guard.max_speed), ONCE("device.max_turn_rate", guard.max_turn_rate),
+        ONCE("device.hold_time", guard.hold_time), ONCE("device.ramp_time", guard.ramp_time),
+    };
+#undef ONCE
+#undef OF_REGIONS
+    enum { COUNT = sizeof expected / sizeof *expected };
+    bool seen[COUNT] = {false};
+    char line[2048], key[64];
+    double values[3];
+    FILE *table = fopen(MESHES "/PARAMETERS.md", "r");
+    assert_non_null(table);
+    while (fgets(line, sizeof line, table) && strncmp(line, "## Constants", 12) != 0) {
+        if (!read_parameter(line, key, values)) continue;
+        int row = 0;
+        while (row < COUNT && strcmp(expected[row].key, key) != 0) row++;
+        if (row == COUNT || seen[row]) fail_msg("PARAMETERS.md: %s is %s", key, row == COUNT ? "no parameter" : "there twice");
+        seen[row] = true;
+        assert_same_values(&expected[row], values);
+    }
+    fclose(table);
+    for (int row = 0; row < COUNT; row++)
+        if (!seen[row]) fail_msg("PARAMETERS.md: %s is missing", expected[row].key);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_value_arrives),
@@ -279,6 +347,7 @@ int main(void) {
         cmocka_unit_test(names_longer_than_the_mesh_can_hold_are_refused),
         cmocka_unit_test(aliases_that_contain_themselves_do_no_harm),
         cmocka_unit_test(the_figure_8_scene_is_good),
+        cmocka_unit_test(the_table_of_parameters_is_true),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }

@@ -143,6 +143,21 @@ static bool tip_known(const insertion_model *model, insertion_state *state, cons
     return state->tip.leaf_tet >= 0 && window_covers(snapshot, &state->tip.leaf, handles);
 }
 
+/* ---- profile ------------------------------------------------------------------------------------------------------------ */
+
+static void begin_profile(insertion_profile *p) {
+    memset(p->spent, 0, sizeof p->spent);
+    if (p->clock) p->last = p->clock();
+}
+
+/* What has passed since the last call went into this stage. */
+static void end_stage(insertion_profile *p, insertion_stage stage) {
+    if (!p->clock) return;
+    int64_t now = p->clock();
+    p->spent[stage] += now - p->last;
+    p->last = now;
+}
+
 /* ---- one solve ---------------------------------------------------------------------------------------------------------- */
 
 /* Each point stands for the track half way to its neighbours; the tip for the rest. */
@@ -342,11 +357,13 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
     locate_points(model, state, w, tip);
     find_local_compliance(model, state, w, tip);
     load_needle(state, w, tip, segments, load);
+    end_stage(&w->profile, INSERTION_TISSUE);
     for (int pass = 1;; pass++) {
         wrench->passes++;
         int first = segments;
         for (int i = 0; i < p->count; i++) first = w->points[i].first < first ? w->points[i].first : first;
         needle_linearise(model->needle, &state->needle, load, first, &w->tangent);
+        end_stage(&w->profile, INSERTION_NEEDLE);
         bound_contacts(model, state, tip, dt, w);
         assemble(w, snapshot, tip);
         if (contact_solve(p) != TROCAR_OK) {
@@ -355,9 +372,11 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         }
         wrench->switches += p->switches;
         take_forces(state, w, tip);
+        end_stage(&w->profile, INSERTION_CONTACT);
         load_needle(state, w, tip, segments, load);
         double turned = needle_advance(model->needle, &w->tangent, load, &state->needle);
         locate_points(model, state, w, tip);
+        end_stage(&w->profile, INSERTION_NEEDLE);
         if (pass >= model->settings.max_passes || turned * turned * model->needle->given.length < model->settings.tolerance) return;
     }
 }
@@ -436,12 +455,14 @@ static pose between(pose from, pose to, double fraction) {
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     *wrench = (insertion_wrench){.membrane = -1};
+    begin_profile(&scratch->profile);
     pose held = state->needle.base;
     dt = fmax(dt, 1e-6);
     int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), MOST_STEPS);
     for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
     step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);
+    end_stage(&scratch->profile, INSERTION_WRENCH);
 }
 
 /* ---- export ------------------------------------------------------------------------------------------------------------- */

@@ -99,7 +99,16 @@ typedef struct {
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;
 
-/* Scratch of one tick: nothing in it outlives the call. */
+typedef enum { INSERTION_TISSUE, INSERTION_NEEDLE, INSERTION_CONTACT, INSERTION_WRENCH, INSERTION_STAGES } insertion_stage;
+
+/* Where a tick spends its time. The clock is its caller's; NULL: nothing is measured. */
+typedef struct {
+    int64_t (*clock)(void);          /* ns */
+    int64_t last;                    /* ns, when the last stage ended */
+    int64_t spent[INSERTION_STAGES]; /* ns, in this tick */
+} insertion_profile;
+
+/* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
     needle_tangent tangent;
     contact_problem problem;
@@ -109,6 +118,7 @@ typedef struct {
     double lateral[MAX_POINTS], axial[MAX_POINTS]; /* local compliance, m/N */
     double tip_friction;                     /* N, the part of the tip's force that is shaft friction, from the last tick */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
+    insertion_profile profile;
 } insertion_workspace;
 
 typedef struct {

@@ -29,7 +29,8 @@ static trocar_status create_all(exchange *x, report *why) {
     if ((status = newest_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = newest_create(&x->intakes, sizeof(intake_record), why)) != TROCAR_OK) return status;
     if ((status = ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
-    return ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why);
+    if ((status = ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
+    return ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
 
 trocar_status exchange_create(exchange *x, report *why) {
@@ -48,6 +49,7 @@ void exchange_free(exchange *x) {
     newest_free(&x->intakes);
     ring_free(&x->wrenches);
     ring_free(&x->latencies);
+    ring_free(&x->round_trips);
     if (x->io_wake >= 0) close(x->io_wake);
     if (x->worker_wake >= 0) close(x->worker_wake);
     x->io_wake = x->worker_wake = -1;

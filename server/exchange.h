@@ -4,7 +4,8 @@
      IO thread  ------------->  haptic thread  ---------->  worker
      (LCM)      <-------------  (the tick)     <----------
                   wrenches          |            snapshots     |
-        | intakes                   | views, loops             | latencies
+        | intakes                   | views, loops,            | latencies
+        |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
                                   (own LCM)                                                                          */
 #ifndef TROCAR_EXCHANGE_H
@@ -38,6 +39,7 @@ typedef struct {
     newest_value intakes;        /* intake_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring latencies;         /* int64_t: request to snapshot, ns */
+    spsc_ring round_trips;       /* int64_t: wrench computed to the arrival of a pose that names it, ns */
     int io_wake, worker_wake;    /* eventfds; neither read nor write ever blocks */
 } exchange;
 

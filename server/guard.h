@@ -37,7 +37,7 @@ double guard_travel_time(const guard_limits *limits, const pose *a, const pose *
 typedef struct {
     bool held;               /* somebody owns the needle; false before the first pose and after a release */
     uint64_t engagement;     /* grows with each new owner and each reset: the insertion starts anew; 0 before the first */
-    int64_t session, seq, utime; /* of the message */
+    int64_t session, seq, utime, wrench_tick; /* of the message */
     int64_t received;        /* ns, monotonic clock of this machine */
     pose base;
 } pose_sample;

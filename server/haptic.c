@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 
 enum { VIEW_HZ = 60 };
@@ -16,6 +17,7 @@ trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_w
     if (h->state == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
     memset(h->state, 0, sizeof *h->state); /* touched, not only zero: no page faults later */
     memset(scratch, 0, sizeof *scratch);
+    scratch->profile.clock = monotonic_ns;
     return TROCAR_OK;
 }
 
@@ -61,6 +63,27 @@ static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     wake(h->exchange->io_wake);
 }
 
+/* A pose that names a wrench for the first time ends its round trip. RT */
+static void note_round_trip(haptic *h, const loop_wake *wake, const pose_sample *newest) {
+    h->computed[wake->tick % WRENCHES_REMEMBERED] = wake->now;
+    int64_t named = newest->wrench_tick;
+    if (named <= h->felt || named >= wake->tick || wake->tick - named >= WRENCHES_REMEMBERED) return;
+    h->felt = named;
+    int64_t round_trip = newest->received - h->computed[named % WRENCHES_REMEMBERED];
+    ring_push(&h->exchange->round_trips, &round_trip);
+}
+
+/* Where the tick's time went: before, in and after the model. RT */
+static void note_stages(haptic *h, int64_t began, int64_t asked, int64_t answered) {
+    const int64_t *model = h->scratch->profile.spent;
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_INPUT] = asked - began;
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_TISSUE] = model[INSERTION_TISSUE];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_NEEDLE] = model[INSERTION_NEEDLE];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = model[INSERTION_CONTACT];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_WRENCH] = model[INSERTION_WRENCH];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_OUTPUT] = monotonic_ns() - answered;
+}
+
 /* Hands the worker what the tick wants to know next, if that has changed. RT */
 static void ask_worker(haptic *h, int64_t now) {
     if (h->state->request.serial == h->posted) return;
@@ -89,13 +112,17 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
 
 bool haptic_tick(void *context, const loop_wake *wake) {
     haptic *h = context;
+    int64_t began = monotonic_ns();
     bool wind_down = atomic_load_explicit(&h->wind_down, memory_order_relaxed);
     const pose_sample *newest = newest_read(&h->exchange->poses, NULL);
     const compliance_snapshot *snapshot = newest_read(&h->exchange->snapshots, NULL);
 
     guard_timing(&h->guard, wake->late, h->period);
     guard_decision decision = guard_pose(&h->guard, &h->limits, newest, wake->now);
+    note_round_trip(h, wake, newest);
+    int64_t asked = monotonic_ns();
     insertion_wrench raw = run_model(h, decision, snapshot, wake->elapsed);
+    int64_t answered = monotonic_ns();
     trocar_needle_wrench_t message = message_of(&raw, newest, wake->tick);
 
     vec3 force = raw.force, torque = raw.torque;
@@ -107,5 +134,6 @@ bool haptic_tick(void *context, const loop_wake *wake) {
 
     ask_worker(h, wake->now);
     show(h, wake, &message, snapshot->serial);
+    note_stages(h, began, asked, answered);
     return !(wind_down && guard_at_rest(&h->guard));
 }

@@ -6,6 +6,8 @@
 #include "guard.h"
 #include "loop.h"
 
+enum { WRENCHES_REMEMBERED = 1024 }; /* a second's at 1 kHz: the longest round trip that is measured */
+
 typedef struct {
     const insertion_model *model;
     insertion_workspace *scratch;
@@ -20,6 +22,9 @@ typedef struct {
     uint64_t posted;             /* serial of the last request handed to the worker */
     int64_t posted_at;           /* ns */
     int64_t wrench_dropped;
+    int64_t stages[LOOP_STAGES]; /* ns, of the last tick */
+    int64_t computed[WRENCHES_REMEMBERED]; /* ns, when the tick of this number (modulo) began */
+    int64_t felt;                /* tick of the newest wrench that a pose has named */
 } haptic;
 
 /* `model`, `scratch` and `x` must outlive it; `scratch` is used by nobody else. */

@@ -63,7 +63,7 @@ static bool motion_possible(intake *in, const pose *p, int64_t now) {
 static void accept(intake *in, const trocar_needle_pose_t *m, pose p, int64_t now) {
     bool anew = in->begin_anew || m->session != in->record.owner;
     in->newest = (pose_sample){.held = true, .engagement = in->newest.engagement + (anew ? 1 : 0), .session = m->session,
-                               .seq = m->seq, .utime = m->utime, .received = now, .base = p};
+                               .seq = m->seq, .utime = m->utime, .wrench_tick = m->wrench_tick, .received = now, .base = p};
     if (anew) in->travel_credit = ARRIVAL_JITTER;
     in->begin_anew = false;
     in->record.owner = m->session;

@@ -1,5 +1,7 @@
 #include "loop.h"
 
+#include <string.h>
+
 /* The interval's part of the timing is kept in the hand-over slot itself. RT */
 static void note(loop *l, int64_t lateness, int64_t compute) {
     loop_record *interval = newest_slot(l->records);
@@ -7,6 +9,10 @@ static void note(loop *l, int64_t lateness, int64_t compute) {
     histogram_add(&interval->compute, compute);
     histogram_add(&l->lateness, lateness);
     histogram_add(&l->compute, compute);
+    for (int i = 0; l->stages != NULL && i < LOOP_STAGES; i++) {
+        interval->stage_total[i] += l->stages[i];
+        if (l->stages[i] > interval->stage_max[i]) interval->stage_max[i] = l->stages[i];
+    }
 }
 
 /* Hands the interval over and begins the next one. RT */
@@ -22,13 +28,8 @@ static void hand_over(loop *l) {
     interval = newest_slot(l->records);
     histogram_clear(&interval->lateness);
     histogram_clear(&interval->compute);
-}
-
-static void sample_usage(loop *l, const thread_usage *start) {
-    thread_usage now = thread_usage_now();
-    l->usage.minor_faults = now.minor_faults - start->minor_faults;
-    l->usage.major_faults = now.major_faults - start->major_faults;
-    l->usage.context_switches = now.context_switches - start->context_switches;
+    memset(interval->stage_total, 0, sizeof interval->stage_total);
+    memset(interval->stage_max, 0, sizeof interval->stage_max);
 }
 
 void loop_run(loop *l) {
@@ -49,8 +50,8 @@ void loop_run(loop *l) {
         deadline += (1 + missed) * period;
         l->misses += missed;
         l->ticks++;
-        if (l->ticks % (10 * per_interval) == 0) sample_usage(l, &start);
+        if (l->ticks % (10 * per_interval) == 0) l->usage = thread_usage_since(&start);
         if (l->ticks % per_interval == 0) hand_over(l);
     }
-    sample_usage(l, &start);
+    l->usage = thread_usage_since(&start);
 }

@@ -13,9 +13,12 @@ typedef struct {
     bool late;               /* periods were missed before this tick */
 } loop_wake;
 
+enum { LOOP_STAGES = 6 };    /* of a tick, as in loop_timing_t */
+
 /* Timing as telemetry gets it ten times a second. */
 typedef struct {
     histogram lateness, compute;                     /* of the last tenth of a second */
+    int64_t stage_total[LOOP_STAGES], stage_max[LOOP_STAGES]; /* ns, of the same time */
     double lateness_max_total, compute_max_total;    /* s, since start */
     int64_t ticks, misses;                           /* since start */
     thread_usage usage;                              /* since the loop began, sampled once a second */
@@ -25,6 +28,7 @@ typedef struct {
     double rate_hz;
     bool (*tick)(void *context, const loop_wake *wake); /* false ends the loop. RT */
     void *context;
+    const int64_t *stages;   /* LOOP_STAGES, ns: how the last tick spent its time, kept by the tick; may be NULL */
     newest_value *records;   /* loop_record */
     histogram lateness, compute;                     /* totals; to be read when the loop has ended */
     int64_t ticks, misses;

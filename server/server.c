@@ -72,7 +72,8 @@ static trocar_status create_parts(server *s, report *why) {
     if (status != TROCAR_OK) return status;
     status = io_create(&s->io, s->options.lcm_url, &s->scene.guard, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;
-    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .records = &x->loops};
+    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
+                     .records = &x->loops};
     s->worker = (worker){.exchange = x, .serve = worker_remesh, .context = s->simulation.remesher};
     status = telemetry_create(&s->telemetry, s->options.lcm_url, s->scene.path, s->scene.rate_hz, flags, &s->simulation,
                               &s->worker, x, why);
@@ -229,8 +230,9 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "ticks      %lld, %lld periods missed\n", (long long)l->ticks, (long long)l->misses);
     print_times(out, "lateness ", &l->lateness);
     print_times(out, "compute  ", &l->compute);
-    fprintf(out, "faults     %lld minor, %lld major; %lld involuntary context switches\n", (long long)l->usage.minor_faults,
-            (long long)l->usage.major_faults, (long long)l->usage.context_switches);
+    fprintf(out, "loop       %lld allocations, %lld minor faults, %lld major faults, %lld involuntary context switches\n",
+            (long long)l->usage.allocations, (long long)l->usage.minor_faults, (long long)l->usage.major_faults,
+            (long long)l->usage.context_switches);
     fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
             s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
     fprintf(out, "wrenches   %lld dropped\n", (long long)s->haptic.wrench_dropped);

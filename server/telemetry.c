@@ -26,7 +26,9 @@ trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_
     t->nodal = malloc((size_t)s->mesh.node_count * sizeof *t->nodal);
     t->added = malloc((MAX_CONTACTS + 1) * sizeof *t->added);
     t->latency = calloc(1, sizeof *t->latency);
-    if (!lay_out_rows(t, s->mesh.node_count) || t->nodal == NULL || t->added == NULL || t->latency == NULL) {
+    t->round_trip = calloc(1, sizeof *t->round_trip);
+    if (!lay_out_rows(t, s->mesh.node_count) || t->nodal == NULL || t->added == NULL || t->latency == NULL
+        || t->round_trip == NULL) {
         telemetry_free(t);
         return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry buffers for %d nodes", s->mesh.node_count);
     }
@@ -40,6 +42,7 @@ trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_
 void telemetry_free(telemetry *t) {
     if (t->lcm != NULL) lcm_destroy(t->lcm);
     free(t->latency);
+    free(t->round_trip);
     free(t->displacement);
     free(t->displacement_rows);
     free(t->nodal);
@@ -53,12 +56,21 @@ static void print_timing(const trocar_loop_timing_t *m) {
             (long long)m->misses, m->contacts);
 }
 
+/* Empties a ring of nanoseconds into a histogram of this interval. */
+static void collect(spsc_ring *ring, histogram *h) {
+    histogram_clear(h);
+    for (int64_t nanoseconds; ring_pop(ring, &nanoseconds);) histogram_add(h, nanoseconds);
+}
+
+_Static_assert(HISTOGRAM_BINS == sizeof((trocar_loop_timing_t *)0)->lateness_bins / sizeof(int32_t), "bins of loop_timing_t");
+_Static_assert(LOOP_STAGES == sizeof((trocar_loop_timing_t *)0)->stage_max / sizeof(double), "stages of loop_timing_t");
+
 static void publish_timing(telemetry *t, const view_sample *view) {
     bool fresh;
     const loop_record *loop = newest_read(&t->exchange->loops, &fresh);
     if (!fresh) return; /* no new interval: nothing to tell */
-    histogram_clear(t->latency);
-    for (int64_t latency; ring_pop(&t->exchange->latencies, &latency);) histogram_add(t->latency, latency);
+    collect(&t->exchange->latencies, t->latency);
+    collect(&t->exchange->round_trips, t->round_trip);
 
     trocar_loop_timing_t m = {
         .utime = wall_us(), .ticks = loop->ticks, .rate_hz = t->rate_hz,
@@ -68,12 +80,23 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .compute_p50 = histogram_quantile(&loop->compute, 0.50),
         .compute_p99 = histogram_quantile(&loop->compute, 0.99),
         .compute_max = histogram_max(&loop->compute),
+        .round_trip_p50 = histogram_quantile(t->round_trip, 0.50),
+        .round_trip_p99 = histogram_quantile(t->round_trip, 0.99),
+        .round_trip_max = histogram_max(t->round_trip),
+        .worker_latency_p50 = histogram_quantile(t->latency, 0.50),
+        .worker_latency_p99 = histogram_quantile(t->latency, 0.99),
+        .worker_latency_max = histogram_max(t->latency),
+        .snapshot_age = view->snapshot_age,
         .lateness_max_total = loop->lateness_max_total, .compute_max_total = loop->compute_max_total,
-        .misses = loop->misses, .minor_faults = loop->usage.minor_faults, .major_faults = loop->usage.major_faults,
-        .context_switches = loop->usage.context_switches,
-        .worker_latency_p50 = histogram_quantile(t->latency, 0.50), .worker_latency_max = histogram_max(t->latency),
-        .snapshot_age = view->snapshot_age, .contacts = view->state.active,
-        .wrenches_dropped = view->wrench_dropped};
+        .misses = loop->misses, .allocations = loop->usage.allocations, .minor_faults = loop->usage.minor_faults,
+        .major_faults = loop->usage.major_faults, .context_switches = loop->usage.context_switches,
+        .wrenches_dropped = view->wrench_dropped, .contacts = view->state.active};
+    histogram_bins(&loop->lateness, m.lateness_bins);
+    histogram_bins(&loop->compute, m.compute_bins);
+    for (int i = 0; i < LOOP_STAGES; i++) {
+        m.stage_mean[i] = 1e-9 * (double)loop->stage_total[i] / (double)loop->compute.count;
+        m.stage_max[i] = 1e-9 * (double)loop->stage_max[i];
+    }
     trocar_loop_timing_t_publish(t->lcm, "TROCAR_TIMING", &m);
     if (t->verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
@@ -91,7 +114,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
         .poses_not_finite = in->counts[POSE_NOT_FINITE], .poses_not_unit = in->counts[POSE_NOT_UNIT],
         .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
-        .poses_old = in->counts[POSE_OLD],
+        .poses_old = in->counts[POSE_OLD], .commands_refused = in->commands_refused,
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
         .scene = (char *)(uintptr_t)t->scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);

@@ -22,7 +22,7 @@ typedef struct {
     atomic_bool stop;
     lcm_t *lcm;                  /* all below: the thread's own */
     int64_t timings_published;
-    histogram *latency;          /* of the worker, this interval */
+    histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
     vec3 *nodal, *added;         /* displacements, m: of the mesh's nodes and of those that the insertion added */
     float *displacement;         /* 3 node_count: the mesh's again, as they are sent */
     float **displacement_rows;   /* node_count: rows of it, as LCM wants them */

@@ -2,8 +2,11 @@
 #include "timing.h"
 
 #include <errno.h>
+#include <math.h>
 #include <sys/resource.h>
 #include <time.h>
+
+#include "allocations.h"
 
 /* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps; the values below 32 are octave 0. */
 static int bucket_of(int64_t nanoseconds) {
@@ -47,6 +50,16 @@ double histogram_quantile(const histogram *h, double q) {
 
 double histogram_max(const histogram *h) { return 1e-9 * (double)h->max; }
 
+/* Each bucket goes where its upper edge belongs: bins are exact to a bucket's width. */
+void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]) {
+    for (int k = 0; k < HISTOGRAM_BINS; k++) bins[k] = 0;
+    for (int i = 0; i < HISTOGRAM_BUCKETS; i++) {
+        if (h->buckets[i] == 0) continue;
+        int k = (int)floor(2.0 * log2(fmax(1e-3 * (double)bucket_top(i), 1e-3)) + 1.0);
+        bins[k < 0 ? 0 : k < HISTOGRAM_BINS ? k : HISTOGRAM_BINS - 1] += (int32_t)h->buckets[i];
+    }
+}
+
 static int64_t nanoseconds_of(clockid_t clock) {
     struct timespec t;
     clock_gettime(clock, &t);
@@ -64,5 +77,14 @@ void sleep_until(int64_t monotonic) {
 thread_usage thread_usage_now(void) {
     struct rusage u;
     getrusage(RUSAGE_THREAD, &u);
-    return (thread_usage){.minor_faults = u.ru_minflt, .major_faults = u.ru_majflt, .context_switches = u.ru_nivcsw};
+    return (thread_usage){.minor_faults = u.ru_minflt, .major_faults = u.ru_majflt, .context_switches = u.ru_nivcsw,
+                          .allocations = allocations_now()};
+}
+
+thread_usage thread_usage_since(const thread_usage *start) {
+    thread_usage now = thread_usage_now();
+    return (thread_usage){.minor_faults = now.minor_faults - start->minor_faults,
+                          .major_faults = now.major_faults - start->major_faults,
+                          .context_switches = now.context_switches - start->context_switches,
+                          .allocations = now.allocations - start->allocations};
 }

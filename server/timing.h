@@ -21,6 +21,10 @@ void histogram_merge(histogram *into, const histogram *from);
 double histogram_quantile(const histogram *h, double q);
 double histogram_max(const histogram *h); /* s */
 
+/* For people: how many values lie below 2^(k/2) us and in no earlier bin; the last bin has the rest, too. */
+enum { HISTOGRAM_BINS = 32 };
+void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]);
+
 int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: all control. RT */
 int64_t wall_us(void);                    /* CLOCK_REALTIME: utime of messages, never control. RT */
 void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
@@ -28,8 +32,10 @@ void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals
 /* What one thread has suffered so far. */
 typedef struct {
     int64_t minor_faults, major_faults, context_switches; /* involuntary */
+    int64_t allocations;                                  /* calls of the allocator */
 } thread_usage;
 
 thread_usage thread_usage_now(void);      /* of the calling thread; a cheap system call. RT */
+thread_usage thread_usage_since(const thread_usage *start); /* of the calling thread, less what it had suffered then. RT */
 
 #endif

@@ -5,6 +5,7 @@
 
 #include "haptic.h"
 #include "scene.h"
+#include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 
 #include <setjmp.h>
@@ -61,6 +62,14 @@ static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
     pose_sample *s = newest_slot(&f->exchange.poses);
     *s = (pose_sample){.held = true, .engagement = engagement, .session = 8, .seq = seq, .utime = 1000 + seq,
                        .received = f->tick * MS, .base = {{0.005, 0.003, z}, {1, 0, 0, 0}}};
+    newest_publish(&f->exchange.poses);
+}
+
+/* The pose that waits was sent after this wrench. */
+static void name_wrench(fixture *f, int64_t tick) {
+    pose_sample sample = *(const pose_sample *)newest_read(&f->exchange.poses, NULL);
+    sample.wrench_tick = tick;
+    *(pose_sample *)newest_slot(&f->exchange.poses) = sample;
     newest_publish(&f->exchange.poses);
 }
 
@@ -171,6 +180,39 @@ static void a_new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.guard.max_force_rate / RATE + 1e-9);
 }
 
+static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **state) {
+    fixture *f = *state;
+    int64_t round_trip;
+    for (int i = 0; i < 5; i++) tick(f, NULL);
+    put_pose(f, 1, 1, -0.205);
+    tick(f, NULL);
+    assert_false(ring_pop(&f->exchange.round_trips, &round_trip)); /* it named none */
+    static const int64_t named[] = {3, 3, 2, 900, -4};             /* again, an older one, one to come, nonsense */
+    for (size_t i = 0; i < sizeof named / sizeof *named; i++) {
+        put_pose(f, 1, 2 + (int64_t)i, -0.205);
+        name_wrench(f, named[i]);
+        tick(f, NULL);
+    }
+    assert_true(ring_pop(&f->exchange.round_trips, &round_trip));
+    assert_int_equal(round_trip, 3 * MS); /* computed at 3 ms, named at 6 ms */
+    assert_false(ring_pop(&f->exchange.round_trips, &round_trip));
+}
+
+/* The stages are the parts of a tick: together they last no longer than it does. */
+static void the_stages_add_up_to_the_tick(void **state) {
+    fixture *f = *state;
+    push(f, 20);
+    int64_t before = monotonic_ns();
+    put_pose(f, 1, 1000, -0.185);
+    tick(f, NULL);
+    int64_t lasted = monotonic_ns() - before, sum = 0;
+    for (int i = 0; i < LOOP_STAGES; i++) {
+        assert_true(f->haptic.stages[i] > 0);
+        sum += f->haptic.stages[i];
+    }
+    assert_true(sum <= lasted && sum > f->haptic.stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT]);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(before_the_first_pose_a_zero_wrench_goes_out, begin, end),
@@ -180,6 +222,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_full_ring_drops_and_counts, begin, end),
         cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),
         cmocka_unit_test_setup_teardown(a_new_engagement_starts_outside, begin, end),
+        cmocka_unit_test_setup_teardown(a_round_trip_ends_with_the_first_pose_that_names_the_wrench, begin, end),
+        cmocka_unit_test_setup_teardown(the_stages_add_up_to_the_tick, begin, end),
     };
     return cmocka_run_group_tests(tests, open_scene, close_scene);
 }

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "allocations.h"
 #include "haptic.h"
 #include "motion.h"
 #include "realtime.h"
@@ -18,52 +19,6 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <cmocka.h>
-
-/* --- allocation functions that count, in a thread that asks for it ---------------------------------------------- */
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-enum { SANITIZED = 1 }; /* the sanitizers have allocators of their own, and fault in shadow memory */
-#else
-enum { SANITIZED = 0 };
-#endif
-
-static _Thread_local bool counting;
-static atomic_int allocations;
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-static void count(void) {
-    if (counting) atomic_fetch_add(&allocations, 1);
-}
-
-void *__libc_malloc(size_t);
-void *__libc_calloc(size_t, size_t);
-void *__libc_realloc(void *, size_t);
-void *__libc_memalign(size_t, size_t);
-void __libc_free(void *);
-
-void *malloc(size_t size) { return count(), __libc_malloc(size); }
-void *calloc(size_t n, size_t size) { return count(), __libc_calloc(n, size); }
-void *realloc(void *p, size_t size) { return count(), __libc_realloc(p, size); }
-void *aligned_alloc(size_t alignment, size_t size) { return count(), __libc_memalign(alignment, size); }
-void *memalign(size_t alignment, size_t size) { return count(), __libc_memalign(alignment, size); }
-int posix_memalign(void **p, size_t alignment, size_t size) {
-    count();
-    *p = __libc_memalign(alignment, size);
-    return *p == NULL ? 12 : 0; /* ENOMEM */
-}
-void free(void *p) { count(), __libc_free(p); }
-#endif
-
-static void the_counter_counts(void **unused) {
-    (void)unused;
-    if (SANITIZED) skip();
-    atomic_store(&allocations, 0);
-    counting = true;
-    void *volatile p = malloc(10);
-    free(p);
-    counting = false;
-    assert_int_equal(atomic_load(&allocations), 2);
-}
 
 /* --- the shell alone -------------------------------------------------------------------------------------------- */
 
@@ -157,8 +112,7 @@ static bool rigged_tick(void *context, const loop_wake *wake) {
         if (wrench.contacts > r->most_contacts) r->most_contacts = wrench.contacts;
     }
     if (wake->tick + 1 < r->ticks_wanted) return true;
-    thread_usage now = thread_usage_now();
-    r->used = (thread_usage){now.minor_faults - r->start.minor_faults, now.major_faults - r->start.major_faults, 0};
+    r->used = thread_usage_since(&r->start);
     return false;
 }
 
@@ -168,9 +122,7 @@ static void *haptic_thread(void *context) {
     realtime_flush_denormals();
     realtime_touch_stack();
     realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* as far as the machine allows it */
-    counting = true;
     loop_run(&r->loop);
-    counting = false;
     return NULL;
 }
 
@@ -211,13 +163,12 @@ static void nothing_is_allocated_and_no_page_faults(void **unused) {
     rig *r = rig_create(0, 2 * RATE);
     report why;
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
-    atomic_store(&allocations, 0);
     rig_run(r);
     assert_int_equal(r->wrenches, 2 * RATE);
     assert_true(r->most_contacts >= 5); /* the model was really at work */
     assert_true(r->worker.served > 10);
-    assert_int_equal(atomic_load(&allocations), 0);
-    if (locked && !SANITIZED) {
+    assert_int_equal(r->loop.usage.allocations, 0);
+    if (locked && ALLOCATIONS_ARE_COUNTED) {
         assert_int_equal(r->used.minor_faults, 0);
         assert_int_equal(r->used.major_faults, 0);
     } else print_message("page faults not tested: %s\n", locked ? "sanitizer" : why.text);
@@ -229,14 +180,13 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     rig *r = rig_create(50, 2 * RATE);
     rig_run(r);
     assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: the newest request, no queue */
-    assert_true(histogram_quantile(&r->loop.compute, 0.99) < (SANITIZED ? 20e-3 : 1e-3));
-    if (!SANITIZED) assert_true(r->loop.misses < RATE / 10); /* stalls of the machine, not of the worker */
+    assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
+    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* stalls of the machine, not of the worker */
     rig_free(r);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_counter_counts),
         cmocka_unit_test(missed_periods_are_skipped_and_counted),
         cmocka_unit_test(nothing_is_allocated_and_no_page_faults),
         cmocka_unit_test(a_slow_worker_never_stalls_the_loop),

@@ -91,6 +91,9 @@ static void show_a_needle(fixture *f) {
 static void show_the_rest(fixture *f) {
     loop_record *loop = newest_slot(&f->exchange.loops);
     for (int i = 0; i < 100; i++) histogram_add(&loop->compute, 50000);
+    loop->stage_total[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = 100 * 30000;
+    loop->stage_max[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = 45000;
+    loop->usage = (thread_usage){.minor_faults = 4, .major_faults = 5, .context_switches = 6, .allocations = 7};
     loop->ticks = 500;
     loop->misses = 2;
     newest_publish(&f->exchange.loops);
@@ -103,6 +106,8 @@ static void show_the_rest(fixture *f) {
     newest_publish(&f->exchange.intakes);
     int64_t latency = 3000000;
     ring_push(&f->exchange.latencies, &latency);
+    for (int64_t round_trip = 1000000; round_trip <= 4000000; round_trip += 1000000)
+        ring_push(&f->exchange.round_trips, &round_trip);
 }
 
 static void receive(fixture *f) {
@@ -135,6 +140,16 @@ static void all_four_messages_say_what_was_shown(void **state) {
     assert_int_equal(f->timing->wrenches_dropped, 3);
     assert_true(fabs(f->timing->compute_p99 - 50e-6) < 2e-6);
     assert_true(fabs(f->timing->worker_latency_max - 3e-3) < 1e-9);
+    assert_true(fabs(f->timing->worker_latency_p99 - 3e-3) < 1e-9);
+    assert_true(fabs(f->timing->round_trip_p50 - 2e-3) < 0.1e-3);
+    assert_true(fabs(f->timing->round_trip_max - 4e-3) < 1e-9);
+    assert_true(fabs(f->timing->stage_mean[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 30e-6) < 1e-12);
+    assert_true(fabs(f->timing->stage_max[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] - 45e-6) < 1e-12);
+    assert_int_equal(f->timing->compute_bins[12], 100); /* 45 to 64 us */
+    assert_int_equal(f->timing->minor_faults, 4);
+    assert_int_equal(f->timing->major_faults, 5);
+    assert_int_equal(f->timing->context_switches, 6);
+    assert_int_equal(f->timing->allocations, 7);
 
     assert_int_equal(f->status->owner, 8);
     assert_int_equal(f->status->poses_accepted, 490);

@@ -1,5 +1,6 @@
 /* Histograms against sorting, clocks against each other. */
 #define _GNU_SOURCE
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -61,6 +62,27 @@ static void extremes_are_kept(void **unused) {
     assert_int_equal(h.count, 2);
 }
 
+static void bins_hold_what_lies_between_their_edges(void **unused) {
+    (void)unused;
+    static int64_t samples[SAMPLES];
+    static histogram h;
+    int32_t bins[HISTOGRAM_BINS], expected[HISTOGRAM_BINS] = {0};
+    draw(samples);
+    for (int i = 0; i < SAMPLES; i++) histogram_add(&h, samples[i]);
+    histogram_bins(&h, bins);
+    for (int i = 0; i < SAMPLES; i++) {
+        int k = 0;
+        while (k < HISTOGRAM_BINS - 1 && 1e-3 * (double)samples[i] >= pow(2.0, 0.5 * k)) k++;
+        expected[k]++;
+    }
+    int32_t total = 0;
+    for (int k = 0; k < HISTOGRAM_BINS; k++) {
+        assert_true(abs(bins[k] - expected[k]) <= 0.12 * SAMPLES / HISTOGRAM_BINS); /* values in a bucket on the edge */
+        total += bins[k];
+    }
+    assert_int_equal(total, SAMPLES);
+}
+
 static void merging_equals_adding(void **unused) {
     (void)unused;
     static int64_t samples[SAMPLES];
@@ -101,6 +123,7 @@ static void usage_counts_page_faults(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(quantiles_agree_with_sorting), cmocka_unit_test(extremes_are_kept),
+        cmocka_unit_test(bins_hold_what_lies_between_their_edges),
         cmocka_unit_test(merging_equals_adding),        cmocka_unit_test(sleeps_until_the_time_given),
         cmocka_unit_test(usage_counts_page_faults),
     };

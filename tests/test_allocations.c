@@ -1,0 +1,73 @@
+/* The counter against calls made by hand, here and in a shared library, thread by thread. */
+#include <malloc.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <glib.h>
+
+#include "allocations.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static void every_function_of_the_allocator_counts(void **unused) {
+    (void)unused;
+    if (!ALLOCATIONS_ARE_COUNTED) skip();
+    int64_t before = allocations_now();
+    void *volatile p = malloc(10);
+    p = realloc(p, 1000);
+    free(p);
+    p = calloc(3, 5);
+    free(p);
+    p = memalign(64, 100);
+    free(p);
+    p = aligned_alloc(64, 128);
+    free(p);
+    void *q = NULL;
+    assert_int_equal(posix_memalign(&q, 64, 100), 0);
+    assert_int_equal((uintptr_t)q % 64, 0);
+    free(q);
+    assert_int_equal(allocations_now() - before, 11);
+}
+
+static void calls_of_shared_libraries_count_too(void **unused) {
+    (void)unused;
+    if (!ALLOCATIONS_ARE_COUNTED) skip();
+    int64_t before = allocations_now();
+    g_free(g_strdup("text")); /* GLib's */
+    free(strdup("text"));     /* the C library's own */
+    assert_int_equal(allocations_now() - before, 4);
+}
+
+static void *allocate_a_lot(void *counted) {
+    for (int i = 0; i < 100; i++) {
+        void *volatile p = malloc(10);
+        free(p);
+    }
+    *(int64_t *)counted = allocations_now();
+    return NULL;
+}
+
+static void each_thread_counts_its_own(void **unused) {
+    (void)unused;
+    if (!ALLOCATIONS_ARE_COUNTED) skip();
+    pthread_t thread;
+    int64_t theirs = 0;
+    assert_int_equal(pthread_create(&thread, NULL, allocate_a_lot, &theirs), 0);
+    int64_t before = allocations_now();
+    pthread_join(thread, NULL);
+    assert_in_range(theirs, 200, 210);
+    assert_true(allocations_now() - before <= 2);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_function_of_the_allocator_counts),
+        cmocka_unit_test(calls_of_shared_libraries_count_too),
+        cmocka_unit_test(each_thread_counts_its_own),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -24,9 +24,11 @@ void inverse_gather(inverse *inv, int row_count, const int *rows, int column_cou
     inv->owner->gather(inv, row_count, rows, column_count, columns, out, ld);
 }
 
-void inverse_prefetch(inverse *inv, int count, const int *nodes) {
-    if (inv->owner->prefetch) inv->owner->prefetch(inv, count, nodes);
+trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why) {
+    return inv->owner->prefetch ? inv->owner->prefetch(inv, count, nodes, why) : TROCAR_OK;
 }
+
+bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetch != NULL; }
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 

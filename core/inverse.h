@@ -10,15 +10,16 @@ typedef struct inverse inverse;
 /* The paper's way: the whole 3n x 3n inverse, 8 (3n)^2 bytes. `t` must outlive it. */
 trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
 
-/* A sparse factor; columns are solved for when asked for and kept as long as there is room. */
-trocar_status inverse_create_sparse(tissue *t, inverse **created, report *why);
+/* A sparse factor; half-solves of nodes are made when asked for and kept as long as there is room. */
+static const double SPARSE_CACHE = 1.5e9; /* bytes, the usual choice */
+trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
-/* Makes the columns of these nodes ready, in blocks: cheaper than one by one as gather meets them. Worker's side. */
-void inverse_prefetch(inverse *inv, int count, const int *nodes);
-
+/* Makes ready what gather needs of these nodes, in blocks: cheaper than one by one as gather meets them. Worker's side. */
+trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why);
+bool inverse_prefetches(const inverse *inv); /* false: everything is at hand */
 
 /* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
    out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. */

@@ -8,7 +8,7 @@ typedef struct {
     const char *name;
     void (*gather)(inverse *, int, const int *, int, const int *, double *, int);
     void (*apply)(inverse *, const double *force, double *displacement);  /* dof_count each */
-    void (*prefetch)(inverse *, int, const int *);                        /* NULL: everything is at hand */
+    trocar_status (*prefetch)(inverse *, int, const int *, report *);     /* NULL: everything is at hand */
     void (*release)(inverse *);                                           /* all but the shared part */
 } inverse_owner;
 

@@ -1,7 +1,10 @@
 #include "inverse_owner.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "half_solve.h"
 
 /* Workspace of cholmod_solve2, kept between solves: no allocation after the first. One to a thread. */
 typedef struct {
@@ -9,21 +12,22 @@ typedef struct {
     cholmod_dense *right, *solution, *y, *e;
 } solver;
 
-/* Columns of K^-1 on demand: a CHOLMOD factor and a cache of the columns asked for, the least recently used go first. */
+/* Half-solves of nodes on demand, and a cache of those asked for, the least recently used go first. */
 typedef struct {
     inverse shared;
-    int slot_count;          /* nodes whose columns fit into the cache */
-    int *slot;               /* node_count: where a node's columns are, or -1 */
-    int *node;               /* slot_count: whose columns they are, or -1 */
+    half_solver *half;
+    int slot_count;          /* half-solves that fit into the cache */
+    size_t slot_size;        /* numbers in the longest one */
+    int *slot;               /* node_count: where a node's half-solve is, or -1 */
+    int *node;               /* slot_count: whose it is, or -1 */
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
-    double *columns;         /* slot_count x 3 x dof_count, m/N */
-    solver columns_solver;   /* of the thread that gathers */
+    double *halves;          /* slot_count x slot_size */
+    double *block;           /* 3 PRODUCT_BLOCK square: scratch of gather */
     solver field_solver;     /* of the thread that asks for whole fields: it may be another one */
 } sparse_inverse;
 
-enum { BLOCK_NODES = 8 };    /* solved at once: 24 right-hand sides */
-static const double CACHE_BYTES = 1.5e9;
+enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* what one product needs at once */
 
 static int oldest_slot(const sparse_inverse *s) {
     int oldest = 0;
@@ -39,7 +43,80 @@ static double *claim(sparse_inverse *s, int node) {
     s->node[slot] = node;
     s->slot[node] = slot;
     s->used[slot] = ++s->time;
-    return s->columns + (size_t)slot * 3 * (size_t)s->shared.tissue->dof_count;
+    return s->halves + (size_t)slot * s->slot_size;
+}
+
+/* Solves for up to HALF_BLOCK nodes that are not in the cache. */
+static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
+    int dofs[HALF_BLOCK];
+    double *y[HALF_BLOCK];
+    for (int i = 0; i < count; i++) {
+        dofs[i] = s->shared.tissue->dof[nodes[i]];
+        y[i] = claim(s, nodes[i]);
+    }
+    half_solve(s->half, count, dofs, y);
+}
+
+/* Those that are there are kept from being the oldest before any other goes: LEAST_SLOTS nodes at once stay together. */
+static trocar_status sparse_prefetch(inverse *inv, int count, const int *nodes, report *why) {
+    (void)why;
+    sparse_inverse *s = (sparse_inverse *)inv;
+    int missing[HALF_BLOCK], found = 0;
+    for (int i = 0; i < count; i++)
+        if (s->slot[nodes[i]] >= 0) s->used[s->slot[nodes[i]]] = ++s->time;
+    for (int i = 0; i < count; i++) {
+        bool asked = s->slot[nodes[i]] >= 0 || inv->tissue->dof[nodes[i]] < 0;
+        for (int k = 0; k < found; k++) asked |= missing[k] == nodes[i];
+        if (!asked) missing[found++] = nodes[i];
+        if (found == HALF_BLOCK) solve_halves(s, found, missing), found = 0;
+    }
+    if (found > 0) solve_halves(s, found, missing);
+    return TROCAR_OK;
+}
+
+/* One side of a block: the nodes that can move. */
+typedef struct {
+    int count, node[PRODUCT_BLOCK], dof[PRODUCT_BLOCK], place[PRODUCT_BLOCK];
+    const double *y[PRODUCT_BLOCK];
+} block_side;
+
+static block_side movable(const tissue *t, int count, const int *nodes) {
+    block_side side = {0};
+    for (int i = 0; i < count; i++) {
+        if (t->dof[nodes[i]] < 0) continue;
+        side.node[side.count] = nodes[i];
+        side.dof[side.count] = t->dof[nodes[i]];
+        side.place[side.count++] = i;
+    }
+    return side;
+}
+
+static void point_to_halves(sparse_inverse *s, block_side *side) {
+    for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slot[side->node[i]] * s->slot_size;
+}
+
+/* At most PRODUCT_BLOCK rows and columns. */
+static void gather_block(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+    block_side left = movable(s->shared.tissue, row_count, rows), right = movable(s->shared.tissue, column_count, columns);
+    int both[LEAST_SLOTS];
+    memcpy(both, left.node, (size_t)left.count * sizeof *both);
+    memcpy(both + left.count, right.node, (size_t)right.count * sizeof *both);
+    sparse_prefetch(&s->shared, left.count + right.count, both, NULL);
+    point_to_halves(s, &left);
+    point_to_halves(s, &right);
+    half_product(s->half, left.count, left.dof, left.y, right.count, right.dof, right.y, s->block, 3 * PRODUCT_BLOCK);
+    for (int i = 0; i < 3 * row_count; i++) memset(out + (size_t)i * (size_t)ld, 0, 3 * (size_t)column_count * sizeof *out);
+    for (int i = 0; i < left.count; i++)
+        for (int j = 0; j < right.count; j++)
+            for (int a = 0; a < 3; a++)
+                memcpy(out + (size_t)(3 * left.place[i] + a) * (size_t)ld + 3 * right.place[j], s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *out);
+}
+
+static void sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+    for (int i = 0; i < row_count; i += PRODUCT_BLOCK)
+        for (int j = 0; j < column_count; j += PRODUCT_BLOCK)
+            gather_block((sparse_inverse *)inv, row_count - i < PRODUCT_BLOCK ? row_count - i : PRODUCT_BLOCK, rows + i,
+                         column_count - j < PRODUCT_BLOCK ? column_count - j : PRODUCT_BLOCK, columns + j, out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
 }
 
 static bool solver_create(solver *w, size_t n, size_t columns) {
@@ -66,52 +143,6 @@ static const double *solver_run(solver *w, const tissue *t, size_t columns) {
     return w->solution->x;
 }
 
-/* Solves for the columns of up to BLOCK_NODES nodes. */
-static void solve_columns(sparse_inverse *s, int count, const int *nodes) {
-    const tissue *t = s->shared.tissue;
-    size_t n = (size_t)t->dof_count, width = (size_t)(3 * count);
-    double *right = s->columns_solver.right->x;
-    memset(right, 0, n * width * sizeof *right);
-    for (int i = 0; i < count; i++)
-        for (int a = 0; a < 3; a++) right[(size_t)(3 * i + a) * n + (size_t)(t->dof[nodes[i]] + a)] = 1.0;
-    const double *solution = solver_run(&s->columns_solver, t, width);
-    for (int i = 0; i < count; i++) memcpy(claim(s, nodes[i]), solution + (size_t)(3 * i) * n, 3 * n * sizeof(double));
-}
-
-static void sparse_prefetch(inverse *inv, int count, const int *nodes) {
-    sparse_inverse *s = (sparse_inverse *)inv;
-    int missing[BLOCK_NODES], found = 0;
-    for (int i = 0; i < count; i++) {
-        if (inv->tissue->dof[nodes[i]] < 0) continue;
-        if (s->slot[nodes[i]] >= 0) s->used[s->slot[nodes[i]]] = ++s->time;
-        else missing[found++] = nodes[i];
-        if (found == BLOCK_NODES) solve_columns(s, found, missing), found = 0;
-    }
-    if (found > 0) solve_columns(s, found, missing);
-}
-
-static const double *columns_of(sparse_inverse *s, int node) {
-    if (s->slot[node] < 0) solve_columns(s, 1, &node);
-    s->used[s->slot[node]] = ++s->time;
-    return s->columns + (size_t)s->slot[node] * 3 * (size_t)s->shared.tissue->dof_count;
-}
-
-/* A block is read from whichever of the two nodes has its columns at hand: K^-1 is symmetric. */
-static void sparse_block(sparse_inverse *s, int row, int column, double *out, int ld) {
-    const int *dof = s->shared.tissue->dof;
-    size_t n = (size_t)s->shared.tissue->dof_count;
-    bool fixed = dof[row] < 0 || dof[column] < 0, swap = !fixed && s->slot[column] < 0 && s->slot[row] >= 0;
-    const double *columns = fixed ? NULL : columns_of(s, swap ? row : column);
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++)
-            out[a * ld + b] = fixed ? 0.0 : swap ? columns[(size_t)a * n + (size_t)(dof[column] + b)] : columns[(size_t)b * n + (size_t)(dof[row] + a)];
-}
-
-static void sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
-    for (int i = 0; i < row_count; i++)
-        for (int j = 0; j < column_count; j++) sparse_block((sparse_inverse *)inv, rows[i], columns[j], out + 3 * i * ld + 3 * j, ld);
-}
-
 static void sparse_apply(inverse *inv, const double *force, double *displacement) {
     sparse_inverse *s = (sparse_inverse *)inv;
     size_t bytes = (size_t)inv->tissue->dof_count * sizeof *force;
@@ -121,37 +152,44 @@ static void sparse_apply(inverse *inv, const double *force, double *displacement
 
 static void sparse_release(inverse *inv) {
     sparse_inverse *s = (sparse_inverse *)inv;
-    solver_free(&s->columns_solver);
     solver_free(&s->field_solver);
+    half_solver_free(s->half);
     free(s->slot);
     free(s->node);
     free(s->used);
-    free(s->columns);
+    free(s->halves);
+    free(s->block);
 }
 
 static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release};
 
-trocar_status inverse_create_sparse(tissue *t, inverse **created, report *why) {
-    size_t n = (size_t)t->dof_count, nodes = (size_t)t->mesh->node_count, slots = (size_t)(CACHE_BYTES / (24.0 * (double)n));
-    if (slots > nodes) slots = nodes;
-    if (slots < 64) slots = 64;
-    sparse_inverse *s = calloc(1, sizeof *s);
-    *created = s ? &s->shared : NULL;
-    if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");
+static bool create_cache(sparse_inverse *s, double bytes) {
+    size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;
+    s->slot_size = 3 * (size_t)half_longest(s->half);
+    slots = (size_t)fmin(fmax(bytes / (8.0 * (double)s->slot_size), LEAST_SLOTS), fmax((double)nodes, LEAST_SLOTS));
     s->slot_count = (int)slots;
     s->slot = malloc(nodes * sizeof *s->slot);
     s->node = malloc(slots * sizeof *s->node);
     s->used = calloc(slots, sizeof *s->used);
-    s->columns = malloc(slots * 3 * n * sizeof *s->columns);
-    bool ready = inverse_init(&s->shared, &sparse_owner, t, why) == TROCAR_OK;
-    ready = solver_create(&s->columns_solver, n, 3 * BLOCK_NODES) && ready;
-    ready = solver_create(&s->field_solver, n, 1) && ready;
-    if (!ready || !s->slot || !s->node || !s->used || !s->columns) {
-        inverse_free(&s->shared);
-        *created = NULL;
-        return fail(why, TROCAR_NO_MEMORY, "no memory for the columns of the inverse (%.1f GB)", 24e-9 * (double)(slots * n));
-    }
+    s->halves = malloc(slots * s->slot_size * sizeof *s->halves);
+    s->block = malloc(sizeof(double[9 * PRODUCT_BLOCK * PRODUCT_BLOCK]));
+    if (!s->slot || !s->node || !s->used || !s->halves || !s->block) return false;
     for (size_t i = 0; i < nodes; i++) s->slot[i] = -1;
     for (size_t i = 0; i < slots; i++) s->node[i] = -1;
-    return TROCAR_OK;
+    return true;
+}
+
+trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why) {
+    sparse_inverse *s = calloc(1, sizeof *s);
+    *created = s ? &s->shared : NULL;
+    if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = inverse_init(&s->shared, &sparse_owner, t, why);
+    bool solver_ready = solver_create(&s->field_solver, (size_t)t->dof_count, 1);
+    if (status == TROCAR_OK) status = half_solver_create(t, &s->half, why);
+    if (status == TROCAR_OK && !(solver_ready && create_cache(s, cache_bytes)))
+        status = fail(why, TROCAR_NO_MEMORY, "no memory for the rows of the inverse (%.1f GB)", 1e-9 * cache_bytes);
+    if (status == TROCAR_OK) return TROCAR_OK;
+    inverse_free(&s->shared);
+    *created = NULL;
+    return status;
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 enum { CORNERS = 4, PATCH = 3 * (CORNERS + 1) };  /* dofs that an interior addition touches: four corners and the node */
+enum { MAX_COLUMNS = MAX_WINDOW + CORNERS * MAX_CONTACTS }; /* nodes that a new place of the window couples to */
 
 /* How one node is put into the inverse and taken out again. */
 typedef struct {
@@ -21,6 +22,7 @@ struct remesher {
     refinement refined;              /* what is in the inverse now */
     int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
     double *handles;                 /* as compliance_snapshot.compliance */
+    double *gathered;                /* 3 MAX_WINDOW x 3 MAX_COLUMNS: scratch of fill_window_places */
     /* dense Woodbury only */
     int extended;                    /* rows of `dense`: dof_count + 3 MAX_CONTACTS */
     double *dense;                   /* inverse of the refined stiffness, column-major */
@@ -246,7 +248,8 @@ trocar_status remesher_create(inverse *inv, remesh_method method, remesher **cre
     r->operations = method == REMESH_WOODBURY ? &woodbury : &nested;
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
     r->handles = calloc((size_t)SNAPSHOT_LD * SNAPSHOT_LD, sizeof(double));
-    trocar_status status = r->handles ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
+    r->gathered = malloc((size_t)9 * MAX_WINDOW * MAX_COLUMNS * sizeof(double));
+    trocar_status status = r->handles && r->gathered ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
     if (status == TROCAR_OK && method == REMESH_WOODBURY) status = woodbury_create(r, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     remesher_free(r);
@@ -257,28 +260,54 @@ trocar_status remesher_create(inverse *inv, remesh_method method, remesher **cre
 void remesher_free(remesher *r) {
     if (!r) return;
     free(r->handles);
+    free(r->gathered);
     free(r->dense);
     free(r->left);
     free(r->right);
     free(r);
 }
 
-static void fill_window_place(remesher *r, int place) {
-    int handle = MAX_CONTACTS + place;
-    for (int i = 0; i < r->refined.count; i++) {
-        mat3 block = nominal_to_added(r, r->window[place], i);
-        put_symmetric(r->handles, handle, i, &block);
-    }
-    for (int k = 0; k < MAX_WINDOW; k++) {
-        if (r->window[k] < 0) continue;
-        mat3 block = nominal_to_nominal(r, r->window[place], r->window[k]);
-        put_symmetric(r->handles, handle, MAX_CONTACTS + k, &block);
+/* Place of a node in a list that it is added to where it is missing. */
+static int place_in(int *nodes, int *count, int node) {
+    for (int i = 0; i < *count; i++)
+        if (nodes[i] == node) return i;
+    nodes[*count] = node;
+    return (*count)++;
+}
+
+/* Rows of new places, in one gather: to the whole window and to the added nodes, as weighted corners of their elements. */
+static void fill_window_places(remesher *r, int count, const int *places) {
+    int rows[MAX_WINDOW], columns[MAX_COLUMNS], column_count = 0, of_window[MAX_WINDOW], of_corner[MAX_CONTACTS][CORNERS];
+    for (int p = 0; p < count; p++) rows[p] = r->window[places[p]];
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (r->window[k] >= 0) of_window[k] = place_in(columns, &column_count, r->window[k]);
+    for (int i = 0; i < r->refined.count; i++)
+        for (int c = 0; c < CORNERS; c++) of_corner[i][c] = place_in(columns, &column_count, r->tissue->mesh->tets[r->refined.nodes[i].tet][c]);
+    const int ld = 3 * MAX_COLUMNS;
+    inverse_gather(r->inverse, count, rows, column_count, columns, r->gathered, ld);
+    for (int p = 0; p < count; p++) {
+        const double *row = r->gathered + (size_t)(3 * p) * (size_t)ld;
+        for (int k = 0; k < MAX_WINDOW; k++) {
+            mat3 block = {{{0}}};
+            if (r->window[k] < 0) continue;
+            add_scaled(&block, 1.0, row + 3 * of_window[k], ld);
+            put_symmetric(r->handles, MAX_CONTACTS + places[p], MAX_CONTACTS + k, &block);
+        }
+        for (int i = 0; i < r->refined.count; i++) {
+            mat3 block = {{{0}}};
+            double weights[CORNERS];
+            nominal_weights(r, i, weights);
+            for (int c = 0; c < CORNERS; c++) add_scaled(&block, weights[c], row + 3 * of_corner[i][c], ld);
+            put_symmetric(r->handles, MAX_CONTACTS + places[p], i, &block);
+        }
     }
 }
 
 /* Nodes that are still wanted keep their places; new ones take the free places. */
-static void move_window(remesher *r, const remesh_request *request) {
-    if (r->operations->keeps_window) inverse_prefetch(r->inverse, request->window_count, request->window);
+static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
+    int places[MAX_WINDOW], count = 0;
+    trocar_status status = r->operations->keeps_window ? inverse_prefetch(r->inverse, request->window_count, request->window, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
     for (int k = 0; k < MAX_WINDOW; k++) {
         bool wanted = false;
         for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];
@@ -286,10 +315,11 @@ static void move_window(remesher *r, const remesh_request *request) {
     }
     for (int i = 0; i < request->window_count; i++) {
         if (window_place(r->window, request->window[i]) >= 0) continue;
-        int place = window_place(r->window, -1);
-        r->window[place] = request->window[i];
-        if (r->operations->keeps_window) fill_window_place(r, place);
+        places[count] = window_place(r->window, -1);
+        r->window[places[count++]] = request->window[i];
     }
+    if (r->operations->keeps_window && count > 0) fill_window_places(r, count, places);
+    return TROCAR_OK;
 }
 
 static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
@@ -308,8 +338,8 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d added nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
-    move_window(r, request);
-    trocar_status status = update_nodes(r, &request->wanted, why);
+    trocar_status status = move_window(r, request, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status != TROCAR_OK) return status;
     if (!r->operations->keeps_window) gather_dense(r);
     snapshot->serial = request->serial;

@@ -167,10 +167,64 @@ static double least_stiffness(tissue *t) {
     return quotient;
 }
 
-static trocar_status factor(tissue *t, report *why) {
+/* ---- factor ---- */
+
+/* The pattern of K by nodes: the three dofs of a node have the same neighbours. */
+static cholmod_sparse *node_graph(tissue *t) {
+    const int *start = t->stiffness->p, *row = t->stiffness->i;
+    size_t nodes = (size_t)t->dof_count / 3;
+    cholmod_triplet *pairs = cholmod_allocate_triplet(nodes, nodes, cholmod_nnz(t->stiffness, &t->common) / 3 + 1, -1, CHOLMOD_PATTERN, &t->common);
+    if (!pairs) return NULL;
+    for (int j = 0; j < (int)nodes; j++)
+        for (int k = start[3 * j]; k < start[3 * j + 1]; k++) {
+            if (row[k] % 3 != 0) continue;
+            ((int *)pairs->i)[pairs->nnz] = row[k] / 3;
+            ((int *)pairs->j)[pairs->nnz++] = j;
+        }
+    cholmod_sparse *graph = cholmod_triplet_to_sparse(pairs, 0, &t->common);
+    cholmod_free_triplet(&pairs, &t->common);
+    return graph;
+}
+
+/* Nested dissection of the nodes, those marked `last` (by first dof over three) taken out and put behind: what separates
+   the mesh still separates what is left of it. */
+static bool order_dofs(tissue *t, const bool *last, int *order) {
+    int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
+    cholmod_sparse *graph = scratch ? node_graph(t) : NULL;
+    bool done = graph && cholmod_nested_dissection(graph, NULL, 0, scratch, scratch + nodes, scratch + 2 * nodes, &t->common) >= 0;
+    for (int pass = 0; done && pass < 2; pass++)
+        for (int i = 0; i < nodes; i++)
+            for (int a = 0; a < 3 && last[scratch[i]] == (pass == 1); a++) order[filled++] = 3 * scratch[i] + a;
+    cholmod_free_sparse(&graph, &t->common);
+    free(scratch);
+    return done;
+}
+
+/* Where each node's dofs are in the factor. They stay together: their columns of K have the same pattern. */
+static void find_columns(tissue *t) {
+    const int *order = t->factor->Perm;
+    for (int i = 0; i < t->dof_count; i += 3) t->column[order[i] / 3] = i;
+}
+
+static bool analyse(tissue *t, const bool *last) {
+    int *order = malloc((size_t)t->dof_count * sizeof *order);
+    if (order && order_dofs(t, last, order)) {
+        t->common.nmethods = 1;
+        t->common.method[0].ordering = CHOLMOD_GIVEN;
+        t->factor = cholmod_analyze_p(t->stiffness, order, NULL, 0, &t->common);
+    }
+    free(order);
+    if (t->factor) find_columns(t);
+    return t->factor != NULL;
+}
+
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
     static const double LOOSE = 1e-13;
-    bool factored = (t->factor = cholmod_analyze(t->stiffness, &t->common)) != NULL
-                 && cholmod_factorize(t->stiffness, t->factor, &t->common);
+    bool *last = calloc((size_t)t->dof_count / 3, sizeof *last);
+    for (int i = 0; last && i < count; i++)
+        if (t->dof[nodes[i]] >= 0) last[t->dof[nodes[i]] / 3] = true;
+    bool factored = last && analyse(t, last) && cholmod_factorize(t->stiffness, t->factor, &t->common);
+    free(last);
     bool definite = factored && t->common.status != CHOLMOD_NOT_POSDEF;
     double least = definite ? least_stiffness(t) : 0.0;
     if (!factored || least < 0.0)
@@ -181,8 +235,8 @@ static trocar_status factor(tissue *t, report *why) {
     return TROCAR_OK;
 }
 
-trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
-                            tissue *t, report *why) {
+trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                              tissue *t, report *why) {
     memset(t, 0, sizeof *t);
     t->volumetric = volumetric;
     cholmod_start(&t->common);
@@ -192,9 +246,10 @@ trocar_status tissue_create(const mesh *m, const region_material *materials, con
     t->materials = materials;
     t->fixed = malloc((size_t)m->node_count * sizeof *t->fixed);
     t->dof = malloc((size_t)m->node_count * sizeof *t->dof);
+    t->column = malloc((size_t)m->node_count * sizeof *t->column);
 
     trocar_status status = TROCAR_OK;
-    if (!t->fixed || !t->dof) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d nodes", m->node_count);
+    if (!t->fixed || !t->dof || !t->column) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d nodes", m->node_count);
     if (status == TROCAR_OK) {
         memcpy(t->fixed, fixed, (size_t)m->node_count * sizeof *fixed);
         t->dof_count = number_dofs(t);
@@ -203,7 +258,15 @@ trocar_status tissue_create(const mesh *m, const region_material *materials, con
             status = fail(why, TROCAR_BAD_INPUT, "no node is fixed: name a surface or region under `fixed`");
     }
     if (status == TROCAR_OK) status = assemble(t, why);
-    if (status == TROCAR_OK) status = factor(t, why);
+    if (status != TROCAR_OK) tissue_free(t);
+    return status;
+}
+
+trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                            tissue *t, report *why) {
+    trocar_status status = tissue_assemble(m, materials, fixed, volumetric, t, why);
+    if (status != TROCAR_OK) return status;
+    status = tissue_factor(t, 0, NULL, why);
     if (status != TROCAR_OK) tissue_free(t);
     return status;
 }
@@ -214,5 +277,6 @@ void tissue_free(tissue *t) {
     cholmod_finish(&t->common);
     free(t->fixed);
     free(t->dof);
+    free(t->column);
     memset(t, 0, sizeof *t);
 }

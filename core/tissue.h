@@ -32,11 +32,19 @@ typedef struct {
     int *dof;                  /* node_count: first of the node's three dofs, or -1 where fixed */
     cholmod_common common;     /* of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m */
-    cholmod_factor *factor;    /* supernodal Cholesky factor of K */
+    cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
+    int *column;               /* dof_count / 3: where the three dofs from 3 i on stand in the factor */
 } tissue;
 
-/* Assembles and factors K. BAD_INPUT when the fixed nodes do not hold the body; NUMERIC if not positive definite.
-   `mesh` and `materials` must outlive the tissue. */
+/* Assembles K. `mesh` and `materials` must outlive the tissue. */
+trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                              tissue *t, report *why);
+
+/* Factors K. These nodes are eliminated last: rows of the inverse between them then cost a small part of the factor.
+   BAD_INPUT when the fixed nodes do not hold the body. */
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
+
+/* Both, in an order that favours no node. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);

@@ -73,7 +73,7 @@ static trocar_status begin_case(problem *p, report *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);
     if (!p->loaded) status = tissue_create(&p->mesh, p->materials, p->fixed, p->strain, &p->tissue, why);
-    if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, &p->inverse, why);
+    if (!p->loaded && status == TROCAR_OK) status = inverse_create_sparse(&p->tissue, SPARSE_CACHE, &p->inverse, why);
     p->loaded = true;
     return status;
 }

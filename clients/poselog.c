@@ -2,6 +2,8 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -11,7 +13,7 @@
 /* LCM's own reader trusts the lengths that it finds, prints to stderr and resumes at the next magic number: a damaged
    log would pass for a shorter one. The format is simple enough to read with checks. An event on disk, big-endian:
    magic, event number (8), timestamp (8), two lengths (4 each), channel, data. */
-enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, POSE_MAX = 256 };
+enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
 /* A log being read. */
@@ -29,6 +31,10 @@ typedef struct {
 
 static int64_t big_endian_32(const unsigned char *bytes) {
     return (int64_t)bytes[0] << 24 | (int64_t)bytes[1] << 16 | (int64_t)bytes[2] << 8 | bytes[3];
+}
+
+static int64_t big_endian_64(const unsigned char *bytes) {
+    return (int64_t)((uint64_t)big_endian_32(bytes) << 32 | (uint64_t)big_endian_32(bytes + 4));
 }
 
 static trocar_status reader_open(const char *path, reader *r, report *why) {
@@ -73,68 +79,133 @@ static pose raw_pose(const trocar_needle_pose_t *message) {
     return (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
 }
 
+/* Reads an event's data and checks that it begins with the fingerprint of its type. */
+static trocar_status read_data(const reader *r, const event_header *h, const char *type, int64_t fingerprint,
+                               unsigned char data[DATA_MAX], report *why) {
+    size_t length = (size_t)(h->data_length < DATA_MAX ? h->data_length : DATA_MAX);
+    if (fread(data, 1, length, r->file) != length) return bad_event(r, "cannot be read", why);
+    int64_t found = length < sizeof fingerprint ? 0 : big_endian_64(data);
+    if (found == fingerprint) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT,
+                "%s: event %" PRId64 " at byte %" PRId64 ": not a trocar.%s of this version (fingerprint %016" PRIx64
+                ", here %016" PRIx64 "): recorded with another lcmtypes/trocar.lcm? Then replay it with the release of that time",
+                r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
+}
+
 static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, report *why) {
-    unsigned char data[POSE_MAX];
-    int length = h->data_length <= POSE_MAX ? (int)h->data_length : 0;
-    if (fread(data, 1, (size_t)length, r->file) != (size_t)length) return bad_event(r, "cannot be read", why);
-    if (length == 0 || trocar_needle_pose_t_decode(data, 0, length, p) != length)
-        return bad_event(r, "not a trocar.needle_pose_t", why);
+    unsigned char data[DATA_MAX] = {0};
+    trocar_status status = read_data(r, h, "needle_pose_t", __trocar_needle_pose_t_get_hash(), data, why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
+        return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
     pose base = raw_pose(p);
     pose_verdict verdict = guard_check_pose(&base);
     if (verdict == POSE_NOT_FINITE) return bad_event(r, "pose is not finite", why);
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
-/* Doubles the room when the count reaches a power of two. */
-static trocar_status make_room(pose_log *log, report *why) {
-    int count = log->count;
-    if (count & (count - 1)) return TROCAR_OK;
-    size_t room = count ? 2 * (size_t)count : 1;
-    trocar_needle_pose_t *poses = realloc(log->poses, room * sizeof *poses);
-    if (poses) log->poses = poses;
-    int64_t *events = realloc(log->events, room * sizeof *events);
-    if (events) log->events = events;
-    return poses && events ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %zu poses", room);
+static trocar_status read_wrench(const reader *r, const event_header *h, trocar_needle_wrench_t *w, report *why) {
+    unsigned char data[DATA_MAX] = {0};
+    trocar_status status = read_data(r, h, "needle_wrench_t", __trocar_needle_wrench_t_get_hash(), data, why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length != trocar_needle_wrench_t_decode(data, 0, DATA_MAX, w))
+        return bad_event(r, "not the length of a trocar.needle_wrench_t: the log is damaged", why);
+    for (int i = 0; i < 3; i++)
+        if (!isfinite(w->raw_force[i]) || !isfinite(w->raw_torque[i])) return bad_event(r, "wrench is not finite", why);
+    return TROCAR_OK;
 }
 
+/* Room for one more in an array that holds `count`: doubled when the count reaches a power of two. */
+static trocar_status make_room(void **array, int count, size_t size, report *why) {
+    if (count & (count - 1)) return TROCAR_OK;
+    size_t room = count ? 2 * (size_t)count : 1;
+    void *moved = realloc(*array, room * size);
+    if (!moved) return fail(why, TROCAR_NO_MEMORY, "no memory for %zu messages", room);
+    *array = moved;
+    return TROCAR_OK;
+}
+
+/* As the server takes them: of one session, none twice or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
     const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
     if (last && p->session != last->session) {
         log->skipped_sessions++;
         return TROCAR_OK;
     }
+    if (last && p->seq <= last->seq) {
+        log->skipped_old++;
+        return TROCAR_OK;
+    }
     if (last && p->utime <= last->utime)
         return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": time does not advance: utime %" PRId64 " after %" PRId64,
                     r->path, r->event, p->utime, last->utime);
-    trocar_status status = make_room(log, why);
+    void *poses = log->poses, *events = log->events;
+    trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
+    log->poses = poses;
+    if (status == TROCAR_OK) status = make_room(&events, log->count, sizeof *log->events, why);
+    log->events = events;
     if (status != TROCAR_OK) return status;
     log->poses[log->count] = *p;
     log->events[log->count++] = r->event;
     return TROCAR_OK;
 }
 
-static trocar_status read_event(reader *r, pose_log *log, report *why) {
-    event_header h;
-    trocar_status status = read_header(r, &h, why);
-    if (status == TROCAR_OK && strcmp(h.channel, POSE_CHANNEL) == 0) {
-        trocar_needle_pose_t p;
-        status = read_pose(r, &h, &p, why);
-        if (status == TROCAR_OK) status = append_pose(r, &p, log, why);
+static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
+    trocar_needle_pose_t p;
+    trocar_status status = read_pose(r, h, &p, why);
+    return status == TROCAR_OK ? append_pose(r, &p, log, why) : status;
+}
+
+static trocar_status take_wrench(const reader *r, const event_header *h, void *context, report *why) {
+    wrench_log *log = context;
+    trocar_needle_wrench_t w;
+    trocar_status status = read_wrench(r, h, &w, why);
+    if (status != TROCAR_OK || w.pose_seq < 0) return status;
+    void *wrenches = log->wrenches;
+    status = make_room(&wrenches, log->count, sizeof w, why);
+    log->wrenches = wrenches;
+    if (status == TROCAR_OK) log->wrenches[log->count++] = w;
+    return status;
+}
+
+typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
+
+/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data. */
+static trocar_status read_log(const char *path, const char *channel, take_event *take, void *log, report *why) {
+    reader r;
+    trocar_status status = reader_open(path, &r, why);
+    if (status != TROCAR_OK) return status;
+    bool found = false;
+    while (status == TROCAR_OK && r.offset < r.size) {
+        event_header h;
+        status = read_header(&r, &h, why);
+        bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
+        if (wanted) status = take(&r, &h, log, why);
+        if (status == TROCAR_OK) status = skip_event(&r, &h, why);
+        found |= wanted;
     }
-    return status == TROCAR_OK ? skip_event(r, &h, why) : status;
+    fclose(r.file);
+    if (status != TROCAR_OK || found) return status;
+    return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
 trocar_status pose_log_read(const char *path, pose_log *log, report *why) {
     *log = (pose_log){0};
-    reader r;
-    trocar_status status = reader_open(path, &r, why);
-    if (status != TROCAR_OK) return status;
-    while (status == TROCAR_OK && r.offset < r.size) status = read_event(&r, log, why);
-    fclose(r.file);
-    if (status == TROCAR_OK && log->count == 0)
-        status = fail(why, TROCAR_BAD_INPUT, "%s: no pose on channel %s in %" PRId64 " events", path, POSE_CHANNEL, r.event);
+    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, log, why);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
+}
+
+trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
+    *log = (wrench_log){0};
+    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, log, why);
+    if (status != TROCAR_OK) wrench_log_free(log);
+    return status;
+}
+
+void wrench_log_free(wrench_log *log) {
+    free(log->wrenches);
+    *log = (wrench_log){0};
 }
 
 void pose_log_free(pose_log *log) {

@@ -12,19 +12,28 @@
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 
-/* All poses of a log, in order. */
+/* The poses of a log as the server would take them: in order, of one session. */
 typedef struct {
     int count;
     trocar_needle_pose_t *poses;  /* count */
     int64_t *events;              /* count: number of each pose's event in the file */
-    int64_t skipped_sessions;     /* poses of other sessions than the first pose's, left out */
+    int64_t skipped_sessions;     /* left out: poses of other sessions than the first pose's */
+    int64_t skipped_old;          /* left out: poses whose number is not above the last one's, as a network repeats or reorders them */
 } pose_log;
 
-/* Reads the poses of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or byte, for a log
-   that is missing, damaged, cut short or without poses, and for a pose that is malformed, not finite, without a
-   unit quaternion (guard_check_pose), or not later than the one before. */
+/* The wrenches of a log that answer a pose, in the order of the log. */
+typedef struct {
+    int count;
+    trocar_needle_wrench_t *wrenches; /* count */
+} wrench_log;
+
+/* Reads the poses, or the wrenches, of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or
+   byte, for a log that is missing, damaged, cut short, of other message types or without any, for a number that is
+   not finite, and for a pose without a unit quaternion (guard_check_pose) or not later than the one before. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 void pose_log_free(pose_log *log);
+trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
+void wrench_log_free(wrench_log *log);
 
 /* The base's pose in a message, quaternion normalised; and the message of a pose. */
 pose pose_of_message(const trocar_needle_pose_t *message);

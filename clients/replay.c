@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include "comparison.h"
 #include "events.h"
 #include "options.h"
 #include "output.h"
@@ -19,8 +20,10 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 static const double longest_tick = 0.1;   /* s; a longer gap in the log counts as this */
 
 typedef struct {
-    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix;
+    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *golden_path;
     double at;               /* s after the first pose; NaN: the last one */
+    double tolerance;        /* share of the peak */
+    int every;               /* of the wrenches, one goes to the log */
     bool quiet;
 } options;
 
@@ -33,21 +36,29 @@ typedef struct {
     compliance_snapshot *snapshot;
     insertion_wrench wrench;
     output log_file, csv_file;
+    wrench_log golden;
+    trocar_needle_wrench_t *replayed;  /* one a pose, to be compared; NULL without --compare */
+    comparison comparison;
     int dump_tick;           /* whose state goes to --vtu */
     int gaps;                /* shortened to longest_tick */
 } replay;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
 
-enum { OPTION_OUT = 256, OPTION_CSV, OPTION_VTU, OPTION_AT };
+enum { OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
+    {"every", OPTION_EVERY, "N", 0, "Only every Nth of the wrenches in --out, and no poses: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row a tick: time, base force and torque, depth, contacts, events", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
     {"at", OPTION_AT, "SECONDS", 0, "When --vtu takes its picture, from the first pose (default: the end)", 0},
+    {"compare", OPTION_COMPARE, "GOLDEN", 0,
+     "Compare with the wrenches of an LCM event log, one of --out or a recording; exit status 1 where they differ", 0},
+    {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
+     "Of each component's peak in GOLDEN, taken as 0.1 N or 2 mN m where that is more (default 1)", 0},
     {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
     {0},
 };
@@ -61,12 +72,17 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_CSV: o->csv_path = text; break;
     case OPTION_VTU: o->vtu_prefix = text; break;
     case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
+    case OPTION_EVERY: o->every = (int)parse_number(state, "every", text, 1, 1e6); break;
+    case OPTION_COMPARE: o->golden_path = text; break;
+    case OPTION_TOLERANCE: o->tolerance = 0.01 * parse_number(state, "tolerance", text, 0, 100); break;
     case 'q': o->quiet = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (!o->scene_path) argp_error(state, "--scene is missing");
         if (!o->pose_path) argp_error(state, "--poses is missing");
         if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
+        if (o->every && !o->log_path) argp_error(state, "--every needs --out");
+        if (!isnan(o->tolerance) && !o->golden_path) argp_error(state, "--tolerance needs --compare");
         break;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -76,7 +92,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Runs recorded poses through the simulation in lockstep: one tick a pose, model time = the poses' utime. The same binary "
-    "gives the same bits.", NULL, NULL, NULL};
+    "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 if an input is bad.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -103,10 +119,18 @@ static trocar_status open_outputs(replay *r, report *why) {
     return status;
 }
 
+static trocar_status prepare_comparison(replay *r, report *why) {
+    trocar_status status = wrench_log_read(r->options->golden_path, &r->golden, why);
+    if (status != TROCAR_OK) return status;
+    r->replayed = calloc((size_t)r->poses.count, sizeof *r->replayed);
+    return r->replayed ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d wrenches", r->poses.count);
+}
+
 static trocar_status prepare(replay *r, report *why) {
     trocar_status status = scene_load(r->options->scene_path, &r->scene, why);
     if (status == TROCAR_OK) status = pose_log_read(r->options->pose_path, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
+    if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
     if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
     if (status != TROCAR_OK) return status;
@@ -119,6 +143,8 @@ static void clean_up(replay *r) {
     output_abandon(&r->csv_file);
     if (r->snapshot) simulation_free(&r->simulation);
     free(r->snapshot);
+    free(r->replayed);
+    wrench_log_free(&r->golden);
     pose_log_free(&r->poses);
 }
 
@@ -132,19 +158,25 @@ static double tick_length(replay *r, int tick) {
     return longest_tick;
 }
 
-static trocar_status log_tick(replay *r, int tick, report *why) {
+static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     const trocar_needle_pose_t *p = &r->poses.poses[tick];
     const vec3 f = r->wrench.force, m = r->wrench.torque;
-    trocar_needle_wrench_t message = {
+    return (trocar_needle_wrench_t){
         .utime = p->utime, .tick = tick, .session = p->session, .pose_seq = p->seq, .pose_utime = p->utime,
         .force = {f.x, f.y, f.z}, .torque = {m.x, m.y, m.z}, .raw_force = {f.x, f.y, f.z}, .raw_torque = {m.x, m.y, m.z},
         .depth = r->wrench.depth, .contacts = r->wrench.contacts, .events = (int32_t)r->wrench.events,
         .membrane = r->wrench.membrane,
         .flags = (r->wrench.events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0)
                | (r->wrench.events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0)};
-    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = 2 * (int64_t)tick};
-    trocar_status status = log_write_pose(&log, p, r->options->log_path, why);
-    return status == TROCAR_OK ? log_write_wrench(&log, &message, r->options->log_path, why) : status;
+}
+
+static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, report *why) {
+    const char *path = r->options->log_path;
+    int every = r->options->every;
+    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = every ? tick / every : 2 * (int64_t)tick};
+    if (every) return tick % every == 0 ? log_write_wrench(&log, wrench, path, why) : TROCAR_OK;
+    trocar_status status = log_write_pose(&log, &r->poses.poses[tick], path, why);
+    return status == TROCAR_OK ? log_write_wrench(&log, wrench, path, why) : status;
 }
 
 static void csv_tick(const replay *r, int tick) {
@@ -168,7 +200,9 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_status status = simulation_step(&r->simulation, &r->state, r->snapshot, base, dt, &r->wrench, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
-    if (r->log_file.file) status = log_tick(r, tick, why);
+    trocar_needle_wrench_t message = message_of_tick(r, tick);
+    if (r->log_file.file) status = log_tick(r, tick, &message, why);
+    if (r->replayed) r->replayed[tick] = message;
     if (status == TROCAR_OK && r->options->vtu_prefix && tick == r->dump_tick) status = export_state(r, why);
     return status;
 }
@@ -192,7 +226,10 @@ static trocar_status run_all(replay *r, report *why) {
         if (progress) show_progress(tick + 1, r->poses.count);
     }
     trocar_status status = output_commit(&r->log_file, why);
-    return status == TROCAR_OK ? output_commit(&r->csv_file, why) : status;
+    if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
+    if (status != TROCAR_OK || !r->replayed) return status;
+    return compare_wrenches(&r->golden, r->options->golden_path, r->replayed, r->poses.count, r->options->tolerance,
+                            &r->comparison, why);
 }
 
 static void summarise(const replay *r) {
@@ -200,11 +237,14 @@ static void summarise(const replay *r) {
     if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, longest_tick, longest_tick);
     if (r->poses.skipped_sessions)
         fprintf(stderr, "%" PRId64 " poses of other sessions left out\n", r->poses.skipped_sessions);
+    if (r->poses.skipped_old)
+        fprintf(stderr, "%" PRId64 " poses left out that came twice or out of order\n", r->poses.skipped_old);
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = NAN};
+    options o = {.at = NAN, .tolerance = NAN};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
+    if (isnan(o.tolerance)) o.tolerance = 0.01;
     realtime_flush_denormals();   /* as every thread of the server does */
 
     static replay r;
@@ -213,8 +253,11 @@ int main(int count, char **arguments) {
     trocar_status status = prepare(&r, &why);
     if (status == TROCAR_OK) status = run_all(&r, &why);
     if (status == TROCAR_OK && !o.quiet) summarise(&r);
+    bool differs = r.comparison.differing > 0;
+    if (status == TROCAR_OK && r.replayed && (differs || !o.quiet))
+        comparison_print(&r.comparison, &r.golden, o.golden_path, r.replayed, stderr);
     clean_up(&r);
-    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    if (status == TROCAR_OK) return differs ? EXIT_FAILURE : EXIT_SUCCESS;
     fprintf(stderr, "trocar-replay: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
 }

@@ -25,6 +25,8 @@ bad_input() {
     local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench
     "$device" --script insert --write-log poses.log
     head -c 1000 poses.log >cut.log
+    "$device" --script hold --duration 3.1 --write-log longer.log
+    "$replay" --scene "$scene" --poses longer.log --out other.log --every 100 --quiet
     head -c 1000 /dev/zero >zero.log
     : >empty.log
     touch marker && sleep 0.02
@@ -44,6 +46,10 @@ bad_input() {
     refuses "zero.log: event 0 at byte 0: not an LCM log" "$replay" --scene "$scene" --poses zero.log --csv x.csv
     refuses empty.log "$replay" --scene "$scene" --poses empty.log --csv x.csv
     refuses /nowhere/x.csv "$replay" --scene "$scene" --poses poses.log --csv /nowhere/x.csv --out x.log
+    refuses poses.log "$replay" --scene "$scene" --poses poses.log --compare poses.log --csv x.csv
+    refuses "which was not replayed" "$replay" --scene "$scene" --poses poses.log --compare other.log
+    refuses --compare "$replay" --scene "$scene" --poses poses.log --tolerance 2
+    refuses --out "$replay" --scene "$scene" --poses poses.log --every 2
     refuses "--at 99 s is after the last pose" "$replay" --scene "$scene" --poses poses.log --vtu x --at 99
     refuses "which benchmark" "$bench"
     refuses tock "$bench" tock
@@ -78,22 +84,20 @@ replay() {
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
 }
 
-# A trace kept with its forces: the same bits twice, and what it was within a tolerance that a change of the mechanics
-# does not pass.
+# Recordings kept with their wrenches: the same bits twice, and what they were within a tolerance that a change of the
+# mechanics does not pass.
 golden() {
-    local trace=$source/tests/traces/figure8 compare=$source/tests/compare_csv.py
-    local replay=("$programs/trocar-replay" --poses "$trace.log" --quiet)
-    for run in a b; do
-        "${replay[@]}" --scene "$scene" --csv $run.csv --out $run.log
+    local traces=$source/tests/traces trace status=0
+    for trace in figure8 again hand lossy; do
+        "$programs/trocar-replay" --scene "$scene" --poses "$traces/$trace.log" --out $trace.log --compare "$traces/$trace-golden.log"
     done
-    cmp a.csv b.csv
-    cmp a.log b.log
-    "$compare" "$trace.csv" a.csv
+    "$programs/trocar-replay" --scene "$scene" --poses figure8.log --out twice.log --compare figure8.log --tolerance 0
+    cmp figure8.log twice.log
     sed "s|^mesh: |mesh: $source/meshes/|; s/kinetic: 9 /kinetic: 10 /" "$scene" >other.yaml
-    "${replay[@]}" --scene other.yaml --csv other.csv
-    local status=0
-    "$compare" "$trace.csv" other.csv >other.txt || status=$?
-    [ $status -eq 1 ] || fail "status $status, not 1, with other friction: $(cat other.txt)"
+    "$programs/trocar-replay" --scene other.yaml --poses figure8.log --compare "$traces/figure8-golden.log" 2>difference || status=$?
+    cat difference
+    [ $status -eq 1 ] || fail "status $status, not 1, with other friction"
+    grep -qE '^  first: .*fz off by .* N, .* of its peak, at [0-9.]+ s, pose [0-9]+$' difference || fail "the first difference is not explained"
 }
 
 # Short: what it writes, not how fast this machine is.

@@ -1,5 +1,6 @@
 #include "poselog.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -131,12 +132,66 @@ static void refuses_impossible_poses(void **state) {
 static void refuses_a_log_without_poses(void **state) {
     (void)state;
     write_log(0, -1, NULL);
-    expect_bad(path, "no pose");
+    expect_bad(path, "nothing on channel TROCAR_POSE");
     report why;
     pose_log log;
     assert_int_equal(pose_log_read("/nowhere/poses.log", &log, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "/nowhere/poses.log"));
     assert_int_equal(pose_log_read("/tmp", &log, &why), TROCAR_BAD_INPUT);
+}
+
+static void repeat_number(trocar_needle_pose_t *p) { p->seq -= 1; }
+static void change_number_and_time(trocar_needle_pose_t *p) { p->seq -= 2, p->utime -= 2000; }
+
+/* Datagrams that the network repeats or delivers late are refused by the server; so are they here. */
+static void leaves_out_what_came_twice_or_late(void **state) {
+    (void)state;
+    void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
+    for (int i = 0; i < 2; i++) {
+        report why;
+        pose_log log;
+        write_log(6, 4, changes[i]);
+        assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+        assert_int_equal(log.count, 5);
+        assert_int_equal(log.skipped_old, 1);
+        assert_int_equal(log.poses[4].seq, 5);
+        pose_log_free(&log);
+    }
+}
+
+static void a_log_of_other_types_is_told_apart_from_a_damaged_one(void **state) {
+    (void)state;
+    write_log(2, -1, NULL);
+    overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
+    expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
+    expect_bad("fingerprint", "0102030405060708");
+    char short_data[] = {0, 0, 0, 80};              /* one number less than a pose; the next event then seems to be damaged */
+    write_log(1, -1, NULL);
+    overwrite(24, short_data, 4);
+    expect_bad("event 0", "damaged");
+}
+
+static void reads_wrenches_that_answer_a_pose(void **state) {
+    (void)state;
+    report why;
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    for (int k = -1; k < 9; k++) {
+        trocar_needle_wrench_t w = {.tick = k, .pose_seq = k, .raw_force = {0, 0, 0.1 * k}};
+        assert_int_equal(log_write_wrench(out, &w, path, &why), TROCAR_OK);
+    }
+    lcm_eventlog_destroy(out);
+    wrench_log log;
+    assert_int_equal(wrench_log_read(path, &log, &why), TROCAR_OK);
+    assert_int_equal(log.count, 9);
+    for (int k = 0; k < 9; k++) assert_true(log.wrenches[k].pose_seq == k && log.wrenches[k].raw_force[2] == 0.1 * k);
+    wrench_log_free(&log);
+
+    out = lcm_eventlog_create(path, "w");
+    trocar_needle_wrench_t spoilt = {.raw_torque = {0, NAN, 0}};
+    assert_int_equal(log_write_wrench(out, &spoilt, path, &why), TROCAR_OK);
+    lcm_eventlog_destroy(out);
+    assert_int_equal(wrench_log_read(path, &log, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "event 0 at byte 0: wrench is not finite"));
 }
 
 static void leaves_other_sessions_out(void **state) {
@@ -169,6 +224,9 @@ int main(void) {
         cmocka_unit_test(refuses_damage_and_names_the_place),
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),
+        cmocka_unit_test(leaves_out_what_came_twice_or_late),
+        cmocka_unit_test(a_log_of_other_types_is_told_apart_from_a_damaged_one),
+        cmocka_unit_test(reads_wrenches_that_answer_a_pose),
         cmocka_unit_test(leaves_other_sessions_out),
         cmocka_unit_test(poses_survive_the_message),
     };

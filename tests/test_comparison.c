@@ -1,0 +1,151 @@
+#include "comparison.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+enum { COUNT = 100 };
+
+/* Every second pose is lost; fz is a ramp to -9.9 N. */
+static void make_replay(trocar_needle_wrench_t replayed[COUNT]) {
+    for (int i = 0; i < COUNT; i++)
+        replayed[i] = (trocar_needle_wrench_t){.session = 4, .pose_seq = 2 * i, .pose_utime = 1000000 + 2000 * i, .membrane = -1,
+                                               .raw_force = {0, 0, -0.1 * i}, .raw_torque = {1e-3, 0, 0}};
+}
+
+/* Every fifth wrench of the replay. */
+static wrench_log make_golden(const trocar_needle_wrench_t replayed[COUNT]) {
+    wrench_log golden = {.count = COUNT / 5, .wrenches = calloc(COUNT / 5, sizeof *golden.wrenches)};
+    for (int i = 0; i < golden.count; i++) golden.wrenches[i] = replayed[5 * i];
+    return golden;
+}
+
+typedef struct {
+    trocar_needle_wrench_t replayed[COUNT];
+    wrench_log golden;
+} fixture;
+
+static int set_up(void **state) {
+    fixture *f = calloc(1, sizeof *f);
+    make_replay(f->replayed);
+    f->golden = make_golden(f->replayed);
+    *state = f;
+    return 0;
+}
+
+static int tear_down(void **state) {
+    fixture *f = *state;
+    wrench_log_free(&f->golden);
+    free(f);
+    return 0;
+}
+
+static comparison compare(const fixture *f, double tolerance) {
+    report why;
+    comparison c;
+    assert_int_equal(compare_wrenches(&f->golden, "golden.log", f->replayed, COUNT, tolerance, &c, &why), TROCAR_OK);
+    return c;
+}
+
+static void equal_wrenches_agree_exactly(void **state) {
+    comparison c = compare(*state, 0);
+    assert_int_equal(c.compared, COUNT / 5);
+    assert_int_equal(c.differing, 0);
+    assert_true(c.largest.share == 0);
+}
+
+/* fz rises by 0.1 N from one wrench to the next: 0.15 N off are 0.05 N outside of what lies beside it. */
+static void neighbours_count_and_the_first_difference_is_kept(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[4].raw_force[2] -= 0.09;
+    f->golden.wrenches[7].raw_force[2] -= 0.15;
+    f->golden.wrenches[9].raw_force[2] -= 0.25;
+    comparison c = compare(f, 1e-4);
+    assert_int_equal(c.differing, 2);
+    assert_int_equal(c.first.golden, 7);
+    assert_int_equal(c.first.replayed, 35);
+    assert_int_equal(c.first.component, 2);
+    assert_close(c.first.off, 0.05, 1e-12);
+    assert_close(c.largest.off, 0.15, 1e-12);
+    assert_close(c.largest.share, 0.15 / 9.5, 1e-12);
+    assert_int_equal(compare(f, 0.01).differing, 1);
+    assert_int_equal(compare(f, 0.02).differing, 0);
+}
+
+/* Components that are nearly zero are held to a share of 0.1 N and 2 mN m. */
+static void small_components_have_a_least_peak(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[3].raw_force[0] = 0.9e-3;
+    f->golden.wrenches[3].raw_torque[0] += 18e-6;
+    assert_int_equal(compare(f, 0.01).differing, 0);
+    f->golden.wrenches[3].raw_torque[0] += 4e-6;
+    comparison c = compare(f, 0.01);
+    assert_int_equal(c.differing, 1);
+    assert_int_equal(c.first.component, 3);
+}
+
+static void what_is_not_a_number_differs(void **state) {
+    fixture *f = *state;
+    f->replayed[50].raw_force[1] = NAN;
+    comparison c = compare(f, 1);
+    assert_int_equal(c.differing, 1);
+    assert_int_equal(c.first.golden, 10);
+}
+
+static void rendered_wrenches_do_not_count(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[3].force[0] = 5;
+    assert_int_equal(compare(f, 0).differing, 0);
+}
+
+static void wrenches_of_another_recording_are_refused(void **state) {
+    fixture *f = *state;
+    report why;
+    comparison c;
+    f->golden.wrenches[3].session = 5;
+    assert_int_equal(compare(f, 0).compared, COUNT / 5 - 1);
+    f->golden.wrenches[5].pose_seq++;
+    assert_int_equal(compare_wrenches(&f->golden, "golden.log", f->replayed, COUNT, 0, &c, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "golden.log: a wrench answers pose 51, which was not replayed"));
+    for (int i = 0; i < f->golden.count; i++) f->golden.wrenches[i].session = 5;
+    assert_int_equal(compare_wrenches(&f->golden, "golden.log", f->replayed, COUNT, 0, &c, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "no wrench answers"));
+}
+
+static void print_says_what_differs_where(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[7].raw_force[2] -= 0.15;
+    comparison c = compare(f, 1e-4);
+    char *text;
+    size_t size;
+    FILE *file = open_memstream(&text, &size);
+    comparison_print(&c, &f->golden, "golden.log", f->replayed, file);
+    fclose(file);
+    assert_non_null(strstr(text, "golden.log: 1 of 20 wrenches differ\n"));
+    assert_non_null(strstr(text, "first:   fz off by 0.05 N, 0.53 % of its peak, at 0.070 s, pose 70\n"));
+    assert_non_null(strstr(text, "golden:  fz -3.65 N"));
+    assert_non_null(strstr(text, "replay:  fz -3.5 N"));
+    free(text);
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        TEST(equal_wrenches_agree_exactly),
+        TEST(neighbours_count_and_the_first_difference_is_kept),
+        TEST(small_components_have_a_least_peak),
+        TEST(what_is_not_a_number_differs),
+        TEST(rendered_wrenches_do_not_count),
+        TEST(wrenches_of_another_recording_are_refused),
+        TEST(print_says_what_differs_where),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,21 @@
+# bash completion of trocar's programs: options from --help, values by kind of option.
+_trocar() {
+    local cur prev words cword split
+    _init_completion -s || return
+    case $prev in
+        --scene) _filedir '@(yaml|yml)' ;;
+        --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
+        --poses | --compare | --out | --write-log) _filedir log ;;
+        --csv) _filedir csv ;;
+        --json | --report) _filedir json ;;
+        *)
+            local benchmark=
+            [[ $1 != *trocar-bench || ${words[1]} != [a-z]* || $cword -eq 1 ]] || benchmark=${words[1]}
+            if [[ $cur == -* ]]; then
+                mapfile -t COMPREPLY < <(compgen -W "$(_parse_help "$1" "$benchmark --help")" -- "$cur")
+                [[ ${COMPREPLY[0]-} != *= ]] || compopt -o nospace
+            elif [[ $1 == *trocar-bench && $cword -eq 1 ]]; then
+                mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]*\)    .*/\1/p')" -- "$cur")
+            fi ;;
+    esac
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-bench

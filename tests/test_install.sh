@@ -1,0 +1,79 @@
+#!/bin/bash
+# What is installed, unpacked from the Debian package into a folder of its own: programs, pages, completion; and bridges and
+# planners built against it, outside of the tree.
+# usage: test_install.sh BUILD_DIR SOURCE_DIR
+set -euo pipefail
+build=$1 source=$2 # absolute
+work=$(mktemp -d)
+trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+cd "$work"
+export LC_ALL=C.UTF-8
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+cpack --config "$build/CPackConfig.cmake" -B "$work" -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip >cpack.txt 2>&1 || fail "$(cat cpack.txt)"
+package=$(echo trocar_*.deb)
+dpkg-deb --extract "$package" root
+prefix=$work/root/usr
+
+depends=$(dpkg-deb --field "$package" Depends)
+for library in liblcm1 libgmsh libopenblas0-pthread libcholmod libcyaml; do
+    [[ $depends == *$library* ]] || fail "$library is missing from: $depends"
+done
+for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
+    [ -f "$prefix/$file" ] || fail "no $file"
+done
+! grep -rlF "$build" "$prefix/lib" "$prefix/share" --include=*.cmake --include=*.pc || fail "a path of the build is left"
+
+# Every program says its version, and has a page with its options and a list of completions.
+for path in "$prefix"/bin/*; do
+    program=$(basename "$path")
+    "$path" --version | grep -qE "^$program [0-9.]+$" || fail "$program --version"
+    man -l "$prefix/share/man/man1/$program.1.gz" 2>/dev/null | col -b >page || man -l "$prefix/share/man/man1/$program.1" | col -b >page
+    grep -qE "^ +$program - " page || fail "no name in the page of $program"
+    for option in $("$path" --help | grep -oE '^ .*--[a-z-]+' | grep -oE -- '--[a-z-]+'); do
+        grep -qF -- "$option" page || fail "$program $option is not in its page"
+    done
+    [ -f "$prefix/share/bash-completion/completions/$program" ] || fail "no completion of $program"
+done
+
+# What bash would offer after this line.
+offers() {
+    PATH=$prefix/bin:$PATH bash -c '
+        source /usr/share/bash-completion/bash_completion
+        source "$0"/share/bash-completion/completions/trocar-server
+        COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)) COMP_LINE="$*" COMP_POINT=${#COMP_LINE}
+        compopt() { :; }
+        _trocar "$1" "${!#}" "${@: -2:1}"
+        printf "%s\n" "${COMPREPLY[@]}"' "$prefix" "$@"
+}
+offers trocar-server --sc | grep -q '^--scene=' || fail "trocar-server --sc<TAB>: $(offers trocar-server --sc)"
+offers trocar-device --script fig | grep -qx figure8 || fail "trocar-device --script fig<TAB>: $(offers trocar-device --script fig)"
+offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers trocar-bench t)"
+offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
+touch scene.yaml scene.csv
+[ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
+
+# Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.
+export PKG_CONFIG_PATH=$prefix/lib/pkgconfig
+cp -r "$prefix/share/doc/trocar/examples" bridge
+cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
+cc bridge/bridge_example.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-types) || fail "pkg-config trocar-types"
+cmake -S "$source/tests/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
+planner/planner || fail "the planner: status $?"
+cc "$source/tests/install/planner.c" -o planner/with-pkg-config $(pkg-config --cflags --libs trocar-core trocar-types) || fail "pkg-config trocar-core"
+planner/with-pkg-config || fail "the planner made with pkg-config: status $?"
+
+# The installed server answers the bridge: a recording of both holds wrenches for the bridge's poses.
+netns=$source/scripts/netns
+"$netns" true || { echo "passed, but for the bridge at work: no network namespace here"; exit 0; }
+cat >session <<END
+trap 'kill \$(jobs -p); wait' EXIT
+$prefix/bin/trocar-server --scene $prefix/share/trocar/scenes/figure8.yaml --allow-non-rt >ready &
+until grep -qsx ready ready; do sleep 0.05; kill -0 \$! || exit 1; done
+lcm-logger --quiet --force session.log >logger.txt & sleep 0.3
+timeout 1 bridge/build/bridge || [ \$? -eq 124 ]
+END
+"$netns" bash -eu session || fail "server and bridge: $(cat ready)"
+"$prefix/bin/trocar-replay" --scene "$prefix/share/trocar/scenes/figure8.yaml" --poses session.log --compare session.log
+echo passed

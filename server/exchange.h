@@ -25,8 +25,8 @@ typedef struct {
     int64_t tick;
     int64_t pose_utime;          /* us, of the pose that the tick answers */
     int flags;                   /* as in needle_wrench_t */
-    int64_t wrench_dropped;      /* since start */
-    double snapshot_age;         /* s since the last request, 0 when it is answered */
+    int64_t wrench_dropped, saturated_ticks; /* since start */
+    double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
     insertion_state state;
 } view_sample;
 

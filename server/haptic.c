@@ -65,11 +65,11 @@ static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
 
 /* A pose that names a wrench for the first time ends its round trip. RT */
 static void note_round_trip(haptic *h, const loop_wake *wake, const pose_sample *newest) {
-    h->computed[wake->tick % WRENCHES_REMEMBERED] = wake->now;
+    h->computed[wake->tick % TICKS_REMEMBERED] = wake->now;
     int64_t named = newest->wrench_tick;
-    if (named <= h->felt || named >= wake->tick || wake->tick - named >= WRENCHES_REMEMBERED) return;
+    if (named <= h->felt || named >= wake->tick || wake->tick - named >= TICKS_REMEMBERED) return;
     h->felt = named;
-    int64_t round_trip = newest->received - h->computed[named % WRENCHES_REMEMBERED];
+    int64_t round_trip = newest->received - h->computed[named % TICKS_REMEMBERED];
     ring_push(&h->exchange->round_trips, &round_trip);
 }
 
@@ -92,8 +92,14 @@ static void ask_worker(haptic *h, int64_t now) {
     sample->request = h->state->request;
     newest_publish(&h->exchange->requests);
     wake(h->exchange->worker_wake);
-    h->posted = sample->request.serial;
-    h->posted_at = now;
+    while (h->posted < sample->request.serial) h->asked[++h->posted % TICKS_REMEMBERED] = now;
+}
+
+/* Seconds since the oldest request that is not answered yet, 0 if all are. RT */
+static double snapshot_age(const haptic *h, int64_t now, uint64_t answered) {
+    if (answered == h->posted) return 0.0;
+    uint64_t waiting = h->posted - answered < TICKS_REMEMBERED ? answered : h->posted; /* or the oldest remembered */
+    return 1e-9 * (double)(now - h->asked[(waiting + 1) % TICKS_REMEMBERED]);
 }
 
 /* Shows the state to telemetry, VIEW_HZ times a second, once there is one. RT */
@@ -105,7 +111,8 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     view->pose_utime = message->pose_utime;
     view->flags = message->flags;
     view->wrench_dropped = h->wrench_dropped;
-    view->snapshot_age = answered == h->posted ? 0.0 : 1e-9 * (double)(wake->now - h->posted_at);
+    view->saturated_ticks = h->saturated_ticks;
+    view->snapshot_age = snapshot_age(h, wake->now, answered);
     view->state = *h->state;
     newest_publish(&h->exchange->views);
 }
@@ -128,6 +135,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     vec3 force = raw.force, torque = raw.torque;
     message.flags = h->flags | flags_of(raw.events)
                   | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
+    h->saturated_ticks += (message.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
     store(force, message.force);
     store(torque, message.torque);
     send_wrench(h, &message);

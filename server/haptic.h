@@ -6,7 +6,7 @@
 #include "guard.h"
 #include "loop.h"
 
-enum { WRENCHES_REMEMBERED = 1024 }; /* a second's at 1 kHz: the longest round trip that is measured */
+enum { TICKS_REMEMBERED = 1024 }; /* a second at 1 kHz: the longest round trip and age of a snapshot that are measured */
 
 typedef struct {
     const insertion_model *model;
@@ -20,10 +20,10 @@ typedef struct {
     insertion_state *state;      /* all below: the haptic thread's own */
     guard guard;
     uint64_t posted;             /* serial of the last request handed to the worker */
-    int64_t posted_at;           /* ns */
-    int64_t wrench_dropped;
+    int64_t asked[TICKS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
+    int64_t wrench_dropped, saturated_ticks; /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick */
-    int64_t computed[WRENCHES_REMEMBERED]; /* ns, when the tick of this number (modulo) began */
+    int64_t computed[TICKS_REMEMBERED]; /* ns, when the tick of this number (modulo) began */
     int64_t felt;                /* tick of the newest wrench that a pose has named */
 } haptic;
 

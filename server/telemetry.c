@@ -116,6 +116,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
         .poses_old = in->counts[POSE_OLD], .commands_refused = in->commands_refused,
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
+        .saturated_ticks = view->saturated_ticks,
         .scene = (char *)(uintptr_t)t->scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }

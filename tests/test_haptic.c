@@ -141,6 +141,21 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
 }
 
+static void the_age_is_that_of_the_oldest_open_request(void **state) {
+    fixture *f = *state;
+    push(f, 10);
+    uint64_t posted = f->haptic.posted;
+    int64_t opened = 0;
+    for (int i = 0; i < 400; i++) {
+        put_pose(f, 1, 1000 + i, -0.195 + 0.05e-3 * i);
+        tick(f, NULL);
+        if (opened == 0 && f->haptic.posted > posted) opened = f->tick - 1;
+    }
+    const view_sample *view = newest_read(&f->exchange.views, NULL);
+    assert_true(opened > 0 && view->tick > opened + 100);
+    assert_true(fabs(view->snapshot_age - 1e-3 * (double)(view->tick - opened)) < 1e-9);
+}
+
 static void silence_ramps_to_zero_and_is_flagged(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
@@ -218,6 +233,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(before_the_first_pose_a_zero_wrench_goes_out, begin, end),
         cmocka_unit_test_setup_teardown(a_wrench_echoes_the_pose_that_it_answers, begin, end),
         cmocka_unit_test_setup_teardown(the_needle_is_pushed_back_and_the_worker_asked, begin, end),
+        cmocka_unit_test_setup_teardown(the_age_is_that_of_the_oldest_open_request, begin, end),
         cmocka_unit_test_setup_teardown(silence_ramps_to_zero_and_is_flagged, begin, end),
         cmocka_unit_test_setup_teardown(a_full_ring_drops_and_counts, begin, end),
         cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),

@@ -1,0 +1,579 @@
+/* Every fault that a server must survive, injected into a running one: a child process with all its threads on a real
+   network, a client that sends it poses and checks each wrench, status and timing before, during and after the fault.
+   Run in a private network namespace (end_to_end.cmake).
+
+   Faults that no message can cause come in through functions that the linker puts around the server's own (--wrap). */
+#define _GNU_SOURCE
+#include <arpa/inet.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#include <lcm/lcm.h>
+
+#include "insertion.h"
+#include "scene.h"
+#include "server.h"
+#include "timing.h"
+#include "trocar_command_t.h"
+#include "trocar_loop_timing_t.h"
+#include "trocar_needle_pose_t.h"
+#include "trocar_needle_wrench_t.h"
+#include "trocar_status_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#define SCENE MESHES "/figure8.yaml"
+#define FLAG(name) TROCAR_NEEDLE_WRENCH_T_##name
+
+/* ---- faults inside the server ----------------------------------------------------------------------------------------- */
+
+/* Shared by the client and the server. */
+typedef struct {
+    atomic_bool ready;
+    atomic_llong wall_offset;        /* us, added to the wall clock */
+    atomic_int worker_nap;           /* ms, that each request takes longer */
+    atomic_int tick_nap;             /* us, that each tick takes longer */
+    _Atomic double spike;            /* N along x, added to the model's force */
+} injected;
+
+static injected *fault;
+
+int __real_clock_gettime(clockid_t clock, struct timespec *t);
+int __wrap_clock_gettime(clockid_t clock, struct timespec *t);
+int __wrap_clock_gettime(clockid_t clock, struct timespec *t) {
+    int result = __real_clock_gettime(clock, t);
+    if (clock == CLOCK_REALTIME && fault != NULL) t->tv_sec += atomic_load(&fault->wall_offset) / 1000000;
+    return result;
+}
+
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    int nap = atomic_load(&fault->worker_nap);
+    if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
+    return __real_remesher_serve(r, request, snapshot, why);
+}
+
+void __real_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
+void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
+void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
+                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
+    __real_insertion_tick(model, state, scratch, snapshot, base, dt, wrench);
+    wrench->force.x += atomic_load(&fault->spike);
+    int nap = atomic_load(&fault->tick_nap);
+    if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
+}
+
+/* ---- the server --------------------------------------------------------------------------------------------------------- */
+
+static int stop_wake;
+
+static void on_stop(int signal) {
+    (void)signal;
+    eventfd_write(stop_wake, 1);
+}
+
+static void say_ready(void) { atomic_store(&fault->ready, true); }
+
+static int run_server(void) {
+    server_options options = {.scene_path = SCENE, .allow_non_rt = true};
+    report why;
+    server *s;
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    stop_wake = eventfd(0, EFD_NONBLOCK);
+    signal(SIGTERM, on_stop);
+    trocar_status status = server_create(&options, &s, &why);
+    if (status == TROCAR_OK) {
+        status = server_run(s, stop_wake, say_ready, &why);
+        server_free(s);
+    }
+    if (status != TROCAR_OK) fprintf(stderr, "server: %s\n", why.text);
+    return status == TROCAR_OK ? 0 : 1;
+}
+
+/* ---- the client --------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    pid_t server;
+    guard_limits limits;             /* of the scene */
+    lcm_t *lcm;
+    trocar_needle_wrench_t_subscription_t *wrench_subscription;
+    trocar_status_t_subscription_t *status_subscription;
+    trocar_loop_timing_t_subscription_t *timing_subscription;
+    int64_t session, seq;
+    pose base;
+    bool sends;                      /* a pose each millisecond */
+    trocar_needle_wrench_t wrench;   /* newest */
+    trocar_status_t *status;
+    trocar_loop_timing_t timing;
+    int64_t wrenches;
+    double oldest_snapshot;          /* s, since watch() */
+    int seen, always;                /* flags that any wrench had since watch(), that all had */
+    double least, most;              /* N, norm of the force since watch() */
+} client;
+
+static double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+static double force_of(const client *c) { return norm3(c->wrench.force); }
+
+/* Whatever the fault: numbers, within the device's limits, from tick to tick too. */
+static void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
+    double step[3], turn[3];
+    for (int a = 0; a < 3; a++) {
+        assert_true(isfinite(w->force[a]) && isfinite(w->torque[a]));
+        step[a] = w->force[a] - c->wrench.force[a];
+        turn[a] = w->torque[a] - c->wrench.torque[a];
+    }
+    assert_true(norm3(w->force) <= c->limits.max_force + 1e-9 && norm3(w->torque) <= c->limits.max_torque + 1e-9);
+    if (c->wrenches == 0 || w->tick != c->wrench.tick + 1) return;
+    assert_true(norm3(step) <= 1e-3 * c->limits.max_force_rate + 1e-9);
+    assert_true(norm3(turn) <= 1e-3 * c->limits.max_torque_rate + 1e-9);
+}
+
+static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar_needle_wrench_t *w, void *context) {
+    (void)b, (void)channel;
+    client *c = context;
+    check_wrench(c, w);
+    c->wrench = *w;
+    c->wrenches++;
+    c->seen |= w->flags;
+    c->always &= w->flags;
+    c->least = fmin(c->least, force_of(c));
+    c->most = fmax(c->most, force_of(c));
+}
+
+static void on_status(const lcm_recv_buf_t *b, const char *channel, const trocar_status_t *s, void *context) {
+    (void)b, (void)channel;
+    client *c = context;
+    if (c->status != NULL) trocar_status_t_destroy(c->status);
+    c->status = trocar_status_t_copy(s);
+}
+
+static void on_timing(const lcm_recv_buf_t *b, const char *channel, const trocar_loop_timing_t *t, void *context) {
+    (void)b, (void)channel;
+    client *c = context;
+    c->timing = *t;
+    c->oldest_snapshot = fmax(c->oldest_snapshot, t->snapshot_age);
+}
+
+/* Forgets what the wrenches were like so far. */
+static void watch(client *c) {
+    c->seen = 0;
+    c->always = -1;
+    c->least = INFINITY;
+    c->most = c->oldest_snapshot = 0.0;
+}
+
+static trocar_needle_pose_t next_pose(client *c) {
+    const pose *p = &c->base;
+    return (trocar_needle_pose_t){
+        .utime = wall_us(), .session = c->session, .seq = ++c->seq, .wrench_tick = c->wrench.tick,
+        .position = {p->position.x, p->position.y, p->position.z},
+        .orientation = {p->orientation.w, p->orientation.x, p->orientation.y, p->orientation.z}};
+}
+
+static void publish_pose(client *c, const trocar_needle_pose_t *m) { trocar_needle_pose_t_publish(c->lcm, "TROCAR_POSE", m); }
+
+/* One millisecond. */
+static void step(client *c) {
+    static int64_t due;
+    int64_t now = monotonic_ns();
+    due = due + 1000000 > now ? due + 1000000 : now;
+    sleep_until(due);
+    if (c->sends) {
+        trocar_needle_pose_t m = next_pose(c);
+        publish_pose(c, &m);
+    }
+    while (lcm_handle_timeout(c->lcm, 0) > 0) continue;
+}
+
+static void pass(client *c, double seconds) {
+    for (int64_t end = monotonic_ns() + (int64_t)(1e9 * seconds); monotonic_ns() < end;) step(c);
+}
+
+/* Until the condition holds; fails after five seconds. */
+#define PASS_UNTIL(c, condition)                                                                        \
+    do {                                                                                                \
+        for (int64_t end_ = monotonic_ns() + 5000000000; !(condition); step(c))                         \
+            if (monotonic_ns() > end_) fail_msg("not in 5 s: %s (flags %d)", #condition, (c)->wrench.flags); \
+    } while (0)
+
+static void command(client *c, int64_t session, int what) {
+    trocar_command_t m = {.utime = wall_us(), .session = session, .command = what};
+    trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
+}
+
+/* Speed is checked unless the server is instrumented. */
+static bool in_time(void) {
+    const char *wanted = getenv("TROCAR_CHECK_TIMING");
+    return wanted == NULL || strcmp(wanted, "no") != 0;
+}
+
+/* The next status and timing that tell of what has happened up to now. */
+static void hear_news(client *c) {
+    pass(c, 0.25);
+    assert_non_null(c->status);
+}
+
+static int faulty_flags(const client *c) { return c->wrench.flags & ~FLAG(NOT_REALTIME); }
+
+/* A needle 20 mm deep at rest, its full force in the hand: how each test begins and, the fault gone, ends. */
+static void expect_health(client *c) {
+    PASS_UNTIL(c, faulty_flags(c) == 0 && c->wrench.pose_seq > 0 && force_of(c) > 0.2);
+    int64_t ticks = c->wrench.tick, start = monotonic_ns();
+    pass(c, 0.2);
+    double rate = 1e9 * (double)(c->wrench.tick - ticks) / (double)(monotonic_ns() - start);
+    if (in_time()) assert_true(rate > 0.7 * c->timing.rate_hz);
+    PASS_UNTIL(c, faulty_flags(c) == 0);
+    assert_true(fabs(norm3(c->wrench.raw_force) - force_of(c)) < 1e-9);
+}
+
+static int insert(void **state) {
+    client *c = *state;
+    c->sends = true;
+    c->base = (pose){v3(0.005, 0.003, -0.201), {1, 0, 0, 0}};
+    command(c, c->session, TROCAR_COMMAND_T_RESET);
+    pass(c, 0.05);
+    for (int i = 0; i < 210; i++) {
+        c->base.position.z += 0.1e-3;
+        step(c);
+    }
+    expect_health(c);
+    watch(c);
+    return 0;
+}
+
+static int mend(void **state) {
+    (void)state;
+    atomic_store(&fault->worker_nap, 0);
+    atomic_store(&fault->tick_nap, 0);
+    atomic_store(&fault->spike, 0.0);
+    return 0;
+}
+
+/* ---- the table ---------------------------------------------------------------------------------------------------------- */
+
+static void silence_holds_ramps_and_returns_by_a_ramp(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    c->sends = false;
+    PASS_UNTIL(c, c->wrench.flags & FLAG(STALE));
+    int64_t tick = c->wrench.tick;
+    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* held so far */
+    PASS_UNTIL(c, force_of(c) == 0.0);
+    assert_in_range(c->wrench.tick - tick, 1, 1e3 * c->limits.ramp_time + 5);
+    assert_true(norm3(c->wrench.raw_force) > 0.5 * force); /* the model's own stays visible */
+    pass(c, 0.1);
+    assert_true(force_of(c) == 0.0 && c->wrench.flags & FLAG(STALE));
+
+    c->sends = true;
+    PASS_UNTIL(c, force_of(c) > 0.0);
+    assert_true(force_of(c) < 0.2 * force && c->wrench.flags & FLAG(RAMPING));
+    expect_health(c);
+    assert_true(fabs(force_of(c) - force) < 0.1 * force);
+}
+
+static void spoil(trocar_needle_pose_t *m, int kind) {
+    if (kind == 0) m->position[1] = NAN;
+    else if (kind == 1) m->orientation[2] = INFINITY;
+    else if (kind == 2) m->orientation[0] = 0.5;
+    else m->position[0] += 1.0; /* a metre in a millisecond */
+}
+
+static void send_spoiled(client *c, int kind) {
+    trocar_needle_pose_t m = next_pose(c);
+    spoil(&m, kind);
+    publish_pose(c, &m);
+}
+
+static void impossible_poses_are_refused_and_counted(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    hear_news(c);
+    trocar_status_t before = *c->status;
+    watch(c);
+    for (int i = 0; i < 400; i++) {
+        send_spoiled(c, i % 4);
+        step(c);
+    }
+    assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
+    assert_int_equal(c->seen & ~FLAG(NOT_REALTIME) & ~FLAG(STALE) & ~FLAG(RAMPING), 0);
+    hear_news(c);
+    assert_int_equal(c->status->poses_not_finite - before.poses_not_finite, 200);
+    assert_int_equal(c->status->poses_not_unit - before.poses_not_unit, 100);
+    assert_int_equal(c->status->poses_jumped - before.poses_jumped, 100);
+    assert_non_null(strstr(c->status->message, "faster than the scene's limits"));
+
+    c->sends = false; /* nothing but bad ones: as good as none */
+    for (int i = 0; i < 1000 && force_of(c) > 0.0; i++) {
+        send_spoiled(c, i % 3);
+        step(c);
+    }
+    assert_true(force_of(c) == 0.0 && c->wrench.flags & FLAG(STALE));
+    c->sends = true;
+    expect_health(c);
+}
+
+static void a_spike_is_clamped_and_flagged(void **state) {
+    client *c = *state;
+    int64_t tick = c->wrench.tick;
+    atomic_store(&fault->spike, 500.0);
+    PASS_UNTIL(c, force_of(c) > 0.99 * c->limits.max_force);
+    assert_true(c->wrench.tick - tick >= 8); /* 20 N at 2 N a tick */
+    assert_true(c->wrench.flags & FLAG(SATURATED));
+    assert_true(c->wrench.raw_force[0] > 400.0);
+    assert_true(c->wrench.force[0] > 0.99 * c->limits.max_force);
+    hear_news(c);
+    assert_true(c->status->saturated_ticks > 100);
+    atomic_store(&fault->spike, 0.0);
+    expect_health(c);
+}
+
+static void a_wrench_that_is_no_number_stays_inside(void **state) {
+    client *c = *state;
+    atomic_store(&fault->spike, (double)NAN);
+    PASS_UNTIL(c, force_of(c) == 0.0);
+    assert_true(c->wrench.flags & FLAG(UNSTABLE) && isnan(c->wrench.raw_force[0]));
+    pass(c, 0.1);
+    assert_true(force_of(c) == 0.0);
+    atomic_store(&fault->spike, 0.0);
+    expect_health(c);
+}
+
+static uint32_t draw(void) {
+    static uint32_t state = 2463534242u; /* xorshift: Marsaglia 2003 */
+    state ^= state << 13;
+    state ^= state >> 17;
+    return state ^= state << 5;
+}
+
+/* Too short, too long, of another type, or noise. */
+static void publish_malformed(client *c, const char *channel) {
+    uint8_t bytes[2048];
+    unsigned size = draw() % sizeof bytes;
+    for (unsigned i = 0; i < size; i++) bytes[i] = (uint8_t)draw();
+    lcm_publish(c->lcm, channel, bytes, size);
+}
+
+/* Datagrams on LCM's port that no LCM library has sent: no magic number, or one with noise behind it. Fragments stay
+   out: LCM 1.3.1 dies of a crafted one, which is why its network must be private (README). */
+static void send_datagrams(int count) {
+    int s = socket(AF_INET, SOCK_DGRAM, 0);
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
+    for (int i = 0; i < count; i++) {
+        uint8_t bytes[512];
+        size_t size = draw() % sizeof bytes;
+        for (size_t k = 0; k < size; k++) bytes[k] = (uint8_t)draw();
+        if (i % 2) memcpy(bytes, "LC02", 4);
+        else bytes[0] = 0;
+        sendto(s, bytes, size, 0, (struct sockaddr *)&to, sizeof to);
+    }
+    close(s);
+}
+
+static void malformed_messages_are_dropped_and_counted(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    hear_news(c);
+    trocar_status_t before = *c->status;
+    watch(c);
+    for (int i = 0; i < 300; i++) {
+        publish_malformed(c, "TROCAR_POSE");
+        publish_malformed(c, "TROCAR_COMMAND");
+        send_datagrams(2);
+        step(c);
+    }
+    assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
+    hear_news(c);
+    assert_int_equal(c->status->poses_malformed - before.poses_malformed, 300);
+    assert_int_equal(c->status->commands_refused - before.commands_refused, 300);
+    expect_health(c);
+}
+
+static void a_flood_does_not_touch_the_loop(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    hear_news(c);
+    trocar_status_t before = *c->status;
+    trocar_loop_timing_t calm = c->timing;
+    watch(c);
+    int64_t sent = 0;
+    for (int64_t end = monotonic_ns() + 1000000000; monotonic_ns() < end; step(c)) {
+        for (int i = 0; i < 20; i++, sent++) publish_malformed(c, "TROCAR_POSE");
+    }
+    trocar_loop_timing_t busy = c->timing;
+    assert_true(busy.ticks > calm.ticks);
+    if (in_time()) {
+        assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
+        assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
+    }
+    assert_true(c->most < 1.1 * force); /* poses may be crowded out, no force may come of it */
+    hear_news(c);
+    int64_t counted = c->status->poses_malformed - before.poses_malformed;
+    assert_true(counted > 100 && counted <= sent);
+    expect_health(c);
+}
+
+static void a_second_client_is_refused_and_told(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    hear_news(c);
+    trocar_status_t before = *c->status;
+    watch(c);
+    for (int i = 0; i < 200; i++) {
+        trocar_needle_pose_t m = next_pose(c);
+        c->seq--;
+        m.session = c->session + 1;
+        m.position[2] += 0.05;
+        publish_pose(c, &m);
+        step(c);
+    }
+    command(c, c->session + 1, TROCAR_COMMAND_T_RESET);
+    command(c, c->session + 1, TROCAR_COMMAND_T_RELEASE);
+    assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
+    hear_news(c);
+    assert_int_equal(c->status->owner, c->session);
+    assert_int_equal(c->wrench.session, c->session);
+    assert_int_equal(c->status->poses_refused - before.poses_refused, 200);
+    assert_int_equal(c->status->commands_refused - before.commands_refused, 2);
+    assert_non_null(strstr(c->status->message, "another session holds the needle"));
+    expect_health(c);
+    assert_true(fabs(force_of(c) - force) < 0.1 * force);
+}
+
+static void old_and_repeated_poses_are_refused(void **state) {
+    client *c = *state;
+    hear_news(c);
+    int64_t before = c->status->poses_old;
+    for (int i = 0; i < 200; i++) {
+        step(c);
+        trocar_needle_pose_t m = next_pose(c);
+        m.seq = --c->seq - i % 3;
+        m.position[0] += 1e-4;
+        publish_pose(c, &m);
+    }
+    hear_news(c);
+    assert_int_equal(c->status->poses_old - before, 200);
+    assert_non_null(strstr(c->status->message, "came before"));
+    expect_health(c);
+}
+
+static void wall_clocks_may_jump(void **state) {
+    client *c = *state;
+    double force = force_of(c);
+    static const long long jumps[] = {3600, -86400, 0}; /* s */
+    for (size_t i = 0; i < sizeof jumps / sizeof *jumps; i++) {
+        int64_t utime = c->wrench.utime, now = monotonic_ns();
+        long long before = atomic_load(&fault->wall_offset);
+        atomic_store(&fault->wall_offset, 1000000 * jumps[i]);
+        pass(c, 0.2);
+        double moved = 1e-6 * (double)(c->wrench.utime - utime) - 1e-9 * (double)(monotonic_ns() - now);
+        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* it did jump */
+    }
+    hear_news(c);
+    assert_int_equal(c->seen & (FLAG(SATURATED) | FLAG(UNSTABLE) | FLAG(OVERRUN)), 0);
+    assert_true(c->most < 1.1 * force);
+    assert_true(c->status->pose_age < 1.0 && c->timing.round_trip_max < 1.0);
+    expect_health(c);
+}
+
+static void a_late_worker_does_not_stop_the_loop(void **state) {
+    client *c = *state;
+    hear_news(c);
+    int64_t misses = c->timing.misses, ticks = c->timing.ticks;
+    atomic_store(&fault->worker_nap, 400);
+    for (int i = 0; i < 700; i++) {
+        c->base.position.z += 0.05e-3;
+        step(c);
+    }
+    assert_true(c->seen & FLAG(LATE_WORKER));
+    assert_true(c->oldest_snapshot > 0.3);
+    assert_int_equal(c->seen & FLAG(OVERRUN), 0);
+    assert_true(c->timing.ticks > ticks);
+    if (in_time()) assert_true(c->timing.misses - misses < 100);
+    atomic_store(&fault->worker_nap, 0);
+    expect_health(c);
+}
+
+static void overruns_in_a_row_ramp_down(void **state) {
+    client *c = *state;
+    hear_news(c);
+    int64_t misses = c->timing.misses;
+    atomic_store(&fault->tick_nap, 2500);
+    PASS_UNTIL(c, c->wrench.flags & FLAG(OVERRUN) && force_of(c) == 0.0);
+    hear_news(c);
+    assert_true(c->timing.misses - misses > 40);
+    assert_true(c->timing.compute_p50 > 2e-3);
+    atomic_store(&fault->tick_nap, 0);
+    expect_health(c);
+}
+
+/* ---- start and end ------------------------------------------------------------------------------------------------------ */
+
+static int start(void **state) {
+    static client c = {.session = 77};
+    scene s;
+    report why;
+    fault = mmap(NULL, sizeof *fault, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (scene_load(SCENE, &s, &why) != TROCAR_OK) return -1;
+    c.limits = s.guard;
+    c.server = fork();
+    if (c.server == 0) _exit(run_server());
+    for (int i = 0; i < 1000 && !atomic_load(&fault->ready); i++) usleep(20000);
+    if (!atomic_load(&fault->ready)) return -1;
+
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* where it is allowed */
+    c.lcm = lcm_create(NULL);
+    if (c.lcm == NULL) return -1;
+    c.wrench_subscription = trocar_needle_wrench_t_subscribe(c.lcm, "TROCAR_WRENCH", on_wrench, &c);
+    c.status_subscription = trocar_status_t_subscribe(c.lcm, "TROCAR_STATUS", on_status, &c);
+    c.timing_subscription = trocar_loop_timing_t_subscribe(c.lcm, "TROCAR_TIMING", on_timing, &c);
+    *state = &c;
+    return 0;
+}
+
+/* After all that it still ends as it should, the wrench ramped to zero. */
+static int stop(void **state) {
+    client *c = *state;
+    int status = 0;
+    if (kill(c->server, SIGTERM) != 0) return -1;
+    for (int i = 0; i < 2000 && waitpid(c->server, &status, WNOHANG) == 0; i++) step(c);
+    bool at_rest = force_of(c) == 0.0;
+    trocar_needle_wrench_t_unsubscribe(c->lcm, c->wrench_subscription);
+    trocar_status_t_unsubscribe(c->lcm, c->status_subscription);
+    trocar_loop_timing_t_unsubscribe(c->lcm, c->timing_subscription);
+    lcm_destroy(c->lcm);
+    trocar_status_t_destroy(c->status);
+    return WIFEXITED(status) && WEXITSTATUS(status) == 0 && at_rest ? 0 : -1;
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(silence_holds_ramps_and_returns_by_a_ramp, insert, mend),
+        cmocka_unit_test_setup_teardown(impossible_poses_are_refused_and_counted, insert, mend),
+        cmocka_unit_test_setup_teardown(a_spike_is_clamped_and_flagged, insert, mend),
+        cmocka_unit_test_setup_teardown(a_wrench_that_is_no_number_stays_inside, insert, mend),
+        cmocka_unit_test_setup_teardown(malformed_messages_are_dropped_and_counted, insert, mend),
+        cmocka_unit_test_setup_teardown(a_flood_does_not_touch_the_loop, insert, mend),
+        cmocka_unit_test_setup_teardown(a_second_client_is_refused_and_told, insert, mend),
+        cmocka_unit_test_setup_teardown(old_and_repeated_poses_are_refused, insert, mend),
+        cmocka_unit_test_setup_teardown(wall_clocks_may_jump, insert, mend),
+        cmocka_unit_test_setup_teardown(a_late_worker_does_not_stop_the_loop, insert, mend),
+        cmocka_unit_test_setup_teardown(overruns_in_a_row_ramp_down, insert, mend),
+    };
+    return cmocka_run_group_tests(tests, start, stop);
+}

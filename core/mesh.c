@@ -45,11 +45,16 @@ static void weights_of(const vec3 corners[4], const vec3 gradients[4], vec3 x, d
     weights[0] = 1.0 - (weights[1] + weights[2] + weights[3]);
 }
 
-void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]) {
-    vec3 corners[4], gradients[4];
-    corners_of(m, tet, corners);
+void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]) {
+    vec3 gradients[4];
     tet_gradients(corners, gradients);
     weights_of(corners, gradients, x, weights);
+}
+
+void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]) {
+    vec3 corners[4];
+    corners_of(m, tet, corners);
+    tet_barycentric(corners, x, weights);
 }
 
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
@@ -59,10 +64,9 @@ vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
 }
 
 /* The weight of vertex i falls at a constant rate along d and reaches zero on face i. */
-int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
-    vec3 corners[4], gradients[4];
+int tet_exit(const vec3 corners[4], vec3 x, vec3 d, double *distance) {
+    vec3 gradients[4];
     double weights[4];
-    corners_of(m, tet, corners);
     tet_gradients(corners, gradients);
     weights_of(corners, gradients, x, weights);
     int exit = -1;
@@ -79,6 +83,36 @@ int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     }
     if (exit >= 0) *distance = nearest;
     return exit;
+}
+
+int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
+    vec3 corners[4];
+    corners_of(m, tet, corners);
+    return tet_exit(corners, x, d, distance);
+}
+
+/* ---- around a node ---- */
+
+static int corner_of(const mesh *m, int tet, int node) {
+    for (int i = 0; i < 4; i++)
+        if (m->tets[tet][i] == node) return i;
+    return -1;
+}
+
+int mesh_around(const mesh *m, int node, int start, int *tets, int most) {
+    int count = 0;
+    if (most < 1) return -1;
+    tets[count++] = start;
+    for (int next = 0; next < count; next++)
+        for (int i = 0; i < 4; i++) {
+            int other = m->neighbours[tets[next]][i];
+            bool known = other < 0 || corner_of(m, other, node) < 0;
+            for (int k = 0; k < count && !known; k++) known = tets[k] == other;
+            if (known) continue;
+            if (count == most) return -1;
+            tets[count++] = other;
+        }
+    return count;
 }
 
 /* ---- finding the element of a point ---- */
@@ -345,6 +379,18 @@ static trocar_status mark_surfaces(mesh *m, const face_record *faces, int triang
     return TROCAR_OK;
 }
 
+/* Nodes that the shape of the anatomy depends on. */
+static void mark_anatomy(mesh *m) {
+    for (int t = 0; t < m->tet_count; t++)
+        for (int i = 0; i < 4; i++) {
+            int other = m->neighbours[t][i];
+            if (other >= 0 && m->region[other] == m->region[t] && m->face_groups[t][i] == 0) continue;
+            for (int k = 0; k < 3; k++) m->anatomical[m->tets[t][FACE[i][k]]] = true;
+        }
+    for (int g = 0; g < m->group_count; g++)
+        for (int k = 0; k < m->groups[g].node_count && m->groups[g].dimension < 3; k++) m->anatomical[m->groups[g].nodes[k]] = true;
+}
+
 static void collect_boundary(mesh *m) {
     int b = 0;
     for (int t = 0; t < m->tet_count; t++)
@@ -425,6 +471,7 @@ static trocar_status join_faces(mesh *m, int triangle_count, const int (*triangl
     if (!faces) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d tetrahedra", name, m->tet_count);
     trocar_status status = join_neighbours(m, faces, name, why);
     if (status == TROCAR_OK) status = mark_surfaces(m, faces, triangle_count, triangles, triangle_group, name, why);
+    if (status == TROCAR_OK) mark_anatomy(m);
     free(faces);
     return status;
 }
@@ -446,7 +493,8 @@ trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3]
     m->neighbours = malloc(m->tet_count * sizeof *m->neighbours);
     m->face_groups = calloc(m->tet_count, sizeof *m->face_groups);
     m->node_size = calloc(m->node_count, sizeof *m->node_size);
-    if (!m->neighbours || !m->face_groups || !m->node_size)
+    m->anatomical = calloc(m->node_count, sizeof *m->anatomical);
+    if (!m->neighbours || !m->face_groups || !m->node_size || !m->anatomical)
         return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d tetrahedra", name, m->tet_count);
     m->boundary_count = 0;
     trocar_status status = check_nodes(m, name, why);
@@ -468,6 +516,7 @@ void mesh_free(mesh *m) {
     free(m->bvh);
     free(m->bvh_order);
     free(m->node_size);
+    free(m->anatomical);
     memset(m, 0, sizeof *m);
 }
 

@@ -44,6 +44,7 @@ typedef struct {
     bvh_node *bvh;           /* tree over `boundary` */
     int *bvh_order;          /* boundary_count */
     double *node_size;       /* node_count: mean edge of the ideal tets around the node, m (continuous over faces) */
+    bool *anatomical;        /* node_count: on the outer surface, between regions, or of a named surface, line or point */
 } mesh;
 
 /* Reads any format that Gmsh reads (the only function that knows Gmsh); checks nodes, tets, orientation and
@@ -63,6 +64,12 @@ int mesh_find_group(const mesh *m, const char *name, int dimension);
 
 /* Barycentric weights of x in tet t: they sum to 1, all >= 0 inside. */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
+
+/* The same in any tetrahedron. */
+void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
+
+/* The tetrahedra around a node of tet `start`, found from neighbour to neighbour. Returns how many, or -1 if more than `most`. */
+int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
@@ -85,5 +92,8 @@ int mesh_locate(const mesh *m, vec3 x, int start);
 /* Leaving tet `t` from inside point x along direction d: the face first reached (>= 0) and the distance in units of d;
    -1 if d is zero. A start slightly outside a face counts as on it. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
+
+/* The same in any tetrahedron. */
+int tet_exit(const vec3 corners[4], vec3 x, vec3 d, double *distance);
 
 #endif

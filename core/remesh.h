@@ -19,8 +19,8 @@ typedef struct {
     int window[MAX_WINDOW];  /* nominal nodes */
 } remesh_request;
 
-/* The answer: the inverse of the refined stiffness matrix between handles. Added node i is handle i, window entry k is
-   handle MAX_CONTACTS + k. Immutable once handed over. */
+/* The answer: the inverse of the refined stiffness matrix between handles. Contact node i is handle i, window entry k is
+   handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
 typedef struct {
     uint64_t serial;         /* of the request that it answers; 0: none yet */
     int added_count;
@@ -29,22 +29,33 @@ typedef struct {
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
 } compliance_snapshot;
 
+/* How the inverse follows the changes of the mesh. The first two form rows at the handles only, whatever the mesh's size; the
+   others update the full dense inverse. All take every kind of contact node, but for nested, which moves none. */
 typedef enum {
-    REMESH_NESTED,           /* bordered rank-3 form, rows at the handles only: independent of the mesh size */
-    REMESH_WOODBURY,         /* the paper's eq. 4 on the full dense inverse */
+    REMESH_NESTED,           /* bordered rank-3 form */
+    REMESH_IMPLICIT,         /* low-rank factors of the nodes touched, never multiplied out */
+    REMESH_WOODBURY,         /* the paper's eq. 4 in one triangle */
+    REMESH_WOODBURY_GENERAL, /* the same in the full matrix */
+    REMESH_BCS,              /* the paper's eq. 3, boundary-condition switches one by one */
+    REMESH_BCS_BLOCKED,      /* the same, all switches of a patch at once */
+    REMESH_METHODS,
 } remesh_method;
 
 typedef struct remesher remesher;
+
+bool remesh_needs_dense(remesh_method method);
+const char *remesh_name(remesh_method method);
 
 /* `inv` must outlive it. BAD_INPUT when the method needs a dense inverse that `inv` does not keep. */
 trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why);
 void remesher_free(remesher *r);
 
-/* Brings the refined mesh to what is wanted (removals, then additions) and fills the snapshot. Worker's side; allocates nothing. */
+/* Brings the refined mesh to what is wanted (removals from the end, then the new nodes in order) and fills the snapshot.
+   Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
-   the snapshot answers another request. Nested: to the bit. Woodbury: to rounding, as the dense inverse is updated again. */
+   the snapshot answers another request. Nested: to the bit. The others: to rounding. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why);
 
 #endif

@@ -81,7 +81,7 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 static trocar_status build_inverse(simulation *s, report *why) {
     double dense_bytes = 8.0 * s->tissue.dof_count * s->tissue.dof_count;
-    bool dense = s->config.inverse == INVERSE_DENSE || s->config.remeshing == REMESH_WOODBURY
+    bool dense = s->config.inverse == INVERSE_DENSE || remesh_needs_dense(s->config.remeshing)
               || (s->config.inverse == INVERSE_AUTO && dense_bytes < 1e9);
     return dense ? inverse_create_dense(&s->tissue, &s->inverse, why) : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
 }

@@ -210,9 +210,10 @@ static int take_word(checker *c, const char *key, const char *text, const char *
 
 static void take_methods(checker *c, const scene_text *text, simulation_config *s) {
     enter_section(c, "%s", "");
-    static const char *const remeshing[] = {"nested", "woodbury", NULL}, *const inverses[] = {"auto", "dense", "sparse", NULL},
+    static const char *const remeshing[] = {"nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked", NULL}, *const inverses[] = {"auto", "dense", "sparse", NULL},
                       *const strains[] = {"node", "element", NULL};
-    s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, remeshing, "nested or woodbury", (int)s->remeshing);
+    s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, remeshing,
+                                            "nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked", (int)s->remeshing);
     s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, inverses, "auto, dense or sparse", (int)s->inverse);
     s->volumetric = (volumetric_strain)take_word(c, "volumetric_strain", text->volumetric_strain, strains, "node or element", (int)s->volumetric);
 }

@@ -213,7 +213,7 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
     fprintf(out, "inverse    %s, %d unknowns; node addition by %s\n", inverse_name(s->simulation.inverse),
-            s->simulation.tissue.dof_count, config->remeshing == REMESH_NESTED ? "nested bordering" : "Woodbury updates");
+            s->simulation.tissue.dof_count, remesh_name(config->remeshing));
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
     if (s->realtime) fprintf(out, "real time  yes, SCHED_FIFO %d\n", PRIORITY_HAPTIC);

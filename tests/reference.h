@@ -60,48 +60,73 @@ static inline void reference_element(const vec3 x[4], double e, double nu, doubl
         }
 }
 
-static inline double reference_least_weight(const reference *r, int tet, vec3 x) {
-    double g[4][3], least = 1.0, w;
-    vec3 corners[4];
-    for (int i = 0; i < 4; i++) corners[i] = r->nodes[r->tets[tet][i]];
+static const double REFERENCE_ON_FACE = 1e-10; /* a weight below this is that of a point on the face */
+
+static inline void reference_weights(const vec3 corners[4], vec3 x, double weights[4]) {
+    double g[4][3];
     reference_gradients(corners, g);
     for (int i = 0; i < 4; i++) {
         vec3 from = v3_sub(x, corners[i]);
-        w = 1.0 + g[i][0] * from.x + g[i][1] * from.y + g[i][2] * from.z;
-        if (w < least) least = w;
+        weights[i] = 1.0 + g[i][0] * from.x + g[i][1] * from.y + g[i][2] * from.z;
     }
+}
+
+static inline double reference_least_weight(const reference *r, int tet, vec3 x) {
+    double weights[4], least = 1.0;
+    vec3 corners[4];
+    for (int i = 0; i < 4; i++) corners[i] = r->nodes[r->tets[tet][i]];
+    reference_weights(corners, x, weights);
+    for (int i = 0; i < 4; i++) least = fmin(least, weights[i]);
     return least;
 }
 
-/* Splits the element that holds x, by search among the children of `parent`. */
-static inline void reference_split(reference *r, int parent, vec3 x) {
-    int best = parent;
-    for (int t = 0; t < r->tet_count; t++)
-        if (r->parent[t] == parent && reference_least_weight(r, t, x) > reference_least_weight(r, best, x)) best = t;
-    int corners[4], node = r->node_count++;
-    memcpy(corners, r->tets[best], sizeof corners);
+/* Puts the node in the place of each corner of the element in turn whose opposite face it is not on. */
+static inline void reference_split_one(reference *r, int tet, int node) {
+    int corners[4], next = tet;
+    double weights[4];
+    vec3 x[4];
+    memcpy(corners, r->tets[tet], sizeof corners);
+    for (int i = 0; i < 4; i++) x[i] = r->nodes[corners[i]];
+    reference_weights(x, r->nodes[node], weights);
+    for (int i = 0; i < 4; i++) {
+        if (fabs(weights[i]) < REFERENCE_ON_FACE) continue;
+        memcpy(r->tets[next], corners, sizeof corners);
+        r->tets[next][i] = node;
+        r->parent[next] = r->parent[tet];
+        r->material[next] = r->material[tet];
+        next = r->tet_count++;
+    }
+    r->tet_count--;
+}
+
+/* Splits the elements that hold x, one or the two at a face, found by search among all. */
+static inline void reference_split(reference *r, vec3 x) {
+    int node = r->node_count++, tets = r->tet_count;
     r->nodes[node] = x;
     r->fixed[node] = false;
-    for (int i = 0; i < 4; i++) {
-        int child = i == 0 ? best : r->tet_count++;
-        memcpy(r->tets[child], corners, sizeof corners);
-        r->tets[child][i] = node;
-        r->parent[child] = parent;
-        r->material[child] = r->material[parent];
-    }
+    for (int t = 0; t < tets; t++)
+        if (reference_least_weight(r, t, x) > -REFERENCE_ON_FACE) reference_split_one(r, t, node);
+}
+
+/* Moves a node; its entry among the added ones belongs to no element. */
+static inline void reference_move(reference *r, int node, vec3 x) {
+    r->nodes[node] = r->nodes[r->node_count] = x;
+    r->fixed[r->node_count++] = true;
 }
 
 static inline double *reference_entry(const reference *r, int node, int a, int other, int b) {
     return r->matrix + (size_t)(3 * node + a) * (size_t)(3 * r->node_count) + (size_t)(3 * other + b);
 }
 
-static inline void reference_assemble(reference *r) {
+/* `deviatoric`: without lambda, as for a material of the same mu and nu = 0. */
+static inline void reference_assemble(reference *r, bool deviatoric) {
     r->matrix = calloc((size_t)(9 * r->node_count * r->node_count), sizeof(double));
     for (int t = 0; t < r->tet_count; t++) {
         vec3 corners[4];
         double k[12][12];
         for (int i = 0; i < 4; i++) corners[i] = r->nodes[r->tets[t][i]];
-        reference_element(corners, r->material[t]->youngs_modulus, r->material[t]->poisson_ratio, k);
+        double e = r->material[t]->youngs_modulus, nu = r->material[t]->poisson_ratio;
+        reference_element(corners, deviatoric ? e / (1.0 + nu) : e, deviatoric ? 0.0 : nu, k);
         for (int p = 0; p < 12; p++)
             for (int q = 0; q < 12; q++)
                 *reference_entry(r, r->tets[t][p / 3], p % 3, r->tets[t][q / 3], q % 3) += k[p][q];
@@ -129,9 +154,30 @@ static inline void reference_invert(reference *r) {
     reference_isolate(r, 0.0);
 }
 
-/* The nominal mesh of this tissue with these nodes added one after the other, and its inverted stiffness. */
-static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
-    size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 3 * added->count);
+/* Stiffness lambda V b b^T of the strain averaged around a node, over the elements of one region of the nominal mesh. */
+static inline void reference_add_mean(reference *r, const tissue *t, int node, int region) {
+    const mesh *m = t->mesh;
+    const region_material *material = &t->materials[region];
+    double *b = calloc((size_t)(3 * r->node_count), sizeof *b), volume = 0.0;
+    double lambda = material->youngs_modulus * material->poisson_ratio / ((1.0 + material->poisson_ratio) * (1.0 - 2.0 * material->poisson_ratio));
+    for (int e = 0; e < m->tet_count; e++) {
+        double g[4][3];
+        vec3 x[4];
+        const int *v = m->tets[e];
+        if (m->region[e] != region || (v[0] != node && v[1] != node && v[2] != node && v[3] != node)) continue;
+        for (int i = 0; i < 4; i++) x[i] = m->nodes[v[i]];
+        double share = 0.25 * reference_gradients(x, g);
+        volume += share;
+        for (int i = 0; i < 12; i++) b[3 * v[i / 3] + i % 3] += share * g[i / 3][i % 3];
+    }
+    for (int p = 0; p < 3 * r->node_count && volume > 0.0; p++)
+        for (int q = 0; q < 3 * r->node_count && b[p] != 0.0; q++) *reference_entry(r, p / 3, p % 3, q / 3, q % 3) += lambda / volume * b[p] * b[q];
+    free(b);
+}
+
+/* The nominal mesh of this tissue with these contact nodes one after the other, and its stiffness. */
+static inline void reference_build(const tissue *t, const refinement *added, reference *r) {
+    size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 4 * added->count + 1);
     *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
     r->nodes = malloc(nodes * sizeof *r->nodes);
     r->tets = malloc(tets * sizeof *r->tets);
@@ -145,8 +191,19 @@ static inline void reference_create(const tissue *t, const refinement *added, re
         r->parent[e] = e;
         r->material[e] = &t->materials[t->mesh->region[e]];
     }
-    for (int i = 0; i < added->count; i++) reference_split(r, added->nodes[i].tet, added->nodes[i].position);
-    reference_assemble(r);
+    for (int i = 0; i < added->count; i++) {
+        if (added->nodes[i].moved >= 0) reference_move(r, added->nodes[i].moved, added->nodes[i].position);
+        else reference_split(r, added->nodes[i].position);
+    }
+    reference_assemble(r, t->volumetric == STRAIN_BY_NODE);
+    for (int n = 0; n < t->mesh->node_count && t->volumetric == STRAIN_BY_NODE; n++)
+        for (int g = 0; g < t->mesh->group_count; g++)
+            if (t->mesh->groups[g].dimension == 3) reference_add_mean(r, t, n, g);
+}
+
+/* And its inverse. */
+static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
+    reference_build(t, added, r);
     reference_invert(r);
 }
 

@@ -226,7 +226,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"segments: 30", "segments: 2.5", ":18: needle.segments: "},
         {"spacing: 3e-3", "spacing: 0", ":19: contact.spacing: "},
         {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
-        {"woodbury", "sparse", ":20: remeshing: \"sparse\": expected nested or woodbury"},
+        {"woodbury", "sparse", ":20: remeshing: \"sparse\": expected nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked"},
         {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},
         {"ramp_time: 0.2", "ramp_time: 0", ":22: device.ramp_time: "},
     };

@@ -1,0 +1,7 @@
+/* Woodbury's formula on the full inverse, in one triangle and in the full matrix. */
+#include "remeshing.h"
+
+int main(void) {
+    static const remesh_method methods[] = {REMESH_WOODBURY, REMESH_WOODBURY_GENERAL};
+    return run_remeshing_tests(methods, sizeof methods / sizeof *methods);
+}

@@ -18,4 +18,4 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]*\)    .*/\1/p')" -- "$cur")
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-bench
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-top trocar-bench

@@ -13,3 +13,5 @@ add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction
 set_tests_properties(fit_friction PROPERTIES TIMEOUT 240 LABELS release_only)
 add_test(NAME live_replay COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/live_replay.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(live_replay PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 60 RUN_SERIAL TRUE LABELS release_only)
+add_test(NAME top COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_top.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
+set_tests_properties(top PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 60 RUN_SERIAL TRUE LABELS release_only)

@@ -1,0 +1,36 @@
+/* What trocar-top shows: the newest timing and status of a server as lines of text. No terminal, no network, no clock. */
+#ifndef TROCAR_DASHBOARD_H
+#define TROCAR_DASHBOARD_H
+
+#include <stdbool.h>
+
+#include "trocar_loop_timing_t.h"
+#include "trocar_status_t.h"
+
+enum { DASHBOARD_BINS = 32, DASHBOARD_LINES = 64, DASHBOARD_WIDTH = 160 };
+
+typedef struct {
+    bool heard;                                  /* a timing has come */
+    double heard_at;                             /* s, when the newest one came */
+    trocar_loop_timing_t timing;                 /* the newest */
+    int64_t first_misses;                        /* of the first one: misses before it alarm nobody */
+    double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last clear */
+    trocar_status_t status;                      /* the newest, without its strings */
+    char scene[96], message[DASHBOARD_WIDTH];    /* its strings */
+    int64_t foreign;                             /* messages that could not be decoded */
+} dashboard;
+
+typedef struct {
+    char text[DASHBOARD_WIDTH];
+    bool alarm;                                  /* somebody should look at this */
+} dashboard_line;
+
+void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now);
+void dashboard_take_status(dashboard *d, const trocar_status_t *status);
+void dashboard_clear(dashboard *d);              /* empties the histograms */
+
+/* Fills the lines as they are at `now` (s, the clock of take_timing) for a screen of `height` lines, histograms at the
+   bottom as high as fits; returns their number, at most `height` (and DASHBOARD_LINES). 72 columns are enough for all. */
+int dashboard_draw(const dashboard *d, double now, int height, dashboard_line lines[DASHBOARD_LINES]);
+
+#endif

@@ -1,0 +1,145 @@
+#include "dashboard.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "trocar_needle_wrench_t.h"
+
+static dashboard_line lines[DASHBOARD_LINES];
+
+static trocar_loop_timing_t sample_timing(void) {
+    trocar_loop_timing_t t = {.ticks = 5000, .rate_hz = 1000, .lateness_p50 = 35e-6, .lateness_p99 = 1.25e-3, .lateness_max = 2,
+                              .misses = 7, .contacts = 12, .snapshot_age = 3e-3};
+    t.stage_mean[3] = 12.34e-6;
+    t.lateness_bins[10] = 99;
+    t.lateness_bins[20] = 1;
+    t.compute_bins[4] = 100;
+    return t;
+}
+
+static dashboard sample(void) {
+    dashboard d = {0};
+    trocar_loop_timing_t timing = sample_timing();
+    trocar_status_t status = {.owner = 42, .scene = "scene.yaml", .message = "", .poses_accepted = 123, .pose_age = 0.5e-3};
+    dashboard_take_timing(&d, &timing, 10.0);
+    dashboard_take_status(&d, &status);
+    return d;
+}
+
+/* The line that begins with this word, as it is drawn at 10.1 s; fails if there is none. */
+static const dashboard_line *line_of(const dashboard *d, const char *word) {
+    int count = dashboard_draw(d, 10.1, 30, lines);
+    for (int i = 0; i < count; i++)
+        if (strncmp(lines[i].text, word, strlen(word)) == 0) return &lines[i];
+    fail_msg("no line '%s'", word);
+    return NULL;
+}
+
+static void expect(const dashboard *d, const char *word, const char *text, bool alarm) {
+    const dashboard_line *line = line_of(d, word);
+    if (!strstr(line->text, text) || line->alarm != alarm) fail_msg("'%s'%s, not '%s'", line->text, line->alarm ? " (alarm)" : "", text);
+}
+
+static void shows_numbers_in_units_for_people(void **state) {
+    (void)state;
+    dashboard d = sample();
+    expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
+    expect(&d, "needle", "of session 42, 12 contacts", false);
+    expect(&d, "lateness  ", "35.0 us    1.25 ms     2.00 s", false);
+    expect(&d, "worker", "waiting for 3.00 ms", false);
+    expect(&d, "  mean", "0.00     0.00     0.00    12.34     0.00     0.00", false);
+    expect(&d, "poses", "taken 123", false);
+}
+
+/* Misses from before it looked are told, without an alarm; new ones and all that must be zero alarm. */
+static void alarms_are_raised_for_what_must_not_be(void **state) {
+    (void)state;
+    dashboard d = sample();
+    expect(&d, "loop", "missed 7, allocations 0", false);
+    trocar_loop_timing_t next = sample_timing();
+    next.ticks += 100, next.misses++;
+    dashboard_take_timing(&d, &next, 10.1);
+    expect(&d, "loop", "missed 8", true);
+    d = sample();
+    d.timing.allocations = 1;
+    expect(&d, "loop", "allocations 1", true);
+    d = sample();
+    d.status.poses_jumped = 3;
+    expect(&d, "            too fast", "too fast 3", true);
+    d.status.energy_lowest = -2e-3;
+    expect(&d, "wrenches", "lowest -2.0 mJ", true);
+    d.status.flags = TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_RAMPING;
+    expect(&d, "needle", "stale, ramping", true);
+    trocar_status_t status = {.scene = "", .message = "the worker failed"};
+    dashboard_take_status(&d, &status);
+    expect(&d, "needle", "free", false);
+    expect(&d, "last fault", "the worker failed", true);
+}
+
+static void a_server_that_starts_anew_is_judged_anew(void **state) {
+    (void)state;
+    dashboard d = sample();
+    trocar_loop_timing_t restarted = {.ticks = 100, .misses = 9};
+    dashboard_take_timing(&d, &restarted, 10.1);
+    expect(&d, "loop", "missed 9", false);
+}
+
+static void silence_and_strangers_are_told(void **state) {
+    (void)state;
+    dashboard d = {0};
+    assert_int_equal(dashboard_draw(&d, 10, 30, lines), 1);
+    assert_true(lines[0].alarm && strstr(lines[0].text, "no server heard"));
+    d = sample();
+    d.foreign = 2;
+    dashboard_draw(&d, 15.0, 30, lines);
+    assert_true(lines[0].alarm && strstr(lines[0].text, "2 messages of another version"));
+    assert_true(lines[2].alarm && strcmp(lines[2].text, "server      silent for 5 s") == 0);
+}
+
+/* 99 and 100 stand full height, 1 a third of it; bin 10 is at column 11 behind the axis, compute's bin 4 at 42. */
+static void histograms_add_up_and_are_logarithmic(void **state) {
+    (void)state;
+    dashboard d = sample();
+    int count = dashboard_draw(&d, 10.1, 25, lines), rows = 0, full = 0, low = 0;
+    for (int i = 0; i < count; i++) {
+        if (lines[i].text[0] != '|') continue;
+        rows++;
+        full += lines[i].text[11] == '#' && lines[i].text[38 + 4] == '#';
+        low += lines[i].text[21] == '#';
+        assert_true(lines[i].text[12] == ' ' && strlen(lines[i].text) == 70);
+    }
+    assert_true(rows > 5 && full == rows && low == (rows + 2) / 3);
+    trocar_loop_timing_t next = sample_timing();
+    dashboard_take_timing(&d, &next, 10.1);
+    assert_true(d.lateness[10] == 198 && d.compute[4] == 200);
+    dashboard_clear(&d);
+    assert_true(d.lateness[10] == 0 && d.compute[4] == 0);
+}
+
+static void any_height_will_do(void **state) {
+    (void)state;
+    dashboard d = sample();
+    for (int height = 0; height < 100; height++) {
+        int count = dashboard_draw(&d, 10.1, height, lines);
+        assert_true(count <= height && count <= DASHBOARD_LINES);
+        for (int i = 0; i < count; i++) assert_true(strlen(lines[i].text) <= 72);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(shows_numbers_in_units_for_people),
+        cmocka_unit_test(alarms_are_raised_for_what_must_not_be),
+        cmocka_unit_test(a_server_that_starts_anew_is_judged_anew),
+        cmocka_unit_test(silence_and_strangers_are_told),
+        cmocka_unit_test(histograms_add_up_and_are_logarithmic),
+        cmocka_unit_test(any_height_will_do),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

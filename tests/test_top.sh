@@ -1,0 +1,56 @@
+#!/bin/bash
+# trocar-top beside a running server: on a screen of tmux, in a dumb terminal, and without a server. Status 77: no namespace.
+# usage: test_top.sh BUILD_DIR SOURCE_DIR
+set -euo pipefail
+build=$1 source=$2 top=$1/clients/trocar-top # absolute
+if [ "${3:-}" != --inside ]; then
+    "$source/scripts/netns" true || exit 77
+    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
+fi
+work=$(mktemp -d)
+trap 'tmux -S "$work/tmux" kill-server 2>/dev/null || true; kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; cat screen once 2>/dev/null || true; exit 1; }
+screen() { tmux -S tmux capture-pane -p >screen; }
+
+# Waits up to 10 s until the screen holds a line of this pattern.
+appears() {
+    for _ in $(seq 100); do
+        screen
+        ! grep -qE "$1" screen || return 0
+        sleep 0.1
+    done
+    fail "no '$1' on the screen"
+}
+
+status=0
+"$top" --once --wait 0.2 >once || status=$?
+[ $status -eq 1 ] && grep -q '^! no server heard' once || fail "status $status without a server"
+
+"$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 &
+until grep -qx ready server; do kill -0 $! || fail "$(cat server)"; sleep 0.05; done
+"$build/clients/trocar-device" --script again --duration 60 >device &
+device=$!
+
+tmux -S tmux -f /dev/null new-session -d -x 80 -y 24 "'$top'; echo ended; sleep 60"
+appears '^needle +of session [0-9]+, [1-9][0-9]* contacts'
+appears '^lateness +[0-9.]+ (u|m)s +[0-9.]+ (u|m)s'
+appears '^round trip +[1-9][0-9.]* [um]s'
+appears '^\|.*#.*\|.*#'
+first=$(sed -n 's/.* tick //p' screen)
+sleep 0.5
+screen
+[ "$(sed -n 's/.* tick //p' screen)" -gt "$first" ] || fail "the screen stands still"
+tmux -S tmux resize-window -x 60 -y 10
+appears '^stage, us '
+kill $device
+appears '^needle +free'
+tmux -S tmux send-keys q
+appears '^ended'
+
+TERM=dumb "$top" --once >once || fail "--once: status $?"
+grep -qE '^  lateness +[0-9.]+ [um]s' once || fail "no lateness"
+TERM=dumb timeout 1.5 script -qec "$top" /dev/null >once </dev/null || [ $? -eq 124 ] || fail "dumb terminal"
+grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "escape sequences in a dumb terminal"
+echo passed

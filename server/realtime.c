@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <pthread.h>
 #include <stdint.h>
 #include <string.h>
@@ -12,10 +13,25 @@
 #include <immintrin.h>
 #endif
 
+enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes of a mapping */
+
+/* Maps all pages of code, data, heap and stacks. Larger buffers, which libraries keep for other threads' work, stay as
+   they are: to clear hundreds of megabytes would take half of the server's start. */
+static void fault_in(void) {
+    FILE *maps = fopen("/proc/self/maps", "r");
+    char line[4500], access[5];
+    uintptr_t from, to;
+    while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
+        if (sscanf(line, "%" SCNxPTR "-%" SCNxPTR " %4s", &from, &to, access) != 3) continue;
+        if (access[0] != 'r' || to - from > LARGEST_FAULTED_IN) continue;
+        madvise((void *)from, to - from, access[1] == 'w' ? MADV_POPULATE_WRITE : MADV_POPULATE_READ);
+    }
+    if (maps != NULL) fclose(maps);
+}
+
 trocar_status realtime_lock_memory(report *why) {
-    /* First all that exists, buffers and stacks that nobody has touched yet included; from then on only what is
-       touched: otherwise a library that maps 128 MiB at run time stalls its caller for 40 ms. */
-    if (mlockall(MCL_CURRENT) == 0 && mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
+    /* What is touched stays; nothing more, or a library that maps 128 MiB at run time would stall its caller for 40 ms. */
+    if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return fault_in(), TROCAR_OK;
     return fail(why, TROCAR_SYSTEM,
                 "cannot lock memory: %s. Raise the limit (`ulimit -l unlimited`, or `memlock` in "
                 "/etc/security/limits.conf), grant CAP_IPC_LOCK, or run with --allow-non-rt", strerror(errno));

@@ -6,7 +6,8 @@
 
 enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75 };
 
-/* Faults in and locks all memory that the process has now, and what it touches later. SYSTEM with the limit to raise. */
+/* Faults in and locks the memory that the process has now (but for large buffers that nobody has touched), and what it
+   touches later. SYSTEM with the limit to raise. */
 trocar_status realtime_lock_memory(report *why);
 
 /* Puts the calling thread under SCHED_FIFO. SYSTEM with the limit to raise. */

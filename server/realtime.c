@@ -56,6 +56,11 @@ trocar_status realtime_try_priority(int priority, report *why) {
     return status;
 }
 
+void realtime_hurry(bool hurry) {
+    struct sched_param lowest = {.sched_priority = hurry ? 1 : 0};
+    sched_setscheduler(0, (hurry ? SCHED_FIFO : SCHED_OTHER) | SCHED_RESET_ON_FORK, &lowest);
+}
+
 __attribute__((noinline)) void realtime_touch_stack(void) {
     unsigned char stack[REALTIME_STACK_TOUCHED];
     memset(stack, 0, sizeof stack);

@@ -2,6 +2,8 @@
 #ifndef TROCAR_REALTIME_H
 #define TROCAR_REALTIME_H
 
+#include <stdbool.h>
+
 #include "report.h"
 
 enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75 };
@@ -15,6 +17,10 @@ trocar_status realtime_set_priority(int priority, report *why);
 
 /* May this process use SCHED_FIFO up to `priority`? Tried on the calling thread, which keeps its own policy. */
 trocar_status realtime_try_priority(int priority, report *why);
+
+/* Puts the calling thread before all normal work, or back into it, as far as it is allowed: a server that comes back has no
+   time to lose on a busy machine. Threads that it creates do not inherit this. */
+void realtime_hurry(bool hurry);
 
 /* Touches the calling thread's stack, so that it never faults there. The thread needs a stack of
    REALTIME_STACK bytes. */

@@ -99,7 +99,9 @@ trocar_status server_create(const server_options *options, server **created, rep
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
     s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
+    realtime_hurry(true);
     trocar_status status = create_all(s, why);
+    realtime_hurry(false);
     if (status == TROCAR_OK) *created = s;
     else server_free(s);
     return status;

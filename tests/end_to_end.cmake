@@ -8,10 +8,20 @@ else()
 endif()
 set_tests_properties(end_to_end PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE)
 
-# Faults injected into a running server, some of them through functions put around its own.
-add_executable(faults faults.c)
-target_link_libraries(faults PRIVATE trocar_service trocar_core trocar_types PkgConfig::CMOCKA m)
+# Faults injected into a running server, some of them through functions put around its own; a server that is killed.
+foreach(test faults restart)
+    add_executable(${test} ${test}.c)
+    target_link_libraries(${test} PRIVATE trocar_service trocar_core trocar_types PkgConfig::CMOCKA m)
+    target_compile_definitions(${test} PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
+endforeach()
 target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serve,--wrap=insertion_tick)
-target_compile_definitions(faults PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
-add_test(NAME faults COMMAND ${PROJECT_SOURCE_DIR}/scripts/netns $<TARGET_FILE:faults>)
-set_tests_properties(faults PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE)
+set(netns ${PROJECT_SOURCE_DIR}/scripts/netns)
+add_test(NAME faults COMMAND ${netns} $<TARGET_FILE:faults>)
+add_test(NAME restart COMMAND ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
+set_tests_properties(faults restart PROPERTIES
+    ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE)
+
+# The unit that starts it again where systemd runs.
+add_test(NAME systemd_unit COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_unit.sh ${PROJECT_SOURCE_DIR}/packaging/trocar-server.service
+    $<TARGET_FILE:trocar-server>)
+set_tests_properties(systemd_unit PROPERTIES LABELS release_only)

@@ -121,6 +121,25 @@ static void memory_is_locked_or_the_limit_named(void **unused) {
     munlockall();
 }
 
+static void *policy_of_this_thread(void *unused) {
+    (void)unused;
+    return (void *)(intptr_t)sched_getscheduler(0);
+}
+
+static void hurry_is_not_inherited(void **unused) {
+    (void)unused;
+    realtime_hurry(true);
+    int hurried = sched_getscheduler(0);
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, policy_of_this_thread, NULL), 0);
+    void *policy;
+    pthread_join(thread, &policy);
+    realtime_hurry(false);
+    assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* or it is refused */
+    assert_int_equal((intptr_t)policy, SCHED_OTHER);
+    assert_int_equal(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_OTHER);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(denormals_become_zero),
@@ -128,6 +147,7 @@ int main(void) {
         cmocka_unit_test(priority_is_set_or_the_limit_named),
         cmocka_unit_test(trying_a_priority_leaves_the_thread_alone),
         cmocka_unit_test(memory_is_locked_or_the_limit_named),
+        cmocka_unit_test(hurry_is_not_inherited), /* last: it leaves a flag behind */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

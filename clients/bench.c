@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bench_remesh.h"
 #include "bench_tick.h"
 #include "options.h"
 #include "realtime.h"
@@ -16,6 +17,7 @@ typedef struct {
 
 static const benchmark benchmarks[] = {
     {"trocar-bench tick", bench_tick},
+    {"trocar-bench remesh", bench_remesh},
 };
 
 typedef struct {
@@ -49,7 +51,8 @@ static const struct argp parser = {
     NULL, parse_option, "BENCHMARK [OPTION...]",
     "Times parts of the simulation beside a matrix product, so that machines can be compared by ratios."
     "\vBenchmarks ('trocar-bench BENCHMARK --help' shows the options of one):\n\n"
-    "  tick    one tick of the haptic loop against the number of contacts", NULL, NULL, NULL};
+    "  tick    one tick of the haptic loop against the number of contacts\n"
+    "  remesh    one contact node more or less against the size of the mesh and the node's valence, by every method", NULL, NULL, NULL};
 
 int main(int count, char **arguments) {
     choice chosen = {0};

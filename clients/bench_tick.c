@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "baseline.h"
+#include "json.h"
 #include "options.h"
 #include "output.h"
 #include "scene.h"
@@ -135,20 +136,6 @@ static void print_table(const bench *b, FILE *out) {
     fprintf(out, "contacts  motion     p50 us    p99 us    max us  p50/baseline   passes  switches\n");
     for (int i = 0; i < o->count_count; i++)
         for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) print_row(b, motion, &b->rows[i][motion], out);
-}
-
-static void json_string(const char *text, FILE *out) {
-    fputc('"', out);
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
-        if (*c < ' ' || *c == '"' || *c == '\\') fprintf(out, "\\u%04x", *c);
-        else fputc(*c, out);
-    }
-    fputc('"', out);
-}
-
-static void json_time(const histogram *time, FILE *out) {
-    fprintf(out, "\"p50_s\": %.9g, \"p99_s\": %.9g, \"max_s\": %.9g", histogram_quantile(time, 0.5),
-            histogram_quantile(time, 0.99), histogram_max(time));
 }
 
 static void json_row(const bench *b, int index, timed_motion motion, FILE *out) {

@@ -59,6 +59,7 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why)
 /* With P = +-(block of the dofs) = L L^T: the rest loses or gains (X L^-T) (X L^-T)^T, X becomes X P^-1, the block -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, report *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
+    if (count == 0) return TROCAR_OK; /* a new node among fixed ones */
     dense_take_columns(r, n, count, dofs, columns);
     for (int b = 0; b < count; b++)
         for (int a = 0; a < count; a++) pivot[b * count + a] = -back * columns[(size_t)b * (size_t)r->ld + (size_t)dofs[a]];

@@ -97,6 +97,27 @@ static void factors_of(nested_remesher *r, int count, int node, mat3 *factors) {
     for (int j = 0; j < count; j++) factors[j] = factor_of(r, j, node, factors);
 }
 
+/* The same from the node's row, where it has one. Inside an element only the nodes within have a factor. */
+static void known_factors(nested_remesher *r, int count, int node, mat3 *factors) {
+    int handle = handle_of_node(&r->shared, node);
+    if (handle < 0) factors_of(r, count, node, factors);
+    for (int j = 0; j < count && handle >= 0; j++)
+        factors[j] = r->borders[j].on_face || hat_at(r, j, node) != 0.0 ? r->factors[handle][j] : (mat3){{{0}}};
+}
+
+/* Those of a new node: its corners' with its weights, and its own surplus. */
+static void interpolate_factors(nested_remesher *r, int index) {
+    const added_node *node = &r->shared.refined.nodes[index];
+    memset(r->factors[index], 0, (size_t)(index + 1) * sizeof(mat3));
+    for (int c = 0; c < 4; c++) {
+        mat3 factors[MAX_CONTACTS];
+        if (node->weights[c] == 0.0) continue;
+        known_factors(r, index + 1, node->corners[c], factors);
+        for (int j = 0; j <= index; j++) add_scaled(&r->factors[index][j], node->weights[c], &factors[j].m[0][0], 3);
+    }
+    for (int a = 0; a < 3; a++) r->factors[index][index].m[a][a] -= 1.0;
+}
+
 /* F_j S_j, as F_j S_j F_j^T is wanted. */
 static mat3 weighted(const nested_remesher *r, int j, const mat3 *factor) { return m3_multiply(factor, &r->borders[j].surplus); }
 
@@ -159,7 +180,7 @@ static trocar_status border_face(nested_remesher *r, int index, report *why) {
     if (status != TROCAR_OK) return status;
     for (int i = 0; i < index; i++) border->chain[i] = (mat3){{{0}}};
     for (int q = 0; q < own; q++) {
-        factors_of(r, index, p->nodes[q], factors[q]);
+        known_factors(r, index, p->nodes[q], factors[q]);
         for (int i = 0; i < index; i++) {
             mat3 transposed = m3_transposed(&factors[q][i]), product = m3_multiply(&transposed, &c[q]);
             add_product(&border->chain[i], &r->borders[i].surplus, &product);
@@ -192,16 +213,20 @@ static mat3 inside_surplus(const nested_remesher *r, int index) {
     return surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &at);
 }
 
-/* The rows in use gain F S F^T, or lose it again. */
+/* The rows in use gain F S F^T, or lose it again: plain loops over whole rows, which places not in use pass through. */
 static void update_rows(nested_remesher *r, int index, double sign) {
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles);
+    int contacts = 3 * r->shared.refined.count, window = 3 * MAX_CONTACTS, end = count > 0 ? 3 * handles[count - 1] + 3 : 0;
+    double columns[3][SNAPSHOT_LD] = {{0}};
+    for (int i = 0; i < 3 * count; i++)
+        for (int b = 0; b < 3; b++) columns[b][3 * handles[i / 3] + i % 3] = r->factors[handles[i / 3]][index].m[i % 3][b];
     for (int i = 0; i < count; i++) {
         mat3 left = weighted(r, index, &r->factors[handles[i]][index]);
-        for (int j = 0; j <= i; j++) {
-            mat3 block = handle_get(&r->shared, handles[i], handles[j]), right = m3_transposed(&r->factors[handles[j]][index]);
-            mat3 change = m3_multiply(&left, &right);
-            add_scaled(&block, sign, &change.m[0][0], 3);
-            handle_put(&r->shared, handles[i], handles[j], &block);
+        for (int a = 0; a < 3; a++) {
+            double *row = handle_block(&r->shared, handles[i], 0) + (size_t)a * SNAPSHOT_LD;
+            double x = sign * left.m[a][0], y = sign * left.m[a][1], z = sign * left.m[a][2];
+            for (int c = 0; c < contacts; c++) row[c] += x * columns[0][c] + y * columns[1][c] + z * columns[2][c];
+            for (int c = window; c < end; c++) row[c] += x * columns[0][c] + y * columns[1][c] + z * columns[2][c];
         }
     }
 }
@@ -255,7 +280,7 @@ static trocar_status nested_add(remesher *shared, int index, report *why) {
         int handle = handles[i];
         r->factors[handle][index] = factor_of(r, index, handle_node(shared, handle), r->factors[handle]);
     }
-    factors_of(r, index + 1, -1 - index, r->factors[index]);
+    interpolate_factors(r, index);
     if (border->on_face) update_rows(r, index, 1.0);
     for (int i = 0; i < count; i++) add_row(r, index, handles[i]);
     add_row(r, index, index);

@@ -201,6 +201,35 @@ static void averaged_strain_is_the_nominal_mesh_s(void **state) {
     tissue_free(&t);
 }
 
+static void check_among_fixed(void) {
+    remesher *r = start(method);
+    choose_window(20);
+    for (int i = 0; i < 8; i++) {
+        int tet = 11 * i; /* of the lowest layer */
+        add_node(i % 2 ? ON_FACE : INSIDE, tet, point_in(tet, 0.1));
+        if (method != REMESH_NESTED) assert_int_equal(add_node(MOVED, tet, point_in(tet, 0.1)), -1);
+    }
+    check(r);
+    request.wanted.count = 4;
+    check(r);
+    remesher_free(r);
+}
+
+/* Elements of which no corner can move. */
+static void nodes_among_fixed_ones(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report why;
+    bool fixed[CUBE_NODES];
+    for (int n = 0; n < CUBE_NODES; n++) fixed[n] = n < 2 * CUBE_SIDE * CUBE_SIDE;
+    assert_int_equal(tissue_create(&body.mesh, body.materials, fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_dense(&t, &inv, &why), TROCAR_OK);
+    with_tissue(&t, inv, check_among_fixed);
+    inverse_free(inv);
+    tissue_free(&t);
+}
+
 /* Nodes of one kind in the elements along a line, half way through each. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
@@ -320,6 +349,7 @@ static inline int run_remeshing_tests(const remesh_method *methods, int count) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(snapshots_equal_an_inversion_from_scratch),
         cmocka_unit_test(averaged_strain_is_the_nominal_mesh_s),
+        cmocka_unit_test(nodes_among_fixed_ones),
         cmocka_unit_test(two_tracks_in_the_prostate),
         cmocka_unit_test(full_window_and_all_contacts),
         cmocka_unit_test(nodes_aimed_at_corners_edges_and_faces),

@@ -57,6 +57,9 @@ bad_input() {
     refuses --scene "$bench" tick --json x.json
     refuses "--contacts: 2.5" "$bench" tick --scene "$scene" --contacts 5,2.5
     refuses "--contacts: 65" "$bench" tick --scene "$scene" --contacts 65
+    refuses --scene "$bench" remesh --samples 3
+    refuses "--touched: 4" "$bench" remesh --scene "$scene" --touched 4
+    refuses none.yaml "$bench" remesh --scene none.yaml
     refuses none.yaml "$bench" tick --scene none.yaml --json x.json
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
@@ -106,6 +109,13 @@ bench() {
     cat bench.txt
     "$source/tests/check_bench.py" bench.json 5 10
     [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
+    "$programs/trocar-bench" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
+    cat remesh.txt
+    "$source/tests/check_remesh_bench.py" remesh.json
+    [ "$(grep -cE ' (inside|face|move) ' remesh.txt)" -eq 17 ] || fail "not 17 rows in the table"
+    "$source/scripts/plot_bench" remesh.json nodes.svg valence.svg >ratios.txt
+    cat ratios.txt
+    grep -q '<svg' nodes.svg && grep -q '<svg' valence.svg || fail "no figures"
 }
 
 # Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.

@@ -1,0 +1,236 @@
+#include "bench_remesh.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "baseline.h"
+#include "json.h"
+#include "options.h"
+#include "output.h"
+#include "remesh_timing.h"
+#include "scene.h"
+
+enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
+
+typedef struct {
+    const char *scene_paths[MAX_SCENES], *json_path;
+    int scene_count, samples, contacts, touched;
+    double seconds;
+    bool valences;
+} options;
+
+typedef struct {
+    remesh_case given;
+    remesh_timing time;
+} row;
+
+typedef struct {
+    int nodes, tetrahedra, unknowns;
+    const char *inverse;
+    histogram sweep;         /* one reading and writing of a triangle of the inverse; empty where it is not dense */
+    int row_count;
+    row rows[MAX_ROWS_OF_SCENE];
+} scene_result;
+
+typedef struct {
+    options *options;
+    histogram baseline;
+    scene_result *scenes;    /* scene_count */
+    output json_file;
+} bench;
+
+/* ---- command line ------------------------------------------------------------------------------------------------ */
+
+enum { OPTION_SAMPLES = 256, OPTION_SECONDS, OPTION_CONTACTS, OPTION_TOUCHED, OPTION_VALENCES, OPTION_JSON };
+
+static const struct argp_option option_list[] = {
+    {"scene", 's', "FILE", 0, "Scene (at least one), for its mesh, regions and inverse; may be given again", 0},
+    {"samples", OPTION_SAMPLES, "N", 0, "Nodes put in and taken out for each row (default 200)", 0},
+    {"seconds", OPTION_SECONDS, "S", 0, "Time after which a row gets no more than three (default 3)", 0},
+    {"contacts", OPTION_CONTACTS, "N", 0, "Contact nodes that are there already (default 10)", 0},
+    {"touched", OPTION_TOUCHED, "N", 0, "Nodes of a moved node's patch (default: the most frequent in the first mesh)", 0},
+    {"valences", OPTION_VALENCES, NULL, 0, "In the first mesh, move nodes of every valence", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {0},
+};
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case 's':
+        if (o->scene_count == MAX_SCENES) argp_error(state, "--scene: more than %d", MAX_SCENES);
+        o->scene_paths[o->scene_count++] = text;
+        break;
+    case OPTION_SAMPLES: o->samples = (int)parse_number(state, "samples", text, 1, 1e6); break;
+    case OPTION_SECONDS: o->seconds = parse_number(state, "seconds", text, 0, 3600); break;
+    case OPTION_CONTACTS: o->contacts = (int)parse_number(state, "contacts", text, 0, MAX_CONTACTS - 1); break;
+    case OPTION_TOUCHED: o->touched = (int)parse_number(state, "touched", text, 5, MAX_PATCH); break;
+    case OPTION_VALENCES: o->valences = true; break;
+    case OPTION_JSON: o->json_path = text; break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (o->scene_count == 0) argp_error(state, "--scene is missing");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Puts contact nodes into the inverse and takes them out again, by every method: added inside an element, added on a face, "
+    "and nodes of the mesh moved. One thread, volumetric strain by element as in the paper. Methods that need the dense "
+    "inverse are left out where the scene has another one.", NULL, NULL, NULL};
+
+/* ---- measuring --------------------------------------------------------------------------------------------------- */
+
+static trocar_status measure_row(bench *b, inverse *inv, remesh_method method, remesh_change change, int touched, scene_result *result, report *why) {
+    const options *o = b->options;
+    if (method == REMESH_NESTED && change == MOVE_NODE) return TROCAR_OK;
+    if (remesh_needs_dense(method) && !inverse_dense(inv)) return TROCAR_OK;
+    row *r = &result->rows[result->row_count];
+    r->given = (remesh_case){.method = method, .change = change, .touched = touched, .contacts = o->contacts, .samples = o->samples,
+                             .seconds = o->seconds};
+    trocar_status status = remesh_timing_measure(inv, &r->given, &r->time, why);
+    result->row_count += status == TROCAR_OK && r->time.samples > 0;
+    return status;
+}
+
+/* How long the memory alone takes: the dense methods' sweeps can be no faster. */
+static void measure_sweep(inverse *inv, histogram *time) {
+    size_t n = (size_t)inverse_tissue(inv)->dof_count, triangle = n * (n + 1) / 2;
+    histogram_clear(time);
+    double *numbers = inverse_dense(inv) ? malloc(triangle * sizeof *numbers) : NULL;
+    if (!numbers) return;
+    memcpy(numbers, inverse_dense(inv), triangle * sizeof *numbers);
+    for (int i = 0; i < SWEEPS; i++) {
+        int64_t start = monotonic_ns();
+        cblas_dscal((int)triangle, i % 2 ? 2.0 : 0.5, numbers, 1);
+        histogram_add(time, monotonic_ns() - start);
+    }
+    free(numbers);
+}
+
+static int most_frequent(const int counts[MAX_PATCH + 1]) {
+    int most = 0;
+    for (int i = 1; i <= MAX_PATCH; i++)
+        if (counts[i] > counts[most]) most = i;
+    return most;
+}
+
+static trocar_status measure_rows(bench *b, simulation *s, bool valences, scene_result *result, report *why) {
+    int counts[MAX_PATCH + 1];
+    trocar_status status = TROCAR_OK;
+    remesh_timing_valences(&s->tissue, counts);
+    if (b->options->touched == 0) b->options->touched = most_frequent(counts);
+    for (remesh_method method = 0; method < REMESH_METHODS && status == TROCAR_OK; method++) {
+        status = measure_row(b, s->inverse, method, ADD_INSIDE, 0, result, why);
+        if (status == TROCAR_OK) status = measure_row(b, s->inverse, method, ADD_ON_FACE, 0, result, why);
+        for (int touched = 5; touched <= MAX_PATCH && status == TROCAR_OK; touched++)
+            if (counts[touched] > 0 && (valences || touched == b->options->touched))
+                status = measure_row(b, s->inverse, method, MOVE_NODE, touched, result, why);
+    }
+    return status;
+}
+
+static trocar_status measure_scene(bench *b, int index, report *why) {
+    static scene given;
+    simulation s;
+    scene_result *result = &b->scenes[index];
+    trocar_status status = scene_load(b->options->scene_paths[index], &given, why);
+    given.simulation.volumetric = STRAIN_BY_ELEMENT;
+    given.simulation.remeshing = REMESH_NESTED;
+    if (status == TROCAR_OK) status = simulation_create(&given.simulation, &s, why);
+    if (status != TROCAR_OK) return status;
+    result->nodes = s.mesh.node_count;
+    result->tetrahedra = s.mesh.tet_count;
+    result->unknowns = s.tissue.dof_count;
+    result->inverse = inverse_name(s.inverse);
+    measure_sweep(s.inverse, &result->sweep);
+    status = measure_rows(b, &s, b->options->valences && index == 0, result, why);
+    simulation_free(&s);
+    return status;
+}
+
+/* ---- results ----------------------------------------------------------------------------------------------------- */
+
+static double micro(const histogram *time, double quantile) { return 1e6 * histogram_quantile(time, quantile); }
+
+static int touched_by(const remesh_case *given) {
+    return given->change == ADD_INSIDE ? 5 : given->change == ADD_ON_FACE ? 6 : given->touched;
+}
+
+static void print_scene(const bench *b, int index, FILE *out) {
+    const scene_result *result = &b->scenes[index];
+    fprintf(out, "%s: %d nodes, %d tetrahedra, %d unknowns, %s inverse; %d contact nodes are there already\n", b->options->scene_paths[index],
+            result->nodes, result->tetrahedra, result->unknowns, result->inverse, b->options->contacts);
+    if (result->sweep.count > 0) fprintf(out, "reading and writing one triangle of the inverse: p50 %.0f us\n", micro(&result->sweep, 0.5));
+    fprintf(out, "\nmethod            change  nodes   samples    add us: p50       p99       max    remove us: p50\n");
+    for (int i = 0; i < result->row_count; i++) {
+        const row *r = &result->rows[i];
+        fprintf(out, "%-16s  %-6s  %5d  %8d  %13.1f  %8.1f  %8.1f  %16.1f\n", remesh_name(r->given.method), remesh_change_name(r->given.change),
+                touched_by(&r->given), r->time.samples, micro(&r->time.add, 0.5), micro(&r->time.add, 0.99), 1e6 * histogram_max(&r->time.add),
+                micro(&r->time.remove, 0.5));
+    }
+    fprintf(out, "\n");
+}
+
+static void write_row(const row *r, FILE *out) {
+    fprintf(out, "      {\"method\": \"%s\", \"change\": \"%s\", \"touched_nodes\": %d, \"samples\": %d, \"add\": {", remesh_name(r->given.method),
+            remesh_change_name(r->given.change), touched_by(&r->given), r->time.samples);
+    json_time(&r->time.add, out);
+    fprintf(out, "}, \"remove\": {");
+    json_time(&r->time.remove, out);
+    fprintf(out, "}}");
+}
+
+static void write_scene(const bench *b, int index, FILE *out) {
+    const scene_result *result = &b->scenes[index];
+    fprintf(out, "%s\n    {\"scene\": ", index ? "," : "");
+    json_string(b->options->scene_paths[index], out);
+    fprintf(out, ", \"nodes\": %d, \"tetrahedra\": %d, \"unknowns\": %d, \"inverse\": \"%s\",\n     \"sweep\": ", result->nodes, result->tetrahedra,
+            result->unknowns, result->inverse);
+    if (result->sweep.count > 0) {
+        fprintf(out, "{");
+        json_time(&result->sweep, out);
+        fprintf(out, "}");
+    } else {
+        fprintf(out, "null");
+    }
+    fprintf(out, ", \"rows\": [");
+    for (int i = 0; i < result->row_count; i++) {
+        fprintf(out, i ? ",\n" : "\n");
+        write_row(&result->rows[i], out);
+    }
+    fprintf(out, "\n    ]}");
+}
+
+static void write_json(const bench *b, FILE *out) {
+    fprintf(out, "{\n  \"benchmark\": \"remesh\",\n  \"contacts\": %d,\n  \"baseline\": {\"dgemm_order\": %d, ", b->options->contacts, BASELINE_ORDER);
+    json_time(&b->baseline, out);
+    fprintf(out, "},\n  \"scenes\": [");
+    for (int i = 0; i < b->options->scene_count; i++) write_scene(b, i, out);
+    fprintf(out, "\n  ]\n}\n");
+}
+
+trocar_status bench_remesh(int count, char **arguments, report *why) {
+    options o = {.samples = 200, .contacts = 10, .seconds = 3.0};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+
+    bench b = {.options = &o, .scenes = calloc((size_t)o.scene_count, sizeof *b.scenes)};
+    trocar_status status = b.scenes ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the results");
+    if (status == TROCAR_OK && o.json_path) status = output_open(&b.json_file, o.json_path, why);
+    if (status == TROCAR_OK) baseline_measure(&b.baseline);
+    for (int i = 0; i < o.scene_count && status == TROCAR_OK; i++) {
+        status = measure_scene(&b, i, why);
+        if (status == TROCAR_OK) print_scene(&b, i, stdout);
+        fflush(stdout);
+    }
+    if (status == TROCAR_OK && o.json_path) write_json(&b, b.json_file.file);
+    if (status == TROCAR_OK) status = output_commit(&b.json_file, why);
+    output_abandon(&b.json_file);
+    free(b.scenes);
+    return status;
+}

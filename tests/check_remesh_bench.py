@@ -1,0 +1,44 @@
+#!/usr/bin/python3
+"""Check the JSON of `trocar-bench remesh` for a scene with a dense inverse.
+
+usage: check_remesh_bench.py BENCH.json
+
+Only ratios of times are compared, and none where TROCAR_CHECK_TIMING=no. They are far looser than what an idle machine shows.
+"""
+import json
+import os
+import sys
+
+METHODS = ("nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked")
+LEAST_RATIOS = (("woodbury", "nested", 30), ("bcs", "nested", 150), ("bcs", "woodbury", 2))
+
+
+def check(holds, what):
+    if not holds:
+        sys.exit(f"check_remesh_bench: {what}")
+
+
+def main():
+    with open(sys.argv[1]) as file:
+        bench = json.load(file)
+    check(bench["benchmark"] == "remesh" and len(bench["scenes"]) == 1, "head")
+    scene = bench["scenes"][0]
+    check(scene["inverse"] == "dense" and scene["unknowns"] <= 3 * scene["nodes"] and scene["sweep"]["p50_s"] > 0, "scene")
+    added = {}
+    for row in scene["rows"]:
+        where = f"{row['method']}, {row['change']}"
+        for times in (row["add"], row["remove"]):
+            check(0 < times["p50_s"] <= times["p99_s"] <= times["max_s"] < 60, f"{where}: not 0 < p50 <= p99 <= max: {times}")
+        check(row["samples"] >= 1, f"{where}: no samples")
+        check(row["touched_nodes"] == {"inside": 5, "face": 6}.get(row["change"], row["touched_nodes"]), f"{where}: nodes touched")
+        added.setdefault((row["method"], row["change"]), row["add"]["p50_s"])
+    expected = {(m, c) for m in METHODS for c in ("inside", "face", "move")} - {("nested", "move")}
+    check(set(added) == expected, f"rows: {sorted(set(added) ^ expected)} missing or too many")
+    if os.environ.get("TROCAR_CHECK_TIMING") != "no":
+        for slow, fast, least in LEAST_RATIOS:
+            ratio = added[slow, "inside"] / added[fast, "inside"]
+            check(ratio >= least, f"{slow} takes only {ratio:.1f} times as long as {fast}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "json.h"
+
+static char text[256];
+
+static FILE *open_text(void) {
+    memset(text, 0, sizeof text);
+    return fmemopen(text, sizeof text, "w");
+}
+
+static void strings_are_quoted_and_escaped(void **state) {
+    (void)state;
+    FILE *out = open_text();
+    json_string("a \"b\" \\ \n\x7f", out);
+    fclose(out);
+    assert_string_equal(text, "\"a \\u0022b\\u0022 \\u005c \\u000a\x7f\"");
+}
+
+static void times_are_members_in_seconds(void **state) {
+    (void)state;
+    static histogram h;
+    histogram_clear(&h);
+    for (int i = 0; i < 3; i++) histogram_add(&h, 50);
+    FILE *out = open_text();
+    json_time(&h, out);
+    fclose(out);
+    assert_string_equal(text, "\"p50_s\": 5e-08, \"p99_s\": 5e-08, \"max_s\": 5e-08");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(strings_are_quoted_and_escaped), cmocka_unit_test(times_are_members_in_seconds)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

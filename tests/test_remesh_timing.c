@@ -1,0 +1,56 @@
+/* The remeshing benchmark's measuring: it counts what it does and leaves the inverse as it was. Times themselves are not judged. */
+#include "remeshing.h"
+
+#include "remesh_timing.h"
+
+static void every_method_is_timed(void **state) {
+    (void)state;
+    for (method = 0; method < REMESH_METHODS; method++)
+        for (remesh_change change = 0; change < REMESH_CHANGES; change++) {
+            report why = {""};
+            static remesh_timing result;
+            remesh_case wanted = {.method = method, .change = change, .contacts = 5, .samples = 4, .seconds = 60.0};
+            trocar_status status = remesh_timing_measure(tested_inverse, &wanted, &result, &why);
+            if (method == REMESH_NESTED && change == MOVE_NODE) {
+                assert_int_equal(status, TROCAR_BAD_INPUT);
+                continue;
+            }
+            if (status != TROCAR_OK) fail_msg("%s", why.text);
+            assert_int_equal(result.samples, 4);
+            assert_int_equal(result.add.count, 4);
+            assert_int_equal(result.remove.count, 4);
+            assert_true(histogram_quantile(&result.add, 0.5) > 0.0);
+        }
+}
+
+static void time_limit_leaves_three_samples(void **state) {
+    (void)state;
+    report why;
+    static remesh_timing result;
+    remesh_case wanted = {.method = REMESH_NESTED, .samples = 1000, .seconds = 0.0};
+    assert_int_equal(remesh_timing_measure(tested_inverse, &wanted, &result, &why), TROCAR_OK);
+    assert_int_equal(result.samples, 3);
+}
+
+static void valences_are_those_of_the_mesh(void **state) {
+    (void)state;
+    int counts[MAX_PATCH + 1], sum = 0;
+    remesh_timing_valences(tested, counts);
+    for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
+    assert_int_equal(sum, 2 * 9); /* inner nodes, but for those between the regions */
+    assert_int_equal(counts[15], sum); /* Kuhn's elements: 14 neighbours each */
+    report why;
+    static remesh_timing result;
+    remesh_case wanted = {.method = REMESH_IMPLICIT, .change = MOVE_NODE, .touched = 14, .samples = 3, .seconds = 60.0};
+    assert_int_equal(remesh_timing_measure(tested_inverse, &wanted, &result, &why), TROCAR_OK);
+    assert_int_equal(result.samples, 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_method_is_timed),
+        cmocka_unit_test(time_limit_leaves_three_samples),
+        cmocka_unit_test(valences_are_those_of_the_mesh),
+    };
+    return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
+}

@@ -214,6 +214,16 @@ void pose_log_free(pose_log *log) {
     *log = (pose_log){0};
 }
 
+double pose_log_time(const pose_log *log, int i) { return 1e-6 * (double)(log->poses[i].utime - log->poses[0].utime); }
+
+double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps) {
+    if (i == 0) return 1.0 / rate_hz;
+    double dt = 1e-6 * (double)(log->poses[i].utime - log->poses[i - 1].utime);
+    if (dt <= POSE_LOG_GAP) return dt;
+    (*gaps)++;
+    return POSE_LOG_GAP;
+}
+
 pose pose_of_message(const trocar_needle_pose_t *message) {
     pose p = raw_pose(message);
     p.orientation = q_unit(p.orientation);

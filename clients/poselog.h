@@ -35,6 +35,12 @@ void pose_log_free(pose_log *log);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
+/* Lockstep: when pose i is due, s after the first one; and the length of its tick, s: since the pose before, or one period at
+   the first one. A gap longer than POSE_LOG_GAP counts as that and adds one to `gaps`. */
+#define POSE_LOG_GAP 0.1     /* s */
+double pose_log_time(const pose_log *log, int i);
+double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
+
 /* The base's pose in a message, quaternion normalised; and the message of a pose. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);

@@ -17,8 +17,6 @@
 const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double longest_tick = 0.1;   /* s; a longer gap in the log counts as this */
-
 typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *golden_path;
     double at;               /* s after the first pose; NaN: the last one */
@@ -40,7 +38,7 @@ typedef struct {
     trocar_needle_wrench_t *replayed;  /* one a pose, to be compared; NULL without --compare */
     comparison comparison;
     int dump_tick;           /* whose state goes to --vtu */
-    int gaps;                /* shortened to longest_tick */
+    int gaps;                /* longer than POSE_LOG_GAP */
 } replay;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -96,18 +94,14 @@ static const struct argp parser = {
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
-static double pose_time(const replay *r, int tick) {
-    return 1e-6 * (double)(r->poses.poses[tick].utime - r->poses.poses[0].utime);
-}
-
 /* The first tick at or after --at. */
 static trocar_status find_dump_tick(replay *r, report *why) {
     int last = r->poses.count - 1;
     r->dump_tick = isnan(r->options->at) ? last : 0;
-    while (r->dump_tick <= last && pose_time(r, r->dump_tick) < r->options->at) r->dump_tick++;
+    while (r->dump_tick <= last && pose_log_time(&r->poses, r->dump_tick) < r->options->at) r->dump_tick++;
     if (r->dump_tick <= last) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at,
-                pose_time(r, last));
+                pose_log_time(&r->poses, last));
 }
 
 static trocar_status open_outputs(replay *r, report *why) {
@@ -150,14 +144,6 @@ static void clean_up(replay *r) {
 
 /* ---- the run ----------------------------------------------------------------------------------------------------- */
 
-static double tick_length(replay *r, int tick) {
-    if (tick == 0) return 1.0 / r->scene.rate_hz;
-    double dt = 1e-6 * (double)(r->poses.poses[tick].utime - r->poses.poses[tick - 1].utime);
-    if (dt <= longest_tick) return dt;
-    r->gaps++;
-    return longest_tick;
-}
-
 static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     const trocar_needle_pose_t *p = &r->poses.poses[tick];
     const vec3 f = r->wrench.force, m = r->wrench.torque;
@@ -184,7 +170,7 @@ static void csv_tick(const replay *r, int tick) {
     const char *membrane = w->membrane >= 0 ? r->simulation.config.membranes[w->membrane].name : "";
     char events[256];
     events_text(w->events, membrane, events, sizeof events);
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_time(r, tick), w->force.x,
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_log_time(&r->poses, tick), w->force.x,
             w->force.y, w->force.z, w->torque.x, w->torque.y, w->torque.z, w->depth, w->contacts, events);
 }
 
@@ -196,7 +182,7 @@ static trocar_status export_state(replay *r, report *why) {
 
 static trocar_status run_tick(replay *r, int tick, report *why) {
     pose base = pose_of_message(&r->poses.poses[tick]);
-    double dt = tick_length(r, tick);
+    double dt = pose_log_interval(&r->poses, tick, r->scene.rate_hz, &r->gaps);
     trocar_status status = simulation_step(&r->simulation, &r->state, r->snapshot, base, dt, &r->wrench, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
@@ -233,8 +219,8 @@ static trocar_status run_all(replay *r, report *why) {
 }
 
 static void summarise(const replay *r) {
-    fprintf(stderr, "%d poses over %.3f s\n", r->poses.count, pose_time(r, r->poses.count - 1));
-    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, longest_tick, longest_tick);
+    fprintf(stderr, "%d poses over %.3f s\n", r->poses.count, pose_log_time(&r->poses, r->poses.count - 1));
+    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)
         fprintf(stderr, "%" PRId64 " poses of other sessions left out\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)

@@ -5,8 +5,10 @@ _trocar() {
     case $prev in
         --scene) _filedir '@(yaml|yml)' ;;
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
-        --poses | --compare | --out | --write-log) _filedir log ;;
+        --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv) _filedir csv ;;
+        --png) _filedir png ;;
+        --page) _filedir -d ;;
         --json | --report) _filedir json ;;
         *)
             local benchmark=
@@ -18,4 +20,4 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]*\)    .*/\1/p')" -- "$cur")
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-top trocar-bench
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench

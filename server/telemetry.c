@@ -4,33 +4,22 @@
 #include <string.h>
 
 #include "realtime.h"
-#include "trocar_contacts_t.h"
-#include "trocar_deformation_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 
 enum { VIEW_HZ = 30, STATUS_HZ = 10 };
 
-/* Rows of one array, as LCM's generated types want them. */
-static bool lay_out_rows(telemetry *t, int count) {
-    t->displacement = malloc(3 * (size_t)count * sizeof *t->displacement);
-    t->displacement_rows = malloc((size_t)count * sizeof *t->displacement_rows);
-    for (int n = 0; t->displacement && t->displacement_rows && n < count; n++) t->displacement_rows[n] = t->displacement + 3 * (size_t)n;
-    return t->displacement && t->displacement_rows;
-}
-
 trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
                                simulation *s, const worker *w, exchange *x, report *why) {
-    *t = (telemetry){.exchange = x, .simulation = s, .worker = w, .scene_path = scene_path, .rate_hz = rate_hz, .flags = flags};
+    *t = (telemetry){.exchange = x, .worker = w, .scene_path = scene_path, .rate_hz = rate_hz, .flags = flags};
     atomic_init(&t->stop, false);
-    t->nodal = malloc((size_t)s->mesh.node_count * sizeof *t->nodal);
-    t->added = malloc((MAX_CONTACTS + 1) * sizeof *t->added);
+    trocar_status status = sight_create(&t->sight, s, why);
+    if (status != TROCAR_OK) return status;
     t->latency = calloc(1, sizeof *t->latency);
     t->round_trip = calloc(1, sizeof *t->round_trip);
-    if (!lay_out_rows(t, s->mesh.node_count) || t->nodal == NULL || t->added == NULL || t->latency == NULL
-        || t->round_trip == NULL) {
+    if (t->latency == NULL || t->round_trip == NULL) {
         telemetry_free(t);
-        return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry buffers for %d nodes", s->mesh.node_count);
+        return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry's buffers");
     }
     t->lcm = lcm_create(url);
     if (t->lcm != NULL) return TROCAR_OK;
@@ -43,10 +32,7 @@ void telemetry_free(telemetry *t) {
     if (t->lcm != NULL) lcm_destroy(t->lcm);
     free(t->latency);
     free(t->round_trip);
-    free(t->displacement);
-    free(t->displacement_rows);
-    free(t->nodal);
-    free(t->added);
+    sight_free(&t->sight);
     *t = (telemetry){0};
 }
 
@@ -121,60 +107,12 @@ static void publish_status(telemetry *t, const view_sample *view) {
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }
 
-static void publish_deformation(telemetry *t, const view_sample *view) {
-    simulation_displacement(t->simulation, &view->state, t->nodal, t->added);
-    int count = t->simulation->mesh.node_count;
-    for (int n = 0; n < count; n++) {
-        t->displacement_rows[n][0] = (float)t->nodal[n].x;
-        t->displacement_rows[n][1] = (float)t->nodal[n].y;
-        t->displacement_rows[n][2] = (float)t->nodal[n].z;
-    }
-    trocar_deformation_t m = {.utime = wall_us(), .tick = view->tick, .node_count = count, .displacement = t->displacement_rows};
-    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &m);
-}
-
-/* Rows of doubles as LCM's generated types want them. */
-typedef struct {
-    double values[MAX_POINTS][3], *rows[MAX_POINTS];
-} row_list;
-
-static void set_row(row_list *list, int i, vec3 v) {
-    list->rows[i] = list->values[i];
-    list->values[i][0] = v.x;
-    list->values[i][1] = v.y;
-    list->values[i][2] = v.z;
-}
-
-_Static_assert((int)NEEDLE_MAX_SEGMENTS + 1 <= (int)MAX_POINTS, "a row_list holds the centreline too");
-
-static void publish_contacts(telemetry *t, const view_sample *view) {
-    const insertion_state *state = &view->state;
-    const needle_model *needle = &t->simulation->needle;
-    row_list joints, positions, forces;
-    double arc[MAX_POINTS];
-    int8_t sliding[MAX_POINTS];
-    int segments = needle->given.segments, count = 0;
-
-    for (int j = 0; j <= segments; j++) set_row(&joints, j, state->needle.joints[j]);
-    for (; count < state->active; count++) {
-        const shaft_contact *c = &state->contacts[count];
-        set_row(&positions, count, needle_at(needle, &state->needle, c->arc).position);
-        set_row(&forces, count, c->force);
-        arc[count] = c->arc;
-        sliding[count] = (int8_t)c->friction;
-    }
-    if (state->tip.phase == TIP_INSIDE) {
-        set_row(&positions, count, state->needle.joints[segments]);
-        set_row(&forces, count, state->tip.force);
-        arc[count] = needle->given.length;
-        sliding[count++] = (int8_t)state->tip.friction;
-    }
-    quat q = state->needle.base.orientation;
-    trocar_contacts_t m = {.utime = wall_us(), .tick = view->tick, .pose_utime = view->pose_utime, .orientation = {q.w, q.x, q.y, q.z},
-                           .joint_count = segments + 1, .centreline = joints.rows,
-                           .contact_count = count, .position = positions.rows, .force = forces.rows, .arc = arc,
-                           .state = sliding};
-    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m);
+/* The needle first: a viewer's picture is complete with the deformation. */
+static void publish_sight(telemetry *t, const view_sample *view) {
+    sight_take(&t->sight, &view->state, view->tick, view->pose_utime);
+    t->sight.contacts.utime = t->sight.deformation.utime = wall_us();
+    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->sight.contacts);
+    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &t->sight.deformation);
 }
 
 void *telemetry_run(void *context) {
@@ -188,10 +126,7 @@ void *telemetry_run(void *context) {
             publish_timing(t, view);
             publish_status(t, view);
         }
-        if (fresh) {
-            publish_contacts(t, view);
-            publish_deformation(t, view);
-        }
+        if (fresh) publish_sight(t, view);
         due += 1000000000 / VIEW_HZ;
         if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
         sleep_until(due);

@@ -8,12 +8,11 @@
 #include "exchange.h"
 #include "intake.h"
 #include "loop.h"
-#include "simulation.h"
+#include "sight.h"
 #include "worker.h"
 
 typedef struct {
     exchange *exchange;
-    simulation *simulation;
     const worker *worker;        /* whose first failure is told */
     const char *scene_path;
     double rate_hz;
@@ -23,9 +22,7 @@ typedef struct {
     lcm_t *lcm;                  /* all below: the thread's own */
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
-    vec3 *nodal, *added;         /* displacements, m: of the mesh's nodes and of those that the insertion added */
-    float *displacement;         /* 3 node_count: the mesh's again, as they are sent */
-    float **displacement_rows;   /* node_count: rows of it, as LCM wants them */
+    sight sight;
 } telemetry;
 
 /* Connects to LCM. `s`, `w` and `x` must outlive it. BAD_INPUT if the URL is of no use. */

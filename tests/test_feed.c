@@ -1,0 +1,144 @@
+/* Messages with arrays are measured before LCM's decoders see them; what is good arrives in the timeline. */
+#include "feed.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene.h"
+#include "sight.h"
+#include "timing.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+typedef struct {
+    scene scene;
+    simulation simulation;
+    sight sight;
+    insertion_state *state;
+    timeline timeline;
+    feed feed;
+    lcm_t *lcm;
+} fixture;
+
+static int open_fixture(void **state) {
+    fixture *f = *state = calloc(1, sizeof *f);
+    report why = {""};
+    f->state = calloc(1, sizeof *f->state);
+    f->lcm = lcm_create("memq://");
+    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) != TROCAR_OK
+        || simulation_create(&f->scene.simulation, &f->simulation, &why) != TROCAR_OK
+        || sight_create(&f->sight, &f->simulation, &why) != TROCAR_OK
+        || timeline_create(&f->timeline, true, &why) != TROCAR_OK
+        || feed_open(&f->feed, f->lcm, &f->simulation.mesh, 1000, &f->timeline, &why) != TROCAR_OK) {
+        print_error("%s\n", why.text);
+        return -1;
+    }
+    insertion_reset(&f->simulation.insertion, (pose){{0.005, 0.003, -0.15}, {1, 0, 0, 0}}, f->state);
+    sight_take(&f->sight, f->state, 77, 5000);
+    return 0;
+}
+
+static int close_fixture(void **state) {
+    fixture *f = *state;
+    lcm_destroy(f->lcm);
+    feed_close(&f->feed);
+    timeline_free(&f->timeline);
+    sight_free(&f->sight);
+    simulation_free(&f->simulation);
+    free(f->state);
+    free(f);
+    return 0;
+}
+
+static void handle_all(fixture *f) {
+    while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
+}
+
+static void a_picture_is_complete_with_both_messages_of_its_tick(void **state) {
+    fixture *f = *state;
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    handle_all(f);
+    assert_int_equal(f->timeline.picture_end, 0);
+    f->sight.deformation.tick = 76;
+    trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+    handle_all(f);
+    assert_int_equal(f->timeline.picture_end, 0);
+    f->sight.deformation.tick = 77;
+    trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+    handle_all(f);
+    assert_int_equal(f->timeline.picture_end, 1);
+    assert_int_equal(f->feed.refused, 0);
+}
+
+static void a_server_is_alive_while_it_sends(void **state) {
+    fixture *f = *state;
+    pose base;
+    assert_false(feed_alive(&f->feed) || feed_base(&f->feed, &base));
+    trocar_needle_wrench_t w = {.tick = 77, .force = {0, 0, -1}};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &w);
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    handle_all(f);
+    assert_true(feed_alive(&f->feed) && feed_base(&f->feed, &base));
+    assert_close_vector(base.position, f->state->needle.base.position, 0);
+}
+
+/* Every length but the right one, and every count that the array could have: refused before it is decoded. */
+static void nothing_of_another_size_is_decoded(void **state) {
+    fixture *f = *state;
+    static unsigned char bytes[1 << 16];
+    int size = trocar_contacts_t_encode(bytes, 0, sizeof bytes, &f->sight.contacts);
+    assert_true(contacts_fit(bytes, (size_t)size));
+    for (size_t wrong = 0; wrong < sizeof bytes; wrong += wrong < 4096 ? 1 : 97)
+        assert_true(wrong == (size_t)size || !contacts_fit(bytes, wrong));
+    int joints_at = 8 + 24 + 32;
+    for (int byte = 0; byte < 4; byte++)
+        for (int value = 1; value < 256; value++) {
+            bytes[joints_at + byte] ^= (unsigned char)value;
+            assert_false(contacts_fit(bytes, (size_t)size));
+            bytes[joints_at + byte] ^= (unsigned char)value;
+        }
+    size = trocar_deformation_t_encode(bytes, 0, sizeof bytes, &f->sight.deformation);
+    int nodes = f->simulation.mesh.node_count;
+    assert_true(deformation_fits(bytes, (size_t)size, nodes));
+    assert_false(deformation_fits(bytes, (size_t)size - 1, nodes) || deformation_fits(bytes, (size_t)size, nodes + 1));
+    assert_false(deformation_fits(bytes, 3, nodes));
+    trocar_status_t s = {.scene = "a.yaml", .message = ""};
+    size = trocar_status_t_encode(bytes, 0, sizeof bytes, &s);
+    assert_true(status_fits(bytes, (size_t)size));
+    assert_false(status_fits(bytes, (size_t)size - 1) || status_fits(bytes, (size_t)size + 1) || status_fits(bytes, 20));
+}
+
+/* As they would come in by the network: no crash, all counted. */
+static void damaged_messages_are_counted(void **state) {
+    fixture *f = *state;
+    static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};
+    uint32_t random = 3;
+    unsigned char noise[600];
+    for (int i = 0; i < 2000; i++) {
+        for (size_t k = 0; k < sizeof noise; k++) {
+            random = 1664525u * random + 1013904223u;
+            noise[k] = (unsigned char)(random >> 24);
+        }
+        lcm_publish(f->lcm, channels[i % 5], noise, random % sizeof noise);
+        handle_all(f);
+    }
+    assert_int_equal(f->feed.refused, 2000);
+    assert_int_equal(f->timeline.picture_end, 0);
+    assert_int_equal(f->timeline.sample_end, 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(a_picture_is_complete_with_both_messages_of_its_tick, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(nothing_of_another_size_is_decoded, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

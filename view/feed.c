@@ -1,0 +1,164 @@
+#include "feed.h"
+
+#include <stdlib.h>
+
+#include "timing.h"
+#include "trocar_deformation_t.h"
+
+enum { QUEUE = 512 }; /* half a second of wrenches */
+
+static const int64_t SILENCE = 1000000000; /* ns without a wrench after which no server is there */
+
+/* ---- measuring ---- */
+
+enum { FINGERPRINT = 8 };
+
+/* A length in the message, -1 where it is not one. */
+static int64_t length_at(const void *data, size_t size, size_t offset) {
+    const unsigned char *b = (const unsigned char *)data + offset;
+    if (offset + 4 > size || b[0] > 0x7f) return -1;
+    return (int64_t)b[0] << 24 | (int64_t)b[1] << 16 | (int64_t)b[2] << 8 | b[3];
+}
+
+bool contacts_fit(const void *data, size_t size) {
+    enum { JOINTS = FINGERPRINT + 3 * 8 + 4 * 8, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
+    int64_t joints = length_at(data, size, JOINTS);
+    if (joints < 2 || joints > NEEDLE_MAX_SEGMENTS + 1) return false;
+    size_t count_at = JOINTS + 4 + JOINT * (size_t)joints;
+    int64_t contacts = length_at(data, size, count_at);
+    return contacts >= 0 && contacts <= MAX_POINTS && size == count_at + 4 + CONTACT * (size_t)contacts;
+}
+
+bool deformation_fits(const void *data, size_t size, int node_count) {
+    enum { NODES = FINGERPRINT + 2 * 8, NODE = 3 * 4 };
+    return length_at(data, size, NODES) == node_count && size == NODES + 4 + NODE * (size_t)node_count;
+}
+
+bool status_fits(const void *data, size_t size) {
+    trocar_status_t empty = {.scene = "", .message = ""};
+    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - 2 * (4 + 1); /* an empty string: its length, its zero */
+    for (int string = 0; string < 2; string++) {
+        int64_t length = length_at(data, size, offset);
+        if (length < 1) return false;
+        offset += 4 + (size_t)length;
+    }
+    return offset == size;
+}
+
+/* ---- the channels ---- */
+
+static double now(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
+
+plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
+    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane,
+                     .contacts = w->contacts, .flags = (uint32_t)w->flags};
+    for (int a = 0; a < 3; a++) {
+        s.force[a] = (float)w->force[a];
+        s.torque[a] = (float)w->torque[a];
+    }
+    return s;
+}
+
+static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    feed *f = context;
+    trocar_needle_wrench_t w = {0};
+    if (trocar_needle_wrench_t_decode(received->data, 0, (int)received->data_size, &w) != (int)received->data_size) {
+        f->refused++;
+        return;
+    }
+    f->wrench = w;
+    f->heard = monotonic_ns();
+    plot_sample s = sample_of_wrench(now(f), &w);
+    s.lateness_p99 = (float)f->timing.lateness_p99;
+    s.lateness_max = (float)f->timing.lateness_max;
+    s.compute_p99 = (float)f->timing.compute_p99;
+    s.compute_max = (float)f->timing.compute_max;
+    report why;
+    timeline_add_sample(f->timeline, &s, &why); /* live: the ring has its memory */
+}
+
+static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    feed *f = context;
+    trocar_loop_timing_t m = {0};
+    if (trocar_loop_timing_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) f->refused++;
+    else f->timing = m;
+}
+
+static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    feed *f = context;
+    trocar_status_t m = {0};
+    if (!status_fits(received->data, received->data_size)
+        || trocar_status_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (f->status) trocar_status_t_destroy(f->status);
+    f->status = trocar_status_t_copy(&m);
+    trocar_status_t_decode_cleanup(&m);
+}
+
+static void on_contacts(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    feed *f = context;
+    trocar_contacts_t m = {0};
+    if (!contacts_fit(received->data, received->data_size)
+        || trocar_contacts_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    f->contacts = trocar_contacts_t_copy(&m);
+    trocar_contacts_t_decode_cleanup(&m);
+}
+
+/* Ticks are the server's clock, also for pictures that come later than their wrench. */
+static double time_of_tick(const feed *f, int64_t tick) {
+    return 1e-9 * (double)(f->heard - f->started) - (double)(f->wrench.tick - tick) * f->period;
+}
+
+/* A picture is complete with the second message of its tick. */
+static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    feed *f = context;
+    trocar_deformation_t m = {0};
+    if (!deformation_fits(received->data, received->data_size, f->mesh->node_count)
+        || trocar_deformation_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    report why; /* a picture without memory is left out */
+    if (f->contacts && f->contacts->tick == m.tick)
+        timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
+    trocar_deformation_t_decode_cleanup(&m);
+}
+
+trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
+    static const struct { const char *channel; lcm_msg_handler_t handler; } channels[] = {
+        {"TROCAR_WRENCH", on_wrench}, {"TROCAR_TIMING", on_timing}, {"TROCAR_STATUS", on_status},
+        {"TROCAR_CONTACTS", on_contacts}, {"TROCAR_DEFORMATION", on_deformation}};
+    *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz};
+    for (size_t i = 0; i < sizeof channels / sizeof *channels; i++) {
+        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i].channel, channels[i].handler, f);
+        if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)
+            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i].channel);
+    }
+    return TROCAR_OK;
+}
+
+void feed_close(feed *f) {
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    if (f->status) trocar_status_t_destroy(f->status);
+    *f = (feed){0};
+}
+
+bool feed_alive(const feed *f) { return f->heard != 0 && monotonic_ns() - f->heard < SILENCE; }
+
+bool feed_base(const feed *f, pose *base) {
+    if (!feed_alive(f) || !f->contacts) return false;
+    const double *x = f->contacts->centreline[0], *q = f->contacts->orientation;
+    *base = (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
+    return true;
+}

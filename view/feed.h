@@ -1,0 +1,44 @@
+/* What the server says on its channels, brought to a timeline. Messages with arrays are measured before they are decoded:
+   LCM's generated decoders trust the counts in them. */
+#ifndef TROCAR_FEED_H
+#define TROCAR_FEED_H
+
+#include <lcm/lcm.h>
+
+#include "timeline.h"
+#include "trocar_loop_timing_t.h"
+#include "trocar_needle_wrench_t.h"
+#include "trocar_status_t.h"
+
+typedef struct {
+    const mesh *mesh;
+    timeline *timeline;
+    int64_t started;         /* ns, monotonic: time 0 */
+    double period;           /* s, of the server's loop */
+    int64_t heard;           /* ns, monotonic: last wrench; 0: none */
+    trocar_needle_wrench_t wrench;
+    trocar_loop_timing_t timing;
+    trocar_contacts_t *contacts; /* newest, NULL before the first */
+    trocar_status_t *status; /* newest, NULL before the first */
+    int64_t refused;         /* messages that are not what their channel says */
+} feed;
+
+/* Subscribes; `mesh` and `t` must outlive it. SYSTEM when LCM refuses. */
+trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why);
+void feed_close(feed *f);
+
+/* Does a server send, as of now? */
+bool feed_alive(const feed *f);
+
+/* Where the server has the needle's base: false if that is not known. */
+bool feed_base(const feed *f, pose *base);
+
+/* Are these the bytes of one message, all lengths in it within `size`? */
+bool contacts_fit(const void *data, size_t size);
+bool deformation_fits(const void *data, size_t size, int node_count);
+bool status_fits(const void *data, size_t size);
+
+/* A tick's wrench as a point of the plots; timing stays zero. */
+plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w);
+
+#endif

@@ -1,0 +1,241 @@
+// An axial slice as a transrectal ultrasound probe would show it: grey tissue whose speckle moves with it, the flash of
+// the needle with its tail, outlines over it. A likeness for orientation, not a simulation of ultrasound.
+import * as THREE from 'three'
+import { Slicer } from './slicer.js'
+
+const VERTEX = `
+  attribute vec3 rest; attribute float grey;
+  varying vec3 seed; varying float level; varying vec2 place;
+  void main() { seed = rest; level = grey; place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`
+
+const FAN = `
+  uniform vec2 probe; uniform vec2 reach; uniform float spread;
+  // 1 inside the fan of the probe, soft at its edges
+  float fan(vec2 at) {
+    vec2 from = at - probe; float range = length(from), angle = abs(atan(from.x, from.y));
+    return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
+  }`
+
+// Two sizes of grains fixed in the tissue, drawn out across the beam; weaker with depth.
+const FRAGMENT = `
+  precision highp float;
+  varying vec3 seed; varying float level; varying vec2 place;
+  ${FAN}
+  float hash(vec3 p) { p = fract(p * vec3(0.1031, 0.1030, 0.0973)); p += dot(p, p.yxz + 33.33); return fract((p.x + p.y) * p.z); }
+  float noise(vec3 p) {
+    vec3 i = floor(p), f = fract(p); f = f * f * (3.0 - 2.0 * f);
+    return mix(mix(mix(hash(i), hash(i + vec3(1,0,0)), f.x), mix(hash(i + vec3(0,1,0)), hash(i + vec3(1,1,0)), f.x), f.y),
+               mix(mix(hash(i + vec3(0,0,1)), hash(i + vec3(1,0,1)), f.x), mix(hash(i + vec3(0,1,1)), hash(i + vec3(1,1,1)), f.x), f.y), f.z);
+  }
+  void main() {
+    float depth = length(place - probe);
+    float fine = noise(seed * vec3(1500.0, 2600.0, 1400.0) + 300.0), coarse = noise(seed * vec3(420.0, 560.0, 380.0) + 70.0), broad = noise(seed * vec3(110.0, 130.0, 100.0) + 20.0);
+    float speckle = 0.42 + 0.75 * fine * fine + 0.42 * (coarse - 0.5) + 0.3 * (broad - 0.5);
+    float fade = exp(-9.0 * max(depth - reach.x, 0.0));
+    float v = level * speckle * (0.45 + 0.85 * fade);
+    gl_FragColor = vec4(vec3(pow(clamp(v, 0.0, 1.0), 0.85)) * vec3(0.97, 0.99, 1.0), fan(place));
+  }`
+
+const FLASH = `
+  precision highp float;
+  varying vec2 place;
+  uniform vec2 needle; uniform float visible;
+  ${FAN}
+  // the needle's echo, and its reverberations behind it as seen from the probe
+  void main() {
+    vec2 away = normalize(needle - probe), from = place - needle;
+    float along = dot(from, away), across = dot(from, vec2(away.y, -away.x));
+    float core = exp(-(across * across) / 1.6e-6 - (along * along) / 0.35e-6);
+    float tail = along > 0.0 ? exp(-across * across / 0.9e-6 - along / 0.006) * (0.35 + 0.65 * pow(0.5 + 0.5 * cos(along * 3200.0), 2.0)) : 0.0;
+    gl_FragColor = vec4(vec3(1.0, 0.98, 0.92), visible * fan(place) * min(core * 1.5 + 0.55 * tail, 1.0));
+  }`
+
+const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
+const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
+
+export class Echo {
+  /** `canvas` for the tissue, `marks` over it for outlines and scales. */
+  constructor(canvas, marks) {
+    this.canvas = canvas
+    this.marks = marks
+    this.renderer = new THREE.WebGLRenderer({ canvas, alpha: true })
+    this.world = new THREE.Scene()
+    this.camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -1, 1)
+    this.place = 0
+    this.dirty = true
+  }
+
+  load(scene) {
+    this.scene = scene
+    this.slicer = new Slicer(scene)
+    this.nodes = new Float32Array(scene.nodes)
+    this.world.clear()
+    this.frameFan(scene)
+    this.addTissue(scene)
+    this.dirty = true
+  }
+
+  /** The probe lies under the regions of interest; the fan takes them in. */
+  frameFan(scene) {
+    const wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== this.hostOf(scene)).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
+    for (let t = 0; t < scene.tets.length; t += 5)
+      if (wanted.has(scene.tets[t]) || wanted.size === 0)
+        for (let i = 1; i < 5; i++) box.expandByPoint(p.fromArray(scene.nodes, 3 * scene.tets[t + i]))
+    const middle = box.getCenter(new THREE.Vector3()), size = box.getSize(new THREE.Vector3())
+    this.probe = new THREE.Vector2(middle.x, box.min.y - 0.016)
+    this.reach = new THREE.Vector2(0.010, size.y + 0.030)
+    this.spread = Math.min(1.0, Math.atan2(size.x / 2 + 0.012, size.y / 2 + 0.016))
+    const width = 2 * this.reach.y * Math.sin(this.spread) * 1.04, low = this.probe.y + this.reach.x * Math.cos(this.spread) - 0.006, high = this.probe.y + this.reach.y + 0.003
+    this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
+    this.range = { from: box.min.z - 0.01, to: box.max.z + 0.01 }
+  }
+
+  hostOf(scene) {
+    const count = new Map()
+    for (let t = 0; t < scene.triangles.length; t += 6)
+      if (scene.triangles[t + 4] === 0xffffffff) count.set(scene.triangles[t + 3], (count.get(scene.triangles[t + 3]) ?? 0) + 1)
+    return [...count].sort((a, b) => b[1] - a[1])[0]?.[0]
+  }
+
+  addTissue(scene) {
+    const host = this.hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread } }
+    this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.name) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
+    this.outlined = (inside, outside) => inside !== outside && outside !== 0xffffffff
+    this.geometry = new THREE.BufferGeometry()
+    this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
+    this.flash = new THREE.Mesh(new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0),
+      new THREE.ShaderMaterial({ vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
+                                 uniforms: { ...fan, needle: { value: new THREE.Vector2() }, visible: { value: 0 } } }))
+    for (const mesh of [this.tissue, this.flash]) mesh.frustumCulled = false
+    this.flash.renderOrder = 2
+    this.world.add(this.tissue, this.flash)
+  }
+
+  /** `line`: the needle's points from base to tip; `nodes` deformed. */
+  show(nodes, line) {
+    this.nodes = nodes
+    this.line = line
+    this.dirty = true
+  }
+
+  setPlace(z) {
+    if (z === this.place) return
+    this.place = z
+    this.dirty = true
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.canvas
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2))
+    this.renderer.setSize(clientWidth, clientHeight, false)
+    this.marks.width = clientWidth * devicePixelRatio
+    this.marks.height = clientHeight * devicePixelRatio
+    this.dirty = true
+  }
+
+  /** Where the needle crosses the slice: x, y, or null. */
+  crossing() {
+    const points = this.line?.places ?? []
+    for (let i = points.length - 1; i > 0; i--) {
+      const a = points[i - 1], b = points[i]
+      if ((a.z - this.place) * (b.z - this.place) <= 0 && a.z !== b.z) {
+        const part = (this.place - a.z) / (b.z - a.z)
+        return { x: a.x + part * (b.x - a.x), y: a.y + part * (b.y - a.y) }
+      }
+    }
+    return null
+  }
+
+  draw() {
+    if (!this.dirty || !this.scene || this.canvas.clientWidth === 0) return
+    this.dirty = false
+    const count = this.slicer.cut(this.nodes, [0, 0, 1], this.place), greys = new Float32Array(count)
+    const flat = this.slicer.place.array.slice(0, 3 * count)
+    for (let v = 0; v < count; v++) {
+      flat[3 * v + 2] = 0
+      greys[v] = this.greys.get(this.slicer.region.array[v]) ?? GREY.other
+    }
+    this.geometry.setAttribute('position', new THREE.BufferAttribute(flat, 3))
+    this.geometry.setAttribute('rest', new THREE.BufferAttribute(this.slicer.nominal.array.slice(0, 3 * count), 3))
+    this.geometry.setAttribute('grey', new THREE.BufferAttribute(greys, 1))
+    const needle = this.crossing(), { uniforms } = this.flash.material
+    uniforms.visible.value = needle ? 1 : 0
+    if (needle) uniforms.needle.value.set(needle.x, needle.y)
+    this.aim()
+    this.renderer.render(this.world, this.camera)
+    this.drawMarks(needle)
+  }
+
+  /** Seen along the needle: y up, x to the left. */
+  aim() {
+    const { clientWidth: width, clientHeight: height } = this.canvas, scale = this.view.size / Math.min(width, height)
+    this.halfWidth = scale * width / 2
+    this.halfHeight = scale * height / 2
+    Object.assign(this.camera, { left: this.halfWidth, right: -this.halfWidth, top: this.halfHeight, bottom: -this.halfHeight })
+    this.camera.position.set(this.view.x, this.view.y, 0)
+    this.camera.updateProjectionMatrix()
+  }
+
+  toPixel(x, y) {
+    const { width, height } = this.marks
+    return [width * (0.5 - (x - this.view.x) / (2 * this.halfWidth)), height * (0.5 - (y - this.view.y) / (2 * this.halfHeight))]
+  }
+
+  drawMarks(needle) {
+    const ink = this.marks.getContext('2d'), ratio = devicePixelRatio
+    ink.clearRect(0, 0, this.marks.width, this.marks.height)
+    this.drawOutlines(ink, this.scene.nodes, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
+    this.drawOutlines(ink, this.nodes, '#ff8fa3', [], 1.6 * ratio)
+    this.drawRulers(ink, ratio)
+    if (needle) {
+      const [x, y] = this.toPixel(needle.x, needle.y)
+      ink.strokeStyle = '#37d0ff'
+      ink.lineWidth = 1.2 * ratio
+      ink.beginPath()
+      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { ink.moveTo(x + 7 * ratio * dx, y + 7 * ratio * dy); ink.lineTo(x + 12 * ratio * dx, y + 12 * ratio * dy) }
+      ink.stroke()
+    }
+    ink.fillStyle = '#cfd8e3'
+    ink.font = `${11 * ratio}px system-ui, sans-serif`
+    ink.textAlign = 'left'
+    ink.fillText(`axial, z = ${(1e3 * this.place).toFixed(1)} mm`, 10 * ratio, 18 * ratio)
+    ink.textAlign = 'right'
+    ink.fillText('seen along the needle', this.marks.width - 10 * ratio, 18 * ratio)
+  }
+
+  drawOutlines(ink, nodes, colour, dash, width) {
+    const lines = this.slicer.outline(nodes, [0, 0, 1], this.place, this.outlined)
+    ink.strokeStyle = colour
+    ink.lineWidth = width
+    ink.setLineDash(dash)
+    ink.beginPath()
+    for (let i = 0; i < lines.length; i += 6) {
+      ink.moveTo(...this.toPixel(lines[i], lines[i + 1]))
+      ink.lineTo(...this.toPixel(lines[i + 3], lines[i + 4]))
+    }
+    ink.stroke()
+    ink.setLineDash([])
+  }
+
+  /** Millimetres along the left edge and the lower edge. */
+  drawRulers(ink, ratio) {
+    const step = 0.005, { width, height } = this.marks
+    ink.strokeStyle = ink.fillStyle = 'rgba(200,212,226,0.55)'
+    ink.lineWidth = ratio
+    ink.font = `${9 * ratio}px system-ui, sans-serif`
+    ink.beginPath()
+    for (let k = Math.ceil((this.view.y - this.halfHeight) / step); k * step < this.view.y + this.halfHeight; k++) {
+      const y = this.toPixel(0, k * step)[1], long = k % 2 === 0
+      ink.moveTo(0, y)
+      ink.lineTo((long ? 7 : 4) * ratio, y)
+      if (k % 4 === 0 && y > 30 * ratio && y < height - 20 * ratio) { ink.textAlign = 'left'; ink.fillText(`${(1e3 * k * step).toFixed(0)}`, 10 * ratio, y + 3 * ratio) }
+    }
+    for (let k = Math.ceil((this.view.x - this.halfWidth) / step); k * step < this.view.x + this.halfWidth; k++) {
+      const x = this.toPixel(k * step, 0)[0], long = k % 2 === 0
+      ink.moveTo(x, height)
+      ink.lineTo(x, height - (long ? 7 : 4) * ratio)
+      if (k % 4 === 0 && x > 24 * ratio && x < width - 24 * ratio) { ink.textAlign = 'center'; ink.fillText(`${(1e3 * k * step).toFixed(0)}`, x, height - 10 * ratio) }
+    }
+    ink.stroke()
+  }
+}

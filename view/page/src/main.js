@@ -1,0 +1,289 @@
+// The page: brings together what is received, the time that is shown, the 3D view, the slice, the plots and the needle's drive.
+import './style.css'
+import { CONTACT, rampCss, regionColour } from './colours.js'
+import { Drive } from './drive.js'
+import { Echo } from './echo.js'
+import { History } from './history.js'
+import { Link } from './link.js'
+import { compose, save } from './picture.js'
+import { Plots, Strip } from './plots.js'
+import { Stage } from './stage.js'
+
+const STRIP_SPAN = 60 // s, live
+const PLOT_PERIOD = 66 // ms between drawings of the plots
+const pictureTime = new URLSearchParams(location.search).get('picture') // s: draw this, send it back, and that is all
+
+const element = (id) => document.getElementById(id)
+const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
+const strip = new Strip(element('timeline'), seek)
+
+let scene = null, history = new History(true), status = { now: 0, alive: false }
+let shown = null                 // picture on the screen
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` counts when not following
+let connected = false, latency = [], plotsDrawn = 0, range = 1e-3
+
+/* ---- what comes in ---- */
+
+const link = new Link({
+  open() { connected = true; showLink() },
+  closed() { connected = false; status = { ...status, alive: false, drives: false }; showLink(); drive.show(status) },
+  scene: takeScene,
+  picture(picture) {
+    history.addPicture(picture)
+    if (clock.following && scene.live) picture.fresh = true
+  },
+  samples(samples) { history.addSamples(samples, scene.membranes) },
+  status(received) {
+    status = received
+    showLink()
+    drive.show(status)
+  },
+})
+
+const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), take: element('take'), note: element('drive-note'), controls: element('controls') })
+
+function takeScene(received) {
+  scene = received
+  history = new History(scene.live)
+  shown = null
+  clock = { following: scene.live, playing: true, time: 0, at: performance.now() }
+  plots.budget = 1 / scene.rate
+  stage.load(scene)
+  echo.load(scene)
+  listLayers()
+  document.body.classList.toggle('log', !scene.live)
+  element('scene-name').textContent = scene.path.split('/').pop()
+  element('scene-name').title = scene.path
+  setSlice((echo.range.from + echo.range.to) / 2)
+  setTheme(document.documentElement.dataset.theme)
+}
+
+function showLink() {
+  const badge = element('link')
+  const [text, kind] = !connected ? ['no connection', 'bad'] : !scene?.live ? ['log', 'calm'] : status.alive ? ['live', 'good'] : ['no server', 'bad']
+  badge.textContent = text
+  badge.className = `badge ${kind}`
+  element('rate').textContent = status.alive ? `${(status.rate / 1000).toPrecision(3)} kHz` : '–'
+  element('notice').textContent = status.alive ? noticeOf(status) : ''
+}
+
+const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
+
+function noticeOf({ flags = 0, scene: served = '' }) {
+  const words = FLAGS.filter(([bit]) => flags & bit).map(([, text]) => text)
+  if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
+  return words.join(' · ')
+}
+
+/* ---- time ---- */
+
+function seek(time) {
+  clock = { following: false, playing: false, time: Math.min(Math.max(time, history.start), history.end), at: performance.now() }
+}
+
+function goLive() { clock = { following: scene?.live ?? true, playing: true, time: scene?.live ? history.end : history.start, at: performance.now() } }
+
+function togglePlay() {
+  const now = timeShown(), ended = now >= history.end - 1e-3
+  clock = { following: false, playing: !(clock.playing && !(ended && !clock.following)), time: ended && !clock.following && !scene.live ? history.start : now, at: performance.now() }
+}
+
+function step(by) {
+  const at = history.pictures[history.pictureIndex(timeShown()) + by]
+  if (at) seek(at.time)
+}
+
+function timeShown() {
+  if (clock.following) return Math.max(history.end, history.pictures.at(-1)?.time ?? 0)
+  return clock.time
+}
+
+function advanceClock(now) {
+  if (!clock.following && clock.playing) {
+    clock.time += (now - clock.at) / 1000
+    if (clock.time >= history.end) {
+      if (scene?.live) goLive()
+      else Object.assign(clock, { time: history.end, playing: false })
+    }
+  }
+  clock.at = now
+}
+
+/* ---- drawing ---- */
+
+function frame(now) {
+  requestAnimationFrame(frame)
+  if (!scene) return
+  advanceClock(now)
+  showPicture()
+  const drawn = stage.draw()
+  echo.draw()
+  if (drawn) noteLatency()
+  if (now - plotsDrawn > PLOT_PERIOD) {
+    plotsDrawn = now
+    drawPlots()
+    showNumbers()
+  }
+}
+
+function showPicture() {
+  if (history.pictures.length === 0) return
+  const picture = clock.following ? history.pictures.at(-1) : history.pictures[history.pictureIndex(clock.time)]
+  if (picture === shown) return
+  shown = picture
+  const largest = stage.show(picture)
+  if (largest > range || largest < range / 4) setRange(largest)
+  echo.show(stage.anatomy.place.array, stage.line)
+  if (element('follow').checked) followTip()
+}
+
+/** The colours' full scale: 1, 2, 5, 10 ... mm. */
+function setRange(largest) {
+  const wanted = Math.max(largest, 1e-3), decade = 10 ** Math.floor(Math.log10(wanted))
+  range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
+  stage.anatomy.setRange(range)
+  element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
+}
+
+/** From the device's pose to the picture, on one machine's clock; the median of the last second. */
+function noteLatency() {
+  if (!shown?.fresh || !shown.poseTime) return
+  shown.fresh = false
+  latency.push(performance.timeOrigin + performance.now() - shown.poseTime)
+  if (latency.length > 30) latency.shift()
+}
+
+const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
+
+function drawPlots() {
+  const now = scene.live ? Math.max(status.now, history.end) : history.end, time = timeShown(), span = Number(element('window').value)
+  const wide = !scene.live, from = wide ? history.start : clock.following ? now - span : Math.max(Math.min(time - span / 2, now - span), history.start)
+  plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
+  const start = scene.live ? now - STRIP_SPAN : history.start
+  strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
+  element('clock').textContent = `${clock.following ? '' : (time - (scene.live ? now : 0)).toFixed(2)}${clock.following ? 'now' : ' s'}`
+  element('play').textContent = clock.playing ? 'Pause' : 'Play'
+  element('live').disabled = clock.following
+}
+
+function showNumbers() {
+  if (history.count === 0) return
+  const at = clock.following ? history.count - 1 : history.sampleIndex(timeShown()), value = (column) => history.columns[column][at]
+  element('depth').textContent = `${(1e3 * value(7)).toFixed(1)} mm`
+  element('force').textContent = `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
+  element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
+  element('tick').textContent = status.alive ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
+  element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
+  showScale()
+}
+
+/** A bar of a round length, about 100 pixels. */
+function showScale() {
+  const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
+  element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm`
+}
+
+/* ---- slices and layers ---- */
+
+function setSlice(z) {
+  const { from, to } = echo.range
+  echo.setPlace(z)
+  element('slice').value = (z - from) / (to - from)
+  stage.slice.move(z)
+  stage.dirty = true
+}
+
+/** A little behind the tip, so that the needle shows. */
+function followTip() {
+  const tip = stage.needle.tip, { from, to } = echo.range
+  if (tip.z > stage.box.min.z) setSlice(Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to))
+}
+
+stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
+stage.onCut = (part) => { element('cut-place').value = part }
+
+const OFF_AT_FIRST = ['slice frame']
+
+function listLayers() {
+  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', 'contacts', 'forces', 'slice frame']
+  list.replaceChildren(...names.map((name) => {
+    const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('i')
+    const index = scene.regions.findIndex((region) => region.name === name)
+    if (index >= 0) swatch.style.background = regionColour(scene.regions[index], index)
+    Object.assign(box, { type: 'checkbox', checked: !OFF_AT_FIRST.includes(name), name })
+    box.addEventListener('change', () => stage.setLayer(name, box.checked))
+    stage.setLayer(name, box.checked)
+    label.append(box, name, swatch)
+    return label
+  }))
+}
+
+function setCut(axis, part = Number(element('cut-place').value)) {
+  element('cut-axis').value = axis
+  element('cut-place').disabled = !axis
+  stage.setCut(axis, part)
+}
+
+/* ---- controls ---- */
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme
+  element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
+  try { localStorage.setItem('theme', theme) } catch { /* a private window: next time the default again */ }
+  stage.anatomy?.setTheme(theme !== 'light')
+  stage.dirty = true
+  plots.restyle()
+}
+
+const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
+const takePicture = () => { stage.dirty = echo.dirty = true; stage.draw(); echo.draw(); return compose({ stage, echo, scene, history, time: timeShown(), range }) }
+const savePicture = async () => save(await takePicture(), `trocar-${timeShown().toFixed(2)}s.png`)
+const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
+const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
+
+const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
+                  KeyT: () => drive.toggle(), KeyR: () => { if (drive.driving) link.reset() }, Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4) }
+
+addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
+  if (event.key === '?') element('keys').showModal()
+  else if (drive.key(event, true)) event.preventDefault()
+  else if (ACTIONS[event.code] && !event.repeat && scene && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
+})
+addEventListener('keyup', (event) => drive.key(event, false))
+
+element('screenshot').addEventListener('click', savePicture)
+element('theme').addEventListener('click', toggleTheme)
+element('help').addEventListener('click', () => element('keys').showModal())
+element('play').addEventListener('click', togglePlay)
+element('live').addEventListener('click', goLive)
+element('take').addEventListener('click', (event) => { drive.toggle(); event.target.blur() })
+element('reset').addEventListener('click', () => link.reset())
+element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
+element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
+element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
+new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('stage'))
+new ResizeObserver(() => echo.resize()).observe(element('trus'))
+
+element('colours').style.background = rampCss
+for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1], ['tip', 'tip']]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+let remembered = null
+try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
+setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
+if (matchMedia('(max-width: 700px)').matches) element('layers').open = false
+requestAnimationFrame(frame)
+
+/* ---- for trocar-view --png, and for tests ---- */
+
+if (pictureTime !== null) {
+  document.body.classList.add('picture')
+  const wait = setInterval(async () => {
+    if (!scene || history.pictures.length === 0 || Math.max(history.end, history.pictures.at(-1).time) < status.now - 0.011) return
+    clearInterval(wait)
+    seek(Number(pictureTime))
+    showPicture()
+    link.sendPicture(await (await takePicture()).arrayBuffer())
+  }, 50)
+}
+window.trocar = { stage, echo, plots, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get shown() { return shown }, get latency() { return latency } }

@@ -1,0 +1,133 @@
+// The needle with its true bend, its hub, and where it touches the tissue.
+import * as THREE from 'three'
+import { CONTACT } from './colours.js'
+
+const RINGS = 180, SIDES = 14
+const BEVEL = 4          // length of the tip's slope, diameters
+const MARK = 0.01        // m between the marks on the shaft
+const MAX_CONTACTS = 65
+const FORCE_SCALE = 0.1  // m of arrow per N
+const LONGEST = 0.03     // m
+
+/** Points and directions along the centreline at equal steps, through the joints. */
+function trace(joints, count) {
+  const points = []
+  for (let j = 0; j < joints.length; j += 3) points.push(new THREE.Vector3(joints[j], joints[j + 1], joints[j + 2]))
+  const curve = new THREE.CatmullRomCurve3(points, false, 'centripetal')
+  const places = [], tangents = []
+  for (let i = 0; i < count; i++) {
+    places.push(curve.getPoint(i / (count - 1)))
+    tangents.push(curve.getTangent(i / (count - 1)))
+  }
+  return { places, tangents }
+}
+
+export class Needle {
+  constructor(scene) {
+    this.length = scene.needle.length
+    this.radius = scene.needle.diameter / 2
+    this.group = new THREE.Group()
+    this.addShaft()
+    this.addHub()
+    this.addContacts()
+  }
+
+  addShaft() {
+    const geometry = new THREE.BufferGeometry(), count = RINGS * SIDES + 1
+    this.place = new THREE.BufferAttribute(new Float32Array(3 * count), 3).setUsage(THREE.DynamicDrawUsage)
+    this.normal = new THREE.BufferAttribute(new Float32Array(3 * count), 3).setUsage(THREE.DynamicDrawUsage)
+    const colours = new Float32Array(3 * count), indices = []
+    for (let ring = 0; ring < RINGS; ring++) {
+      const fromTip = this.length * (1 - ring / (RINGS - 1)), dark = fromTip > 0.004 && (fromTip + 0.0006) % MARK < 0.0012
+      for (let side = 0; side < SIDES; side++) colours.fill(dark ? 0.2 : 0.86, 3 * (ring * SIDES + side), 3 * (ring * SIDES + side + 1))
+      for (let side = 0; side < SIDES && ring < RINGS - 1; side++) {
+        const a = ring * SIDES + side, b = ring * SIDES + (side + 1) % SIDES
+        indices.push(a, b, a + SIDES, b, b + SIDES, a + SIDES)
+      }
+    }
+    for (let side = 0; side < SIDES; side++) indices.push((RINGS - 1) * SIDES + side, (RINGS - 1) * SIDES + (side + 1) % SIDES, count - 1)
+    geometry.setAttribute('position', this.place)
+    geometry.setAttribute('normal', this.normal)
+    geometry.setAttribute('color', new THREE.BufferAttribute(colours, 3))
+    geometry.setIndex(indices)
+    this.shaft = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({ vertexColors: true, specular: '#ffffff', shininess: 60, side: THREE.DoubleSide }))
+    this.shaft.frustumCulled = false
+    this.group.add(this.shaft)
+  }
+
+  addHub() {
+    const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
+    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // on the bevel's side
+    this.hub = new THREE.Group()
+    this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: '#2c7fb8', specular: '#88bbee', shininess: 40 })))
+    this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
+    this.group.add(this.hub)
+  }
+
+  addContacts() {
+    this.dots = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 16, 12), new THREE.MeshLambertMaterial(), MAX_CONTACTS)
+    this.dots.frustumCulled = false
+    this.dots.setColorAt(0, new THREE.Color())
+    this.group.add(this.dots)
+    const geometry = new THREE.BufferGeometry()
+    this.arrowPlace = new THREE.BufferAttribute(new Float32Array(6 * MAX_CONTACTS), 3).setUsage(THREE.DynamicDrawUsage)
+    this.arrowColour = new THREE.BufferAttribute(new Float32Array(6 * MAX_CONTACTS), 3).setUsage(THREE.DynamicDrawUsage)
+    geometry.setAttribute('position', this.arrowPlace)
+    geometry.setAttribute('color', this.arrowColour)
+    this.arrows = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true }))
+    this.arrows.frustumCulled = false
+    this.group.add(this.arrows)
+  }
+
+  show(picture) {
+    const base = new THREE.Quaternion(picture.orientation[1], picture.orientation[2], picture.orientation[3], picture.orientation[0])
+    const line = trace(picture.joints, RINGS)
+    this.bend(line, base)
+    this.hub.position.fromArray(picture.joints)
+    this.hub.quaternion.copy(base)
+    this.touch(picture.contacts)
+    this.tip = line.places.at(-1)
+    return line
+  }
+
+  /** Rings around the centreline, their first normal carried along without twist; the tip is cut off at a slope. */
+  bend({ places, tangents }, base) {
+    const up = new THREE.Vector3(0, 1, 0).applyQuaternion(base), side = new THREE.Vector3(), out = new THREE.Vector3(), { radius } = this
+    const place = this.place.array, normal = this.normal.array
+    for (let ring = 0; ring < RINGS; ring++) {
+      const t = tangents[ring], centre = places[ring]
+      up.addScaledVector(t, -up.dot(t)).normalize()
+      side.crossVectors(up, t)
+      const fromTip = this.length * (1 - ring / (RINGS - 1)), top = Math.min(radius, radius * (2 * fromTip / (2 * BEVEL * radius) - 1))
+      for (let s = 0; s < SIDES; s++) {
+        const angle = 2 * Math.PI * s / SIDES, x = radius * Math.sin(angle), y = Math.min(radius * Math.cos(angle), top), i = 3 * (ring * SIDES + s)
+        out.copy(side).multiplyScalar(x).addScaledVector(up, y)
+        centre.clone().add(out).toArray(place, i)
+        out.normalize().toArray(normal, i)
+      }
+    }
+    places[RINGS - 1].clone().addScaledVector(up, -radius).toArray(place, 3 * RINGS * SIDES)
+    tangents[RINGS - 1].toArray(normal, 3 * RINGS * SIDES)
+    this.place.needsUpdate = this.normal.needsUpdate = true
+  }
+
+  /** The last contact is the tip if its arc is the needle's length. */
+  touch(contacts) {
+    const count = contacts.length / 8, matrix = new THREE.Matrix4(), colour = new THREE.Color()
+    this.dots.count = count
+    this.arrows.geometry.setDrawRange(0, 2 * count)
+    for (let i = 0; i < count; i++) {
+      const [x, y, z, fx, fy, fz, arc, state] = contacts.subarray(8 * i, 8 * i + 8)
+      const tip = arc > this.length - 1e-6, force = Math.hypot(fx, fy, fz), length = force > 0 ? Math.min(FORCE_SCALE, LONGEST / force) : 0
+      const size = tip ? 0.0014 : 0.001
+      this.dots.setMatrixAt(i, matrix.makeScale(size, size, size).setPosition(x, y, z))
+      colour.set(tip ? CONTACT.tip : CONTACT[state])
+      this.dots.setColorAt(i, colour)
+      this.arrowPlace.array.set([x, y, z, x + length * fx, y + length * fy, z + length * fz], 6 * i)
+      colour.toArray(this.arrowColour.array, 6 * i)
+      colour.toArray(this.arrowColour.array, 6 * i + 3)
+    }
+    this.dots.instanceMatrix.needsUpdate = this.dots.instanceColor.needsUpdate = true
+    this.arrowPlace.needsUpdate = this.arrowColour.needsUpdate = true
+  }
+}

@@ -1,0 +1,171 @@
+// Force, torque, depth and timing over time, with what happened as marks; and the strip to move through time.
+import uPlot from 'uplot'
+import 'uplot/dist/uPlot.min.css'
+import { AXES } from './colours.js'
+
+const MICRO = 1e6, MILLI = 1e3
+const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
+const PLOTS = [
+  { title: 'Force', unit: 'N', columns: [1, 2, 3], names: ['Fx', 'Fy', 'Fz'], colours: AXES, scale: 1, least: 0.2 },
+  { title: 'Torque', unit: 'mN m', columns: [4, 5, 6], names: ['Tx', 'Ty', 'Tz'], colours: AXES, scale: MILLI, least: 5 },
+  { title: 'Depth', unit: 'mm', columns: [7], names: ['depth'], colours: ['#37d0ff'], scale: MILLI, least: 5, fromZero: true },
+  { title: 'Timing', unit: 'µs', columns: [10, 11, 8, 9], names: ['tick', 'max', 'late', 'max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
+    dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
+]
+
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
+
+export class Plots {
+  constructor(container) {
+    this.container = container
+    this.history = null
+    this.budget = 1e-3 // s
+    this.time = null   // s, where the picture is if not at the end
+    this.plots = PLOTS.map((plot) => this.build(plot))
+    new ResizeObserver(() => this.resize()).observe(container)
+  }
+
+  build(plot) {
+    const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
+    const number = (value) => (value === null || value === undefined ? '–' : (plot.scale * value).toFixed(plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
+    const holder = document.createElement('div')
+    this.container.append(holder)
+    const options = {
+      width: 320, height: 110, legend: { live: true }, cursor: { sync: { key: 'time' }, drag: { x: false, y: false }, points: { size: 5 } },
+      padding: [4, 8, 2, 0],
+      scales: { x: { time: false }, y: plot.logarithmic ? { distr: 3, range: (u, low, high) => [1e-6, Math.max(2 * this.budget, high * 1.2)] } : { range: (u, low, high) => this.range(plot, low, high) } },
+      axes: [
+        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)), show: plot === PLOTS.at(-1) },
+        { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: (u, splits) => splits.map((v) => ([1e-6, 1e-5, 1e-4, 1e-3, 1e-2].some((w) => Math.abs(v / w - 1) < 1e-6) ? v : null)) } : { space: 22 }) },
+      ],
+      series: [{ label: 's', value: (u, v) => (v === null || v === undefined ? '–' : v.toFixed(2)) },
+               ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], points: { show: false }, value: (u, v) => number(v) }))],
+      hooks: { draw: [(u) => this.drawMarks(u, plot)] },
+    }
+    const built = { ...plot, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
+    const title = document.createElement('h3')
+    title.innerHTML = `${plot.title} <small>${plot.unit}</small>`
+    holder.prepend(title)
+    return built
+  }
+
+  range(plot, low, high) {
+    const margin = 0.08 * Math.max(high - low, plot.least / plot.scale)
+    if (!Number.isFinite(low)) return [-plot.least / plot.scale, plot.least / plot.scale]
+    return [plot.fromZero ? 0 : Math.min(low - margin, -plot.least / plot.scale), Math.max(high + margin, plot.least / plot.scale)]
+  }
+
+  resize() {
+    const width = this.container.clientWidth - 4, height = Math.max(64, Math.min(190, (this.container.clientHeight - 24) / this.plots.length - 21))
+    for (const { chart } of this.plots) chart.setSize({ width, height })
+  }
+
+  /** Shows `from` .. `to` (s); `time` is where the picture is, or null at the end. */
+  show(history, from, to, time) {
+    this.history = history
+    this.time = time
+    if (history.count === 0) return
+    const columns = history.slice(from, to)
+    const at = time === null ? columns[0].length - 1 : history.sampleIndex(time) - history.sampleIndex(from)
+    for (const plot of this.plots) {
+      const data = [columns[0], ...plot.columns.map((column) => (plot.logarithmic ? columns[column].map((v) => Math.max(v, 1e-6)) : columns[column]))]
+      plot.chart.batch(() => {
+        plot.chart.setData(data, false)
+        plot.chart.setScale('x', { min: from, max: to })
+      })
+      if (plot.chart.cursor.left < 0) plot.chart.setLegend({ idx: at })
+    }
+  }
+
+  drawMarks(u, plot) {
+    if (!this.history) return
+    const ink = u.ctx, { left, top, width, height } = u.bbox, ratio = devicePixelRatio
+    ink.save()
+    ink.beginPath()
+    ink.rect(left, top, width, height)
+    ink.clip()
+    let free = left // where the next name has room
+    for (const mark of this.history.marks) {
+      if (mark.until < u.scales.x.min || mark.time > u.scales.x.max) continue
+      const x = u.valToPos(mark.time, 'x', true)
+      ink.fillStyle = ink.strokeStyle = mark.event.alarm ? css('--alarm') : css('--event')
+      if (mark.event.quiet) { ink.globalAlpha = 0.6; ink.fillRect(x - 0.5 * ratio, top + height - 4 * ratio, ratio, 4 * ratio); ink.globalAlpha = 1; continue }
+      if (mark.until > mark.time) { ink.globalAlpha = 0.18; ink.fillRect(x, top, u.valToPos(mark.until, 'x', true) - x, height); ink.globalAlpha = 1 }
+      this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
+      if (plot === PLOTS[0] && x >= free) {
+        ink.font = `${10 * ratio}px system-ui, sans-serif`
+        ink.fillText(mark.name, x + 3 * ratio, top + 10 * ratio)
+        free = x + ink.measureText(mark.name).width + 8 * ratio
+      }
+    }
+    if (plot.logarithmic) {
+      const y = u.valToPos(this.budget, 'y', true)
+      ink.strokeStyle = ink.fillStyle = css('--alarm')
+      this.line(ink, left, y, left + width, y, [], ratio)
+      ink.font = `${9 * ratio}px system-ui, sans-serif`
+      ink.fillText('budget', left + 4 * ratio, y - 3 * ratio)
+    }
+    if (this.time !== null) {
+      const x = u.valToPos(this.time, 'x', true)
+      ink.strokeStyle = css('--accent')
+      this.line(ink, x, top, x, top + height, [], 1.5 * ratio)
+    }
+    ink.restore()
+  }
+
+  line(ink, x0, y0, x1, y1, dash, width) {
+    ink.setLineDash(dash)
+    ink.lineWidth = width
+    ink.beginPath()
+    ink.moveTo(x0, y0)
+    ink.lineTo(x1, y1)
+    ink.stroke()
+    ink.setLineDash([])
+  }
+
+  restyle() { for (const { chart } of this.plots) chart.redraw() }
+}
+
+/** The last minute, or the whole log, at a glance: depth as a hill, marks, and where the picture is. */
+export class Strip {
+  constructor(canvas, onSeek) {
+    this.canvas = canvas
+    const seek = (event) => {
+      const box = canvas.getBoundingClientRect()
+      onSeek(this.from + (this.to - this.from) * Math.min(Math.max((event.clientX - box.left) / box.width, 0), 1))
+    }
+    canvas.addEventListener('pointerdown', (event) => { canvas.setPointerCapture(event.pointerId); this.held = true; seek(event) })
+    canvas.addEventListener('pointermove', (event) => { if (this.held) seek(event) })
+    canvas.addEventListener('pointerup', () => { this.held = false })
+    this.from = 0
+    this.to = 1
+  }
+
+  draw(history, from, to, time) {
+    Object.assign(this, { from, to })
+    const ratio = devicePixelRatio, width = this.canvas.clientWidth * ratio, height = this.canvas.clientHeight * ratio
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height })
+    const ink = this.canvas.getContext('2d'), at = (t) => width * (t - from) / (to - from)
+    ink.clearRect(0, 0, width, height)
+    if (history.count > 0) this.drawHill(ink, history, from, to, width, height)
+    for (const mark of history.marks) {
+      if (mark.event.quiet) continue
+      ink.fillStyle = mark.event.alarm ? css('--alarm') : css('--event')
+      ink.fillRect(at(mark.time), 0, Math.max(1.5 * ratio, at(mark.until) - at(mark.time)), height)
+    }
+    ink.fillStyle = css('--accent')
+    ink.fillRect(Math.min(at(time), width - 2 * ratio) - ratio, 0, 2 * ratio, height)
+  }
+
+  drawHill(ink, history, from, to, width, height) {
+    const [times, , , , , , , depth] = history.slice(from, to), step = Math.max(1, Math.floor(times.length / 600))
+    let deepest = 0.02
+    for (let i = 0; i < depth.length; i += step) deepest = Math.max(deepest, depth[i])
+    ink.fillStyle = css('--hill')
+    ink.beginPath()
+    ink.moveTo(width * (times[0] - from) / (to - from), height)
+    for (let i = 0; i < times.length; i += step) ink.lineTo(width * (times[i] - from) / (to - from), height * (1 - 0.9 * depth[i] / deepest))
+    ink.lineTo(width * (times.at(-1) - from) / (to - from), height)
+    ink.fill()
+  }
+}

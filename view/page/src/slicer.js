@@ -1,0 +1,79 @@
+// Cuts through the deformed tetrahedra: filled triangles and outlines of surfaces.
+
+/** A list of numbers that grows and is filled anew each time. */
+class Filled {
+  constructor() { this.array = new Float32Array(1 << 14); this.count = 0 }
+  reserve(more) {
+    if (this.count + more <= this.array.length) return
+    const wider = new Float32Array(2 * (this.count + more))
+    wider.set(this.array)
+    this.array = wider
+  }
+}
+
+// Corners of a tetrahedron whose sides of the plane make up the index: those below first; how many are below.
+const CASES = Array.from({ length: 16 }, (_, mask) => {
+  const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
+  if (below.length === 0 || above.length === 0) return []
+  if (below.length === 1) return above.map((b) => [below[0], b])
+  if (above.length === 1) return below.map((a) => [a, above[0]])
+  return [[below[0], above[0]], [below[0], above[1]], [below[1], above[1]], [below[1], above[0]]]
+})
+
+export class Slicer {
+  /** `scene` as decoded; afterwards `cut` and `outline` work on any deformation of its nodes. */
+  constructor(scene) {
+    this.scene = scene
+    this.distance = new Float32Array(scene.nodes.length / 3)
+    this.place = new Filled()   // 3 a vertex, m, deformed
+    this.nominal = new Filled() // 3 a vertex, m, undeformed
+    this.region = new Filled()  // 1 a vertex
+  }
+
+  measure(nodes, normal, offset) {
+    const [a, b, c] = normal
+    for (let n = 0, i = 0; n < this.distance.length; n++, i += 3)
+      this.distance[n] = (a * nodes[i] + b * nodes[i + 1] + c * nodes[i + 2] - offset) || 1e-12 // a node on the plane counts as above it
+  }
+
+  /** Triangles where the plane normal . x = offset passes through `nodes`; fills place, nominal, region. Returns the vertices. */
+  cut(nodes, normal, offset) {
+    const { tets, nodes: rest } = this.scene, { distance, place, nominal, region } = this
+    this.measure(nodes, normal, offset)
+    place.count = nominal.count = region.count = 0
+    for (let t = 0; t < tets.length; t += 5) {
+      const mask = (distance[tets[t + 1]] < 0 ? 1 : 0) | (distance[tets[t + 2]] < 0 ? 2 : 0)
+                 | (distance[tets[t + 3]] < 0 ? 4 : 0) | (distance[tets[t + 4]] < 0 ? 8 : 0)
+      const edges = CASES[mask]
+      if (edges.length === 0) continue
+      place.reserve(18), nominal.reserve(18), region.reserve(6)
+      for (let k = 2; k < edges.length; k++)
+        for (const edge of [edges[0], edges[k - 1], edges[k]]) {
+          const p = tets[t + 1 + edge[0]], q = tets[t + 1 + edge[1]]
+          const part = distance[p] / (distance[p] - distance[q])
+          for (let a = 0; a < 3; a++) {
+            place.array[place.count++] = nodes[3 * p + a] + part * (nodes[3 * q + a] - nodes[3 * p + a])
+            nominal.array[nominal.count++] = rest[3 * p + a] + part * (rest[3 * q + a] - rest[3 * p + a])
+          }
+          region.array[region.count++] = tets[t]
+        }
+    }
+    return region.count
+  }
+
+  /** Segments (6 numbers each) where the plane crosses those triangles of the scene that `wanted(inside, outside, bits)`. */
+  outline(nodes, normal, offset, wanted) {
+    const { triangles } = this.scene, { distance } = this, segments = []
+    this.measure(nodes, normal, offset)
+    for (let t = 0; t < triangles.length; t += 6) {
+      if (!wanted(triangles[t + 3], triangles[t + 4], triangles[t + 5])) continue
+      for (let e = 0; e < 3; e++) {
+        const p = triangles[t + e], q = triangles[t + (e + 1) % 3]
+        if ((distance[p] < 0) === (distance[q] < 0)) continue
+        const part = distance[p] / (distance[p] - distance[q])
+        for (let a = 0; a < 3; a++) segments.push(nodes[3 * p + a] + part * (nodes[3 * q + a] - nodes[3 * p + a]))
+      }
+    }
+    return segments
+  }
+}

@@ -1,0 +1,206 @@
+// The 3D view: camera, light, what is drawn when, and planes that can be dragged.
+import * as THREE from 'three'
+import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
+import { Anatomy } from './anatomy.js'
+import { ramp } from './colours.js'
+import { Needle } from './needle.js'
+import { Slicer } from './slicer.js'
+
+const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0, -1] } // camera's direction from the middle
+const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
+
+function rampTexture() {
+  const data = new Uint8Array(4 * 256)
+  for (let i = 0; i < 256; i++) data.set([...ramp(i / 255).map((c) => 255 * c), 255], 4 * i)
+  const texture = new THREE.DataTexture(data, 256, 1)
+  texture.colorSpace = THREE.SRGBColorSpace
+  texture.magFilter = THREE.LinearFilter
+  texture.needsUpdate = true
+  return texture
+}
+
+/** A frame of four lines across the body, normal to an axis; dragged along it. */
+class Plane {
+  constructor(axis, colour, box) {
+    this.axis = axis
+    this.box = box
+    const [u, v] = ['x', 'y', 'z'].filter((name) => name !== axis), grown = box.clone().expandByScalar(0.003)
+    const corner = (a, b) => { const p = new THREE.Vector3(); p[u] = grown[a][u]; p[v] = grown[b][v]; return p }
+    const corners = [corner('min', 'min'), corner('max', 'min'), corner('max', 'max'), corner('min', 'max')]
+    this.frame = new THREE.LineLoop(new THREE.BufferGeometry().setFromPoints(corners), new THREE.LineBasicMaterial({ color: colour }))
+    this.colour = colour
+    this.set(0.5)
+  }
+
+  /** `part` 0 .. 1 of the body's extent along the axis. */
+  set(part) {
+    this.part = Math.min(Math.max(part, 0), 1)
+    this.place = this.box.min[this.axis] + this.part * (this.box.max[this.axis] - this.box.min[this.axis])
+    this.frame.position[this.axis] = this.place
+  }
+
+  move(place) { this.set((place - this.box.min[this.axis]) / (this.box.max[this.axis] - this.box.min[this.axis])) }
+}
+
+export class Stage {
+  constructor(canvas) {
+    this.canvas = canvas
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true })
+    this.renderer.localClippingEnabled = true
+    const graphics = this.renderer.getContext(), info = graphics.getExtension('WEBGL_debug_renderer_info')
+    this.slow = info !== null && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
+    this.world = new THREE.Scene()
+    this.camera = new THREE.PerspectiveCamera(32, 1, 0.005, 3)
+    this.controls = new OrbitControls(this.camera, canvas)
+    this.controls.enableDamping = !this.slow
+    this.controls.addEventListener('change', () => { this.dirty = true })
+    this.texture = rampTexture()
+    this.clipping = []
+    this.addLights()
+    this.addDragging()
+    this.dirty = true
+    this.onSlice = () => {}
+    this.onCut = () => {}
+  }
+
+  addLights() {
+    this.world.add(new THREE.HemisphereLight('#ffffff', '#5a6470', 1.6))
+    const key = new THREE.DirectionalLight('#ffffff', 2.2)
+    key.position.set(-0.5, 1, -0.4)
+    this.world.add(key)
+  }
+
+  load(scene) {
+    this.dispose()
+    this.scene = scene
+    this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
+    this.needle = new Needle(scene)
+    const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)
+    this.box = box
+    this.slice = new Plane('z', '#37d0ff', box)
+    this.content = new THREE.Group().add(this.anatomy.group, this.needle.group, this.slice.frame)
+    this.needle.group.visible = false
+    this.world.add(this.content)
+    this.setCut('')
+    this.look(1)
+  }
+
+  dispose() {
+    if (!this.content) return
+    this.world.remove(this.content)
+    this.content.traverse((object) => { object.geometry?.dispose(); object.material?.dispose() })
+  }
+
+  /** The body and the part of the needle outside it, filling the view. */
+  look(number) {
+    const middle = this.box.getCenter(new THREE.Vector3()), size = this.box.getSize(new THREE.Vector3())
+    middle.z -= 0.12 * size.z
+    const reach = size.length() / (Math.sin(THREE.MathUtils.degToRad(this.camera.fov / 2))) * (number === 4 ? 0.48 : 0.52)
+    this.controls.target.copy(middle)
+    this.camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[number]).normalize(), reach * Math.max(1, 1.25 / this.camera.aspect))
+    this.controls.update()
+    this.dirty = true
+  }
+
+  /** `axis` '' for none. What lies on the viewer's side is taken away. */
+  setCut(axis, part = 0.5) {
+    if (this.cutPlane) this.content.remove(this.cutPlane.frame)
+    this.cutPlane = axis ? new Plane(axis, '#ffb454', this.box) : null
+    if (this.cutPlane) {
+      this.cutPlane.set(part)
+      this.content.add(this.cutPlane.frame)
+    }
+    this.recut()
+  }
+
+  recut() {
+    const cut = this.cutPlane
+    this.clipping.length = 0
+    if (cut) {
+      this.cutSide = Math.sign(this.camera.position[cut.axis] - cut.place) || 1
+      this.clipping.push(new THREE.Plane(AXIS[cut.axis].clone().multiplyScalar(-this.cutSide), this.cutSide * cut.place))
+    }
+    this.anatomy.cut(cut ? AXIS[cut.axis].toArray() : null, cut?.place)
+    this.dirty = true
+  }
+
+  /** Returns the largest displacement, m. */
+  show(picture) {
+    this.needle.group.visible = true
+    this.line = this.needle.show(picture)
+    const largest = this.anatomy.deform(picture)
+    if (this.cutPlane) this.recut()
+    this.dirty = true
+    return largest
+  }
+
+  setLayer(name, visible) {
+    const own = { needle: this.needle.shaft, contacts: this.needle.dots, forces: this.needle.arrows, 'slice frame': this.slice.frame }
+    for (const object of own[name] ? [own[name]] : this.anatomy.layers.get(name) ?? []) object.visible = visible
+    this.dirty = true
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.canvas.parentElement
+    this.renderer.setPixelRatio(this.slow ? 1 : Math.min(devicePixelRatio, 2))
+    this.renderer.setSize(clientWidth, clientHeight, false)
+    this.camera.aspect = clientWidth / clientHeight
+    this.camera.updateProjectionMatrix()
+    this.dirty = true
+  }
+
+  /** Draws if anything has changed; returns whether it did. */
+  draw() {
+    this.controls.update()
+    if (!this.dirty || !this.scene) return false
+    if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
+    this.renderer.render(this.world, this.camera)
+    this.dirty = false
+    return true
+  }
+
+  /** Metres that a pixel stands for at the point that the camera turns about. */
+  metresPerPixel() {
+    const distance = this.camera.position.distanceTo(this.controls.target)
+    return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / this.canvas.clientHeight
+  }
+
+  /* ---- dragging planes ---- */
+
+  addDragging() {
+    const ray = new THREE.Raycaster()
+    ray.params.Line.threshold = 0.003
+    const aim = (event) => {
+      const box = this.canvas.getBoundingClientRect()
+      ray.setFromCamera(new THREE.Vector2(2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height), this.camera)
+    }
+    const hit = () => [this.cutPlane, this.slice].find((plane) => plane && plane.frame.visible && ray.intersectObject(plane.frame).length)
+    this.canvas.addEventListener('pointerdown', (event) => {
+      if (!this.scene) return
+      aim(event)
+      const plane = hit(), start = plane && ray.intersectObject(plane.frame)[0].point
+      if (!plane) return
+      this.controls.enabled = false
+      this.canvas.setPointerCapture(event.pointerId)
+      this.dragged = { plane, axis: AXIS[plane.axis], start, from: plane.place }
+    }, { capture: true })
+    this.canvas.addEventListener('pointermove', (event) => {
+      if (!this.scene) return
+      aim(event)
+      if (this.dragged) this.drag(ray.ray)
+      else this.canvas.style.cursor = hit() ? 'grab' : ''
+    })
+    this.canvas.addEventListener('pointerup', () => { this.dragged = null; this.controls.enabled = true })
+  }
+
+  /** Moves the plane to where its axis comes closest to the pointer's ray. */
+  drag(ray) {
+    const { plane, axis, start, from } = this.dragged, between = start.clone().sub(ray.origin)
+    const slant = axis.dot(ray.direction), across = 1 - slant * slant
+    if (across < 1e-3) return
+    plane.move(from + (slant * between.dot(ray.direction) - between.dot(axis)) / across)
+    if (plane === this.slice) this.onSlice(plane.part)
+    else { this.onCut(plane.part); this.recut() }
+    this.dirty = true
+  }
+}

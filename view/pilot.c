@@ -1,0 +1,101 @@
+#include "pilot.h"
+
+#include <errno.h>
+#include <sched.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include "exchange.h"
+#include "poselog.h"
+#include "timing.h"
+#include "trocar_command_t.h"
+
+enum { ORDERS = 256, FIFO_PRIORITY = 70 };     /* below the server's threads */
+
+static const int64_t PERIOD = 1000000;         /* ns */
+static const double LONGEST_STEP = 0.01;       /* s that a round may take the needle on by */
+static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops: the browser has hung or gone */
+
+trocar_status pilot_create(pilot *p, lcm_t *lcm, pose home, double needle_length, report *why) {
+    *p = (pilot){.lcm = lcm, .limits = drive_defaults(needle_length), .home = home, .seq = -1};
+    if (getrandom(&p->session, sizeof p->session, 0) != sizeof p->session) p->session = wall_us();
+    p->session = (p->session & INT64_MAX) | 1; /* never 0, which means nobody */
+    p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    return ring_create(&p->orders, sizeof(pilot_order), ORDERS, why);
+}
+
+void pilot_free(pilot *p) {
+    ring_free(&p->orders);
+    if (p->wake >= 0) close(p->wake);
+}
+
+void pilot_tell(pilot *p, const pilot_order *order) {
+    ring_push(&p->orders, order);
+    wake(p->wake);
+}
+
+static void publish_command(const pilot *p, int32_t what) {
+    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what};
+    trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
+}
+
+static void release(pilot *p) {
+    if (p->holding) publish_command(p, TROCAR_COMMAND_T_RELEASE);
+    p->holding = false;
+}
+
+static bool obey(pilot *p, const pilot_order *order, int64_t now) {
+    p->ordered = now;
+    p->command = order->command;
+    switch (order->kind) {
+    case ORDER_TAKE:
+        if (!p->holding) drive_begin(&p->drive, p->home, order->base);
+        p->holding = true;
+        break;
+    case ORDER_RESET:
+        if (p->holding) publish_command(p, TROCAR_COMMAND_T_RESET);
+        drive_begin(&p->drive, p->home, p->home);
+        break;
+    case ORDER_STEER: break;
+    case ORDER_RELEASE:
+    case ORDER_END: release(p); break;
+    }
+    return order->kind != ORDER_END;
+}
+
+static void publish_pose(pilot *p) {
+    trocar_needle_pose_t m = message_of_pose(p->drive.base, wall_us(), p->session, ++p->seq);
+    trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &m);
+}
+
+bool pilot_round(pilot *p, int64_t now, double dt) {
+    bool goes_on = true;
+    for (pilot_order order; goes_on && ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
+    if (!goes_on || !p->holding) return goes_on;
+    if (now - p->ordered > SILENCE) p->command = (drive_command){0};
+    drive_step(&p->drive, &p->limits, p->command, dt);
+    publish_pose(p);
+    return true;
+}
+
+/* Where it is permitted: browsers beside it may keep the processors busy. */
+static void ask_realtime(void) {
+    struct sched_param priority = {.sched_priority = FIFO_PRIORITY};
+    sched_setscheduler(0, SCHED_FIFO, &priority);
+}
+
+void *pilot_run(void *context) {
+    pilot *p = context;
+    ask_realtime();
+    int64_t before = monotonic_ns(), now = before;
+    while (pilot_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
+        if (p->holding) sleep_until((now / PERIOD + 1) * PERIOD); /* periods that were missed are skipped */
+        else wait_for_wake(p->wake);
+        before = now;
+        now = monotonic_ns();
+    }
+    return NULL;
+}

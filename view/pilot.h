@@ -1,0 +1,46 @@
+/* The thread that drives the needle for a browser: a device like any other, at 1 kHz. It stops when its orders stop coming. */
+#ifndef TROCAR_PILOT_H
+#define TROCAR_PILOT_H
+
+#include <lcm/lcm.h>
+
+#include "drive.h"
+#include "handover.h"
+
+typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_RELEASE, ORDER_END } order_kind;
+
+typedef struct {
+    order_kind kind;
+    pose base;               /* TAKE: where it begins */
+    drive_command command;   /* STEER */
+} pilot_order;
+
+typedef struct {
+    lcm_t *lcm;              /* shared: lcm_publish is safe from any thread */
+    int64_t session;
+    drive_limits limits;
+    pose home;
+    spsc_ring orders;        /* pilot_order */
+    int wake;                /* eventfd */
+
+    /* the thread's own */
+    drive_state drive;
+    drive_command command;
+    bool holding;
+    int64_t ordered;         /* ns, monotonic: last order */
+    int64_t seq;             /* of the last pose */
+} pilot;
+
+trocar_status pilot_create(pilot *p, lcm_t *lcm, pose home, double needle_length, report *why);
+void pilot_free(pilot *p);
+
+/* From the web's thread; an order that finds the ring full is dropped (the next one follows). */
+void pilot_tell(pilot *p, const pilot_order *order);
+
+/* Takes all orders, then moves by `dt` (s) and publishes if it holds the needle. Returns false after ORDER_END. */
+bool pilot_round(pilot *p, int64_t now, double dt);
+
+/* Body of the thread; `context` is a pilot. Ends with ORDER_END, having released the needle. */
+void *pilot_run(void *context);
+
+#endif

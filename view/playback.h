@@ -1,0 +1,12 @@
+/* A recorded log, run again: its poses go through the mechanics in lockstep, as in trocar-replay. */
+#ifndef TROCAR_PLAYBACK_H
+#define TROCAR_PLAYBACK_H
+
+#include "timeline.h"
+
+enum { PLAYBACK_HZ = 30 };  /* pictures a second of the log's time */
+
+/* Plays the poses of the log at `path` in `scene` and brings what happens to `t`. BAD_INPUT as pose_log_read. */
+trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *why);
+
+#endif

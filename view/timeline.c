@@ -1,0 +1,91 @@
+#include "timeline.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+trocar_status timeline_create(timeline *t, bool live, report *why) {
+    *t = (timeline){.live = live, .gathered.membrane = -1};
+    t->picture_room = live ? 1 : 1024;
+    t->sample_room = (size_t)(SAMPLE_SPAN / SAMPLE_SLOT);
+    t->pictures = calloc(t->picture_room, sizeof *t->pictures);
+    t->samples = calloc(t->sample_room, sizeof *t->samples);
+    return t->pictures && t->samples ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the timeline");
+}
+
+void timeline_free(timeline *t) {
+    for (size_t i = 0; t->pictures && i < t->picture_room; i++) bytes_free(&t->pictures[i]);
+    free(t->pictures);
+    free(t->samples);
+    *t = (timeline){0};
+}
+
+/* A log's arrays grow; live, the oldest entry is written over. */
+static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, report *why) {
+    if (t->live || (size_t)count < *room) return TROCAR_OK;
+    void *wider = realloc(*array, 2 * *room * size);
+    if (!wider) return fail(why, TROCAR_NO_MEMORY, "no memory for a log of %.0f s", t->now);
+    memset((char *)wider + *room * size, 0, *room * size);
+    *array = wider;
+    *room *= 2;
+    return TROCAR_OK;
+}
+
+static trocar_status close_slot(timeline *t, report *why) {
+    void *array = t->samples;
+    trocar_status status = make_room(t, t->sample_end, &array, &t->sample_room, sizeof *t->samples, why);
+    t->samples = array;
+    if (status != TROCAR_OK) return status;
+    t->samples[(size_t)t->sample_end++ % t->sample_room] = t->gathered;
+    t->gathered = (plot_sample){.membrane = -1};
+    return TROCAR_OK;
+}
+
+trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why) {
+    uint32_t events = t->gathered.events | s->events;
+    int32_t membrane = s->membrane >= 0 ? s->membrane : t->gathered.membrane;
+    t->now = s->time;
+    t->gathered = *s;
+    t->gathered.events = events;
+    t->gathered.membrane = membrane;
+    if (s->time < t->slot_end) return TROCAR_OK;
+    t->slot_end = s->time + 0.99 * SAMPLE_SLOT; /* less than a slot: the next tick on its edge ends it */
+    return close_slot(t, why);
+}
+
+trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue,
+                                   report *why) {
+    void *array = t->pictures;
+    trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);
+    t->pictures = array;
+    if (status != TROCAR_OK) return status;
+    byte_buffer *place = &t->pictures[(size_t)t->picture_end++ % t->picture_room];
+    place->length = 0;
+    encode_picture(place, time, needle, tissue);
+    return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
+}
+
+bool timeline_has_news(const timeline *t, const timeline_cursor *cursor) {
+    return cursor->picture < t->picture_end || cursor->sample < t->sample_end;
+}
+
+static int64_t oldest_kept(int64_t end, size_t room) { return end > (int64_t)room ? end - (int64_t)room : 0; }
+
+/* Up to where the ring wraps: the rest comes with the next call. */
+static void read_samples(const timeline *t, timeline_cursor *cursor, byte_buffer *out) {
+    int64_t oldest = oldest_kept(t->sample_end, t->sample_room);
+    if (cursor->sample < oldest) cursor->sample = oldest;
+    size_t first = (size_t)cursor->sample % t->sample_room, count = (size_t)(t->sample_end - cursor->sample);
+    if (first + count > t->sample_room) count = t->sample_room - first;
+    if (count > 0) encode_samples(out, t->samples + first, count);
+    cursor->sample += (int64_t)count;
+}
+
+void timeline_read(const timeline *t, timeline_cursor *cursor, size_t most, byte_buffer *out) {
+    read_samples(t, cursor, out);
+    int64_t oldest = oldest_kept(t->picture_end, t->picture_room);
+    if (cursor->picture < oldest) cursor->picture = oldest;
+    for (; cursor->picture < t->picture_end && out->length < most; cursor->picture++) {
+        const byte_buffer *encoded = &t->pictures[(size_t)cursor->picture % t->picture_room];
+        bytes_append(out, encoded->data, encoded->length);
+    }
+}

@@ -1,0 +1,331 @@
+/* trocar-view: the live scene, or a recorded log, in a browser; and pictures of a log. */
+#include <argp.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "chromium.h"
+#include "exchange.h"
+#include "feed.h"
+#include "options.h"
+#include "output.h"
+#include "pilot.h"
+#include "playback.h"
+#include "realtime.h"
+#include "timing.h"
+#include "web.h"
+
+const char *argp_program_version = "trocar-view " TROCAR_VERSION;
+error_t argp_err_exit_status = EXIT_BAD_INPUT;
+
+static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
+
+typedef struct {
+    const char *scene_path, *lcm_url, *log_path, *png_path;
+    double at;               /* s; NaN: the end of the log */
+    web_settings web;
+} options;
+
+typedef struct {
+    const options *options;
+    scene scene;
+    mesh mesh;
+    pose home;
+    timeline timeline;
+    byte_buffer encoded_scene;
+    web *web;
+    int stop_wake;
+    bool stop;
+
+    lcm_t *lcm;              /* live only */
+    feed feed;
+    pilot pilot;
+    pthread_t pilot_thread;
+
+    output png;              /* --png only */
+    bool png_taken;
+} view;
+
+/* ---- command line ---- */
+
+enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT };
+
+static const struct argp_option option_list[] = {
+    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
+    {0, 0, 0, 0, "Where browsers find it:", 1},
+    {"port", 'p', "PORT", 0, "TCP port (default 8686; 0: any free one)", 1},
+    {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on (default 127.0.0.1: this machine only)", 1},
+    {"socket", OPTION_SOCKET, "PATH", 0, "Listen on a Unix socket instead, for a proxy", 1},
+    {"host", OPTION_HOST, "NAME", 0, "Name of this machine under which its page may be opened, besides localhost and ADDRESS", 1},
+    {"page", OPTION_PAGE, "FOLDER", 0, "The built page (default: the one built with this program)", 1},
+    {0, 0, 0, 0, "Recorded logs:", 2},
+    {"log", OPTION_LOG, "FILE", 0, "Show this LCM event log, its poses run again in lockstep; needs no network", 2},
+    {"png", OPTION_PNG, "FILE", 0, "Write one picture of the log and end; uses headless Chromium", 2},
+    {"at", OPTION_AT, "SECONDS", 0, "Time of the picture, from the log's first pose (default: the end)", 2},
+    {0},
+};
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case 's': o->scene_path = text; break;
+    case 'p': o->web.port = (int)parse_number(state, "port", text, 0, 65535); break;
+    case OPTION_URL: o->lcm_url = text; break;
+    case OPTION_BIND: o->web.address = text; break;
+    case OPTION_SOCKET: o->web.socket = text; break;
+    case OPTION_HOST: o->web.host = text; break;
+    case OPTION_PAGE: o->web.page = text; break;
+    case OPTION_LOG: o->log_path = text; break;
+    case OPTION_PNG: o->png_path = text; break;
+    case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (!o->scene_path) argp_error(state, "--scene is missing");
+        if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
+        if (!isnan(o->at) && !o->png_path) argp_error(state, "--at needs --png");
+        if (o->png_path) o->web.port = 0, o->web.address = o->web.socket = NULL;
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Shows a running trocar-server, or a recorded log, in any number of browsers, and lets one of them drive the needle.",
+    NULL, NULL, NULL};
+
+/* ---- what the web asks ---- */
+
+static void write_status(const view *v, FILE *out) {
+    const trocar_status_t *s = v->feed.status;
+    if (!s) return;
+    fprintf(out, ",\"scene\":");
+    json_string(out, s->scene);
+    fprintf(out, ",\"message\":");
+    json_string(out, s->message);
+    fprintf(out, ",\"owned\":%s,\"flags\":%d", s->owner == 0 ? "\"nobody\"" : s->owner == v->pilot.session ? "\"here\"" : "\"elsewhere\"",
+            s->flags);
+}
+
+/* The browser's part of the state and the server's: see page/src/link.js. */
+static char *describe(void *context, bool drives, bool driven) {
+    const view *v = context;
+    const trocar_loop_timing_t *t = &v->feed.timing;
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+    if (!out) return NULL;
+    bool alive = v->lcm && feed_alive(&v->feed);
+    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", v->timeline.now, alive ? "true" : "false",
+            drives ? "true" : "false", driven ? "true" : "false");
+    if (alive) {
+        fprintf(out, ",\"rate\":%g,\"misses\":%" PRId64 ",\"workerMax\":%g", t->rate_hz, t->misses, t->worker_latency_max);
+        write_status(v, out);
+    }
+    fprintf(out, "}");
+    fclose(out);
+    return text;
+}
+
+static void act(void *context, const web_action *action) {
+    view *v = context;
+    if (!v->lcm) return;
+    const float *c = action->steer;
+    pilot_order order = {.base = v->home, .command = {c[0], c[1], c[2], c[3], c[4], c[5]}};
+    switch (action->kind) {
+    case ACTION_TAKE:
+        order.kind = ORDER_TAKE;
+        feed_base(&v->feed, &order.base);
+        break;
+    case ACTION_STEER: order.kind = ORDER_STEER; break;
+    case ACTION_RESET: order.kind = ORDER_RESET; break;
+    default: order.kind = ORDER_RELEASE; break;
+    }
+    pilot_tell(&v->pilot, &order);
+}
+
+static void take_png(void *context, const void *png, size_t size) {
+    view *v = context;
+    v->png_taken = fwrite(png, 1, size, v->png.file) == size;
+    v->stop = true;
+}
+
+/* ---- descriptors ---- */
+
+static void on_lcm(void *context) {
+    view *v = context;
+    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    web_news(v->web);
+}
+
+static int stop_wake = -1;
+
+static void on_signal(int signal) {
+    (void)signal;
+    int error = errno;
+    wake(stop_wake);
+    errno = error;
+}
+
+static void on_stop(void *context) {
+    view *v = context;
+    v->stop = true;
+}
+
+static trocar_status watch_signals(view *v, report *why) {
+    stop_wake = v->stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    struct sigaction action = {.sa_handler = on_signal};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    return web_watch(v->web, v->stop_wake, on_stop, why);
+}
+
+/* ---- set-up ---- */
+
+/* A needle along z, its tip 2 mm in front of where the middle of the body begins. */
+static pose find_home(const mesh *m, double needle_length) {
+    vec3 low = m->bvh[0].low, high = m->bvh[0].high;
+    double x = 0.5 * (low.x + high.x), y = 0.5 * (low.y + high.y), margin = 0.002;
+    surface_hit hit = mesh_enter(m, v3(x, y, low.z - margin), v3(x, y, high.z + margin));
+    double skin = hit.hit ? hit.point.z : low.z;
+    return (pose){v3(x, y, skin - margin - needle_length), {1, 0, 0, 0}};
+}
+
+/* The page is beside the program where that was built, in share/trocar where it is installed. */
+static const char *page_folder(const options *o, char *place, size_t size) {
+    static const char beside[] = "/page", installed[] = "/../share/trocar/page";
+    if (o->web.page) return o->web.page;
+    ssize_t length = readlink("/proc/self/exe", place, size - sizeof installed);
+    if (length < 0) return beside + 1;
+    place[length] = '\0';
+    char *end = strrchr(place, '/');
+    strcpy(end, beside);
+    if (access(place, F_OK) != 0) strcpy(end, installed);
+    return place;
+}
+
+static trocar_status open_web(view *v, report *why) {
+    char place[4096];
+    web_settings settings = v->options->web;
+    settings.page = page_folder(v->options, place, sizeof place);
+    settings.timeline = &v->timeline;
+    settings.scene = &v->encoded_scene;
+    settings.context = v;
+    settings.describe = describe;
+    settings.act = act;
+    settings.take_png = v->options->png_path ? take_png : NULL;
+    encode_scene(&v->encoded_scene, &v->scene, &v->mesh, v->home, v->options->log_path == NULL);
+    if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
+    trocar_status status = web_create(&settings, &v->web, why);
+    return status == TROCAR_OK ? watch_signals(v, why) : status;
+}
+
+static trocar_status open_live(view *v, report *why) {
+    const char *url = v->options->lcm_url;
+    v->lcm = lcm_create(url);
+    if (!v->lcm)
+        return fail(why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
+    trocar_status status = feed_open(&v->feed, v->lcm, &v->mesh, v->scene.rate_hz, &v->timeline, why);
+    if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
+    if (status == TROCAR_OK) status = pilot_create(&v->pilot, v->lcm, v->home, v->scene.simulation.needle.length, why);
+    if (status != TROCAR_OK) return status;
+    if (pthread_create(&v->pilot_thread, NULL, pilot_run, &v->pilot) == 0) return TROCAR_OK;
+    pilot_free(&v->pilot);
+    return fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
+}
+
+static trocar_status open_log(view *v, report *why) {
+    const options *o = v->options;
+    trocar_status status = TROCAR_OK;
+    if (o->png_path) status = output_open(&v->png, o->png_path, why);
+    if (status == TROCAR_OK) status = playback_run(&v->scene, o->log_path, &v->timeline, why);
+    if (status != TROCAR_OK || !o->png_path) return status;
+    if (!isnan(o->at) && o->at > v->timeline.now)
+        return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", o->log_path, o->at, v->timeline.now);
+    return TROCAR_OK;
+}
+
+static trocar_status prepare(view *v, report *why) {
+    const options *o = v->options;
+    trocar_status status = scene_load(o->scene_path, &v->scene, why);
+    if (status == TROCAR_OK) status = mesh_read(v->scene.simulation.mesh_path, &v->mesh, why);
+    if (status != TROCAR_OK) return status;
+    v->home = find_home(&v->mesh, v->scene.simulation.needle.length);
+    status = timeline_create(&v->timeline, o->log_path == NULL, why);
+    if (status == TROCAR_OK && o->log_path) status = open_log(v, why);
+    if (status == TROCAR_OK) status = open_web(v, why);
+    return status == TROCAR_OK && !o->log_path ? open_live(v, why) : status;
+}
+
+static void clean_up(view *v) {
+    if (v->pilot_thread) {
+        pilot_tell(&v->pilot, &(pilot_order){.kind = ORDER_END});
+        pthread_join(v->pilot_thread, NULL);
+        pilot_free(&v->pilot);
+    }
+    if (v->web) web_free(v->web);
+    feed_close(&v->feed);
+    if (v->lcm) lcm_destroy(v->lcm);
+    output_abandon(&v->png);
+    timeline_free(&v->timeline);
+    bytes_free(&v->encoded_scene);
+    mesh_free(&v->mesh);
+}
+
+/* ---- running ---- */
+
+static void say_ready(const view *v) {
+    const web_settings *w = &v->options->web;
+    if (w->socket) printf("unix:%s\n", w->socket);
+    else printf("http://%s:%d/\n", w->address ? w->address : "127.0.0.1", web_port(v->web));
+    puts("ready");
+    fflush(stdout);
+}
+
+static void serve(view *v) {
+    say_ready(v);
+    while (!v->stop) web_round(v->web);
+}
+
+/* The page draws the picture and sends it back. */
+static trocar_status take_picture(view *v, report *why) {
+    char url[128];
+    double at = isnan(v->options->at) ? v->timeline.now : v->options->at;
+    snprintf(url, sizeof url, "http://127.0.0.1:%d/?picture=%.6f", web_port(v->web), at);
+    chromium browser;
+    trocar_status status = chromium_start(&browser, url, why);
+    int64_t deadline = monotonic_ns() + PICTURE_PATIENCE;
+    while (status == TROCAR_OK && !v->stop) {
+        web_round(v->web); /* at least every tenth of a second: the web's timer */
+        if (chromium_ended(&browser))
+            status = fail(why, TROCAR_SYSTEM, "chromium ended without a picture: is Debian's package chromium installed?");
+        else if (monotonic_ns() > deadline) status = fail(why, TROCAR_SYSTEM, "no picture from chromium in %d s", (int)(PICTURE_PATIENCE / 1000000000));
+    }
+    chromium_stop(&browser);
+    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: interrupted before it was written", v->options->png_path);
+    return status == TROCAR_OK ? output_commit(&v->png, why) : status;
+}
+
+int main(int count, char **arguments) {
+    options o = {.at = NAN, .web.port = WEB_PORT};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+    realtime_flush_denormals();   /* a log gives the same numbers as in trocar-replay */
+
+    static view v;
+    v.options = &o;
+    report why;
+    trocar_status status = prepare(&v, &why);
+    if (status == TROCAR_OK && o.png_path) status = take_picture(&v, &why);
+    else if (status == TROCAR_OK) serve(&v);
+    clean_up(&v);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-view: %s\n", why.text);
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
+}

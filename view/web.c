@@ -1,0 +1,285 @@
+#include "web.h"
+
+#include <errno.h>
+#include <libwebsockets.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+enum {
+    IN_FLIGHT = 2,           /* updates that a browser may have without an answer */
+    UPDATE_BYTES = 1 << 18,  /* about, of one update */
+    PNG_BYTES = 64 << 20,    /* longest picture that is taken */
+    WATCHES = 4,
+};
+
+static const lws_usec_t STATUS_PERIOD = 100000; /* us */
+
+/* One WebSocket. */
+typedef struct browser {
+    struct browser *next;
+    struct lws *wsi;
+    timeline_cursor cursor;
+    bool has_scene, wants_status;
+    int in_flight;
+    byte_buffer received;    /* of the message that is arriving */
+} browser;
+
+typedef struct {
+    int descriptor;
+    void (*readable)(void *context);
+} watch;
+
+struct web {
+    web_settings settings;
+    struct lws_context *lws;
+    struct lws_vhost *host;
+    lws_sorted_usec_list_t timer;
+    browser *browsers;
+    browser *driver;         /* the one that drives, or NULL */
+    int browser_count;
+    watch watches[WATCHES];
+    int watch_count;
+    byte_buffer update;      /* being sent, behind LWS_PRE bytes */
+};
+
+/* ---- who may ---- */
+
+/* The name in "name:port" or "[v6]:port". */
+static bool is_host(const char *given, const char *name) {
+    size_t length = strlen(name);
+    return strncasecmp(given, name, length) == 0 && (given[length] == '\0' || given[length] == ':');
+}
+
+bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name) {
+    static const char scheme[] = "http://";
+    if (strncmp(origin, scheme, sizeof scheme - 1) != 0 || strcasecmp(origin + sizeof scheme - 1, host) != 0) return false;
+    return is_host(host, "127.0.0.1") || is_host(host, "localhost") || is_host(host, "[::1]")
+        || (address && is_host(host, address)) || (name && is_host(host, name));
+}
+
+static bool may_connect(const web *w, struct lws *wsi) {
+    char origin[256] = "", host[256] = "";
+    lws_hdr_copy(wsi, origin, sizeof origin, WSI_TOKEN_ORIGIN);
+    lws_hdr_copy(wsi, host, sizeof host, WSI_TOKEN_HOST);
+    return w->browser_count < WEB_BROWSERS && web_origin_allowed(origin, host, w->settings.address, w->settings.host);
+}
+
+/* ---- sending ---- */
+
+static void append_status(web *w, browser *b) {
+    b->wants_status = false;
+    char *json = w->settings.describe(w->settings.context, b == w->driver, w->driver != NULL);
+    if (json) encode_status(&w->update, json);
+    free(json);
+}
+
+/* Returns -1 to close the connection. */
+static int send_update(web *w, browser *b) {
+    static const unsigned char space[LWS_PRE];
+    if (b->in_flight >= IN_FLIGHT) return 0;
+    w->update.length = 0;
+    w->update.failed = false;
+    bytes_append(&w->update, space, sizeof space);
+    if (!b->has_scene) bytes_append(&w->update, w->settings.scene->data, w->settings.scene->length);
+    if (b->wants_status) append_status(w, b);
+    timeline_read(w->settings.timeline, &b->cursor, UPDATE_BYTES, &w->update);
+    size_t length = w->update.length - LWS_PRE;
+    if (w->update.failed) return -1;
+    if (length == 0) return 0;
+    b->has_scene = true;
+    b->in_flight++;
+    return lws_write(b->wsi, w->update.data + LWS_PRE, length, LWS_WRITE_BINARY) < 0 ? -1 : 0;
+}
+
+static bool has_news(const web *w, const browser *b) {
+    return !b->has_scene || b->wants_status || timeline_has_news(w->settings.timeline, &b->cursor);
+}
+
+static void offer(const web *w, const browser *b) {
+    if (b->in_flight < IN_FLIGHT && has_news(w, b)) lws_callback_on_writable(b->wsi);
+}
+
+void web_news(web *w) {
+    for (const browser *b = w->browsers; b; b = b->next) offer(w, b);
+}
+
+static void on_timer(lws_sorted_usec_list_t *timer) {
+    web *w = lws_container_of(timer, web, timer);
+    for (browser *b = w->browsers; b; b = b->next) b->wants_status = true;
+    web_news(w);
+    lws_sul_schedule(w->lws, 0, &w->timer, on_timer, STATUS_PERIOD);
+}
+
+/* ---- receiving ---- */
+
+static void set_driver(web *w, browser *b, action_kind kind) {
+    w->driver = b;
+    w->settings.act(w->settings.context, &(web_action){.kind = kind});
+}
+
+/* The needle is taken by the first who asks; what others ask of it is passed over. */
+static void take_action(web *w, browser *b, const web_action *action) {
+    switch (action->kind) {
+    case ACTION_ACKNOWLEDGE:
+        if (b->in_flight > 0) b->in_flight--;
+        offer(w, b);
+        break;
+    case ACTION_TAKE:
+        if (!w->driver) set_driver(w, b, ACTION_TAKE);
+        break;
+    case ACTION_RELEASE:
+        if (w->driver == b) set_driver(w, NULL, ACTION_RELEASE);
+        break;
+    case ACTION_STEER:
+    case ACTION_RESET:
+        if (w->driver == b) w->settings.act(w->settings.context, action);
+        break;
+    default: break;
+    }
+}
+
+/* Returns false for what is no message of the page. */
+static bool take_message(web *w, browser *b) {
+    const byte_buffer *m = &b->received;
+    web_action action;
+    if (m->failed || m->length < sizeof action) return false;
+    memcpy(&action, m->data, sizeof action);
+    if (action.kind == ACTION_PICTURE && w->settings.take_png) {
+        w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
+        return true;
+    }
+    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_RELEASE) return false;
+    take_action(w, b, &action);
+    return true;
+}
+
+/* Returns -1 to close the connection. */
+static int receive(web *w, browser *b, const void *data, size_t length) {
+    size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES;
+    if (b->received.length + length > most || !lws_frame_is_binary(b->wsi)) return -1;
+    bytes_append(&b->received, data, length);
+    if (!lws_is_final_fragment(b->wsi) || lws_remaining_packet_payload(b->wsi) > 0) return 0;
+    bool good = take_message(w, b);
+    b->received.length = 0;
+    return good ? 0 : -1;
+}
+
+/* ---- browsers come and go ---- */
+
+static void add_browser(web *w, browser *b, struct lws *wsi) {
+    *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true};
+    w->browsers = b;
+    w->browser_count++;
+    lws_callback_on_writable(wsi);
+}
+
+static void remove_browser(web *w, browser *b) {
+    if (w->driver == b) set_driver(w, NULL, ACTION_RELEASE);
+    browser **link = &w->browsers;
+    while (*link && *link != b) link = &(*link)->next;
+    if (*link) {
+        *link = b->next;
+        w->browser_count--;
+    }
+    bytes_free(&b->received);
+}
+
+static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
+    struct lws_context *context = lws_get_context(wsi);
+    web *w = context ? lws_context_user(context) : NULL;
+    browser *b = user;
+    switch (reason) {
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
+        if (may_connect(w, wsi)) return 0;
+        lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, "this page may not connect here");
+        return -1;
+    case LWS_CALLBACK_ESTABLISHED: add_browser(w, b, wsi); return 0;
+    case LWS_CALLBACK_SERVER_WRITEABLE: return send_update(w, b);
+    case LWS_CALLBACK_RECEIVE: return receive(w, b, data, length);
+    case LWS_CALLBACK_CLOSED: remove_browser(w, b); return 0;
+    default: return 0;
+    }
+}
+
+static int on_descriptor(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
+    (void)user, (void)data, (void)length;
+    if (reason != LWS_CALLBACK_RAW_RX_FILE) return 0;
+    web *w = lws_context_user(lws_get_context(wsi));
+    const watch *seen = lws_get_opaque_user_data(wsi);
+    seen->readable(w->settings.context);
+    return 0;
+}
+
+/* ---- set-up ---- */
+
+static const struct lws_protocols protocols[] = {
+    {.name = "http", .callback = lws_callback_http_dummy},
+    {.name = "trocar-view", .callback = on_socket, .per_session_data_size = sizeof(browser), .rx_buffer_size = 1 << 16},
+    {.name = "descriptor", .callback = on_descriptor},
+    {0},
+};
+
+static trocar_status check_page(const char *page, report *why) {
+    char index[4096];
+    snprintf(index, sizeof index, "%s/index.html", page);
+    if (access(index, R_OK) == 0) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%s: %s: the page is not built: install npm (scripts/setup), then scripts/build", index,
+                strerror(errno));
+}
+
+static trocar_status listen_here(web *w, report *why) {
+    const web_settings *s = &w->settings;
+    static struct lws_http_mount mount;
+    mount = (struct lws_http_mount){.mountpoint = "/", .mountpoint_len = 1, .origin = s->page, .def = "index.html",
+                                    .origin_protocol = LWSMPRO_FILE};
+    const char *place = s->socket ? s->socket : s->address ? s->address : "127.0.0.1";
+    struct lws_context_creation_info info = {
+        .port = s->port, .iface = place, .protocols = protocols, .mounts = &mount, .user = w, .vhost_name = "trocar-view",
+        .options = LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE | LWS_SERVER_OPTION_EXPLICIT_VHOSTS
+                 | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (s->socket ? LWS_SERVER_OPTION_UNIX_SOCK : 0)};
+    w->lws = lws_create_context(&info);
+    if (w->lws) w->host = lws_create_vhost(w->lws, &info);
+    if (w->host) return TROCAR_OK;
+    if (s->socket) return fail(why, TROCAR_BAD_INPUT, "%s: cannot listen there: is its folder there, and is the file not in use?", place);
+    return fail(why, TROCAR_BAD_INPUT, "cannot listen on %s:%d: is another program there? choose another --port", place, s->port);
+}
+
+trocar_status web_create(const web_settings *settings, web **created, report *why) {
+    trocar_status status = check_page(settings->page, why);
+    if (status != TROCAR_OK) return status;
+    web *w = calloc(1, sizeof *w);
+    if (!w) return fail(why, TROCAR_NO_MEMORY, "no memory for the web server");
+    w->settings = *settings;
+    lws_set_log_level(LLL_ERR, NULL);
+    status = listen_here(w, why);
+    if (status != TROCAR_OK) {
+        web_free(w);
+        return status;
+    }
+    lws_sul_schedule(w->lws, 0, &w->timer, on_timer, STATUS_PERIOD);
+    *created = w;
+    return TROCAR_OK;
+}
+
+void web_free(web *w) {
+    if (w->lws) lws_context_destroy(w->lws);
+    bytes_free(&w->update);
+    free(w);
+}
+
+int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
+
+trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why) {
+    watch *added = &w->watches[w->watch_count];
+    *added = (watch){dup(descriptor), readable}; /* libwebsockets closes what it has adopted */
+    lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = added->descriptor,
+                                .vh_prot_name = "descriptor", .opaque = added};
+    if (w->watch_count == WATCHES || added->descriptor < 0 || !lws_adopt_descriptor_vhost_via_info(&adopted))
+        return fail(why, TROCAR_SYSTEM, "cannot watch a descriptor: %s", strerror(errno));
+    w->watch_count++;
+    return TROCAR_OK;
+}
+
+void web_round(web *w) { lws_service(w->lws, 0); }

@@ -10,6 +10,7 @@
 #include "options.h"
 #include "output.h"
 #include "poselog.h"
+#include "progress.h"
 #include "realtime.h"
 #include "scene.h"
 #include "vtu.h"
@@ -126,8 +127,10 @@ static trocar_status prepare(replay *r, report *why) {
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
+    if (!r->options->quiet) r->scene.simulation.progress = progress_show;
     if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
     if (status != TROCAR_OK) return status;
+    if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
     r->snapshot = calloc(1, sizeof *r->snapshot);
     return r->snapshot ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
 }
@@ -193,23 +196,14 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     return status;
 }
 
-/* Redrawn every percent. */
-static void show_progress(int done, int count) {
-    enum { WIDTH = 40, LONG_LOG = 5000 };
-    int step = count / 100;
-    if (count < LONG_LOG || (done % step != 0 && done != count)) return;
-    int filled = (int)((int64_t)WIDTH * done / count);
-    fprintf(stderr, "\r[%.*s%*s] %3d %%%s", filled, "########################################", WIDTH - filled, "",
-            (int)((int64_t)100 * done / count), done == count ? "\n" : "");
-}
-
 static trocar_status run_all(replay *r, report *why) {
-    bool progress = !r->options->quiet && isatty(STDERR_FILENO);
+    enum { LONG_LOG = 5000 };
+    bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
     insertion_reset(&r->simulation.insertion, pose_of_message(&r->poses.poses[0]), &r->state);
     for (int tick = 0; tick < r->poses.count; tick++) {
         trocar_status status = run_tick(r, tick, why);
         if (status != TROCAR_OK) return status;
-        if (progress) show_progress(tick + 1, r->poses.count);
+        if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count);
     }
     trocar_status status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);

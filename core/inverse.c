@@ -28,7 +28,7 @@ trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report
     return inv->owner->prefetch ? inv->owner->prefetch(inv, count, nodes, why) : TROCAR_OK;
 }
 
-bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetch != NULL; }
+bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches; }
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 

@@ -14,12 +14,19 @@ trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
 static const double SPARSE_CACHE = 1.5e9; /* bytes, the usual choice */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
+/* Dense between `nodes`, 8 (3 count)^2 bytes; read from `directory` if it is there (see condensed_cache.h), else computed and
+   written. What lies outside falls back to a sparse owner. Factors `t` itself, when the factor is needed: not before the
+   first field of displacements or node outside if the inverse was on disk. `notice` says where it came from. */
+typedef void (*inverse_progress)(const char *what, double fraction); /* NULL: nobody wants to know */
+trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress, inverse **created,
+                                       report *notice, report *why);
+
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
 /* Makes ready what gather needs of these nodes, in blocks: cheaper than one by one as gather meets them. Worker's side. */
 trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why);
-bool inverse_prefetches(const inverse *inv); /* false: everything is at hand */
+bool inverse_prefetches(const inverse *inv); /* it pays to do so in idle time */
 
 /* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
    out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. */

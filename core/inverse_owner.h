@@ -10,6 +10,7 @@ typedef struct {
     void (*apply)(inverse *, const double *force, double *displacement);  /* dof_count each */
     trocar_status (*prefetch)(inverse *, int, const int *, report *);     /* NULL: everything is at hand */
     void (*release)(inverse *);                                           /* all but the shared part */
+    bool prefetches;                                                      /* prefetch pays in idle time */
 } inverse_owner;
 
 /* First member of every owner's struct. */

@@ -161,7 +161,7 @@ static void sparse_release(inverse *inv) {
     free(s->block);
 }
 
-static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release};
+static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release, true};
 
 static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;

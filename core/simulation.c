@@ -1,5 +1,6 @@
 #include "simulation.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -74,16 +75,63 @@ static trocar_status build_tissue(simulation *s, report *why) {
         else
             for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
     }
-    if (status == TROCAR_OK) status = tissue_create(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
+    if (status == TROCAR_OK) status = tissue_assemble(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
     free(fixed);
     return status;
 }
 
+/* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
+
+/* Memory that can be had without swapping, bytes; 8 GB where the system does not say. */
+static double available_memory(void) {
+    double kilobytes = 8e6;
+    char line[128];
+    FILE *file = fopen("/proc/meminfo", "r");
+    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemAvailable: %lf", &kilobytes) != 1) continue;
+    if (file) fclose(file);
+    return 1024.0 * kilobytes;
+}
+
+/* What a scene leaves open: dense where that is small; condensed where the scene says where needles go; else sparse. */
+static inverse_choice choose_inverse(simulation *s, int reach_count, report *about) {
+    static const char *const names[] = {"", "dense", "sparse", "condensed"};
+    static const double LITTLE = 1e9, MUCH = 4e9, SHARE = 0.25; /* bytes; of the memory at hand */
+    const simulation_config *config = &s->config;
+    int nodes = s->mesh.node_count;
+    double dense = 8.0 * s->tissue.dof_count * s->tissue.dof_count, condensed = 72.0 * reach_count * reach_count, memory = SHARE * available_memory();
+    inverse_choice choice = config->inverse;
+    char why[160] = "as the scene asks";
+    if (choice == INVERSE_AUTO) {
+        bool small = dense <= fmin(LITTLE, memory), narrow = reach_given(&config->reach) && condensed <= fmin(MUCH, memory);
+        choice = remesh_needs_dense(config->remeshing) || small ? INVERSE_DENSE : narrow ? INVERSE_CONDENSED : INVERSE_SPARSE;
+        snprintf(why, sizeof why, small ? "%d nodes: %.2g GB" : "%d nodes: dense would take %.2g GB", nodes, 1e-9 * dense);
+    }
+    snprintf(about->text, sizeof about->text, "%s (%s)", names[choice], why);
+    return choice;
+}
+
+static trocar_status build_owner(simulation *s, int reach_count, const int *reach, report *why) {
+    report notice;
+    inverse_choice choice = choose_inverse(s, reach_count, &s->about_inverse);
+    if (choice == INVERSE_CONDENSED) {
+        trocar_status status = inverse_create_condensed(&s->tissue, reach_count, reach, s->config.cache, s->config.progress, &s->inverse, &notice, why);
+        size_t used = strlen(s->about_inverse.text);
+        if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
+        return status;
+    }
+    trocar_status status = tissue_factor(&s->tissue, choice == INVERSE_SPARSE ? reach_count : 0, reach, why);
+    if (status != TROCAR_OK) return status;
+    return choice == INVERSE_DENSE ? inverse_create_dense(&s->tissue, &s->inverse, why)
+                                   : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
+}
+
 static trocar_status build_inverse(simulation *s, report *why) {
-    double dense_bytes = 8.0 * s->tissue.dof_count * s->tissue.dof_count;
-    bool dense = s->config.inverse == INVERSE_DENSE || remesh_needs_dense(s->config.remeshing)
-              || (s->config.inverse == INVERSE_AUTO && dense_bytes < 1e9);
-    return dense ? inverse_create_dense(&s->tissue, &s->inverse, why) : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
+    int *reach, reach_count;
+    trocar_status status = reach_find(&s->mesh, &s->config.reach, s->config.membrane_count > 0 ? s->membranes[0].group : -1, &reach, &reach_count, why);
+    if (status != TROCAR_OK) return status;
+    status = build_owner(s, reach_count, reach, why);
+    free(reach);
+    return status;
 }
 
 static trocar_status build_insertion(simulation *s, report *why) {

@@ -3,6 +3,7 @@
 #define TROCAR_SIMULATION_H
 
 #include "insertion.h"
+#include "reach.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
@@ -10,9 +11,10 @@ typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef enum {
-    INVERSE_AUTO,            /* dense as long as it takes less than a gigabyte */
+    INVERSE_AUTO,            /* by size and memory: see choose_inverse */
     INVERSE_DENSE,
     INVERSE_SPARSE,
+    INVERSE_CONDENSED,
 } inverse_choice;
 
 typedef struct {
@@ -24,7 +26,10 @@ typedef struct {
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
+    reach_config reach;                  /* region of interest; nothing given: see reach_find */
+    char cache[1024];                    /* directory of condensed inverses; empty: the user's */
     volumetric_strain volumetric;
+    inverse_progress progress;           /* told how far a start has come, if that takes long; may be NULL */
 } simulation_config;
 
 typedef struct {
@@ -34,6 +39,7 @@ typedef struct {
     membrane membranes[MAX_MEMBRANES];
     tissue tissue;
     inverse *inverse;
+    report about_inverse;               /* which owner, and why */
     remesher *remesher;
     needle_model needle;
     insertion_model insertion;

@@ -26,6 +26,7 @@ static const range POSITIVE = {DBL_MIN, DBL_MAX, "a number above 0"};
 static const range NOT_NEGATIVE = {0, DBL_MAX, "a number of at least 0"};
 static const range FORCE = {0, INFINITY, "a number of at least 0, or .inf"};
 static const range COMPRESSIBLE = {0, 0.49999999, "a number of at least 0 and below 0.5"};
+static const range ANY = {-DBL_MAX, DBL_MAX, "a number"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 
@@ -189,14 +190,42 @@ static void take_device(checker *c, const device_text *text, guard_limits *limit
     take_number(c, "ramp_time", "s", text->ramp_time, POSITIVE, &limits->ramp_time);
 }
 
-/* The mesh's path is relative to the scene file. */
-static void take_mesh_path(checker *c, const char *text, char *path, size_t size) {
+static void take_vector(checker *c, const char *key, char *const *text, unsigned count, vec3 *value) {
+    double numbers[3] = {0};
+    if (count != 3) reject(c, key, "expected three numbers (m)");
+    for (unsigned i = 0; i < 3 && count == 3; i++) take_number(c, key, "m", text[i], ANY, &numbers[i]);
+    *value = v3(numbers[0], numbers[1], numbers[2]);
+}
+
+static void take_corridor(checker *c, const corridor_text *text, reach_config *reach) {
+    if (!text->from && !text->to && !text->radius) return;
+    enter_section(c, "region_of_interest.corridor.");
+    take_vector(c, "from", text->from, text->from_count, &reach->from);
+    take_vector(c, "to", text->to, text->to_count, &reach->to);
+    if (!text->radius) reject(c, "radius", "expected a number above 0 (m)");
+    take_number(c, "radius", "m", text->radius, POSITIVE, &reach->radius);
+    if (v3_norm(v3_sub(reach->to, reach->from)) == 0.0) reject(c, "to", "the same point as \"from\"");
+}
+
+static void take_reach(checker *c, const region_of_interest_text *text, reach_config *reach) {
+    enter_section(c, "region_of_interest.");
+    reach->region_count = list_length(c, "regions", text->regions_count, 0, REACH_MAX_REGIONS);
+    for (int i = 0; i < reach->region_count; i++) {
+        enter_section(c, "region_of_interest.regions[%d]", i);
+        take_name(c, "", text->regions[i], reach->regions, i, sizeof reach->regions[0], reach->regions[i]);
+    }
+    take_corridor(c, &text->corridor, reach);
+}
+
+/* Paths are relative to the scene file. */
+static void take_path(checker *c, const char *key, const char *what, const char *text, char *path, size_t size) {
     const char *slash = strrchr(c->file, '/');
+    if (!text) return;
     int directory = slash && text[0] != '/' ? (int)(slash - c->file) + 1 : 0;
     enter_section(c, "%s", "");
-    if (text[0] == '\0') reject(c, "mesh", "expected the path of a mesh file");
+    if (text[0] == '\0') reject(c, key, "expected the path of a %s", what);
     int length = snprintf(path, size, "%.*s%s", directory, c->file, text);
-    if (length < 0 || (size_t)length >= size) reject(c, "mesh", "path longer than %zu characters", size - 1);
+    if (length < 0 || (size_t)length >= size) reject(c, key, "path longer than %zu characters", size - 1);
 }
 
 /* One of a list of words ("a, b or c"), its place from 0; nothing given: the default stays. */
@@ -210,11 +239,11 @@ static int take_word(checker *c, const char *key, const char *text, const char *
 
 static void take_methods(checker *c, const scene_text *text, simulation_config *s) {
     enter_section(c, "%s", "");
-    static const char *const remeshing[] = {"nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked", NULL}, *const inverses[] = {"auto", "dense", "sparse", NULL},
+    static const char *const remeshing[] = {"nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked", NULL}, *const inverses[] = {"auto", "dense", "sparse", "condensed", NULL},
                       *const strains[] = {"node", "element", NULL};
     s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, remeshing,
                                             "nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked", (int)s->remeshing);
-    s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, inverses, "auto, dense or sparse", (int)s->inverse);
+    s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, inverses, "auto, dense, sparse or condensed", (int)s->inverse);
     s->volumetric = (volumetric_strain)take_word(c, "volumetric_strain", text->volumetric_strain, strains, "node or element", (int)s->volumetric);
 }
 
@@ -222,7 +251,8 @@ static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {
     simulation_defaults(&s->simulation);
     s->guard = guard_defaults();
     s->rate_hz = 1000;
-    take_mesh_path(c, text->mesh, s->simulation.mesh_path, sizeof s->simulation.mesh_path);
+    take_path(c, "mesh", "mesh file", text->mesh, s->simulation.mesh_path, sizeof s->simulation.mesh_path);
+    take_path(c, "cache", "directory", text->cache, s->simulation.cache, sizeof s->simulation.cache);
     take_number(c, "rate_hz", "Hz", text->rate_hz, RATE, &s->rate_hz);
     take_regions(c, text, &s->simulation);
     take_membranes(c, text, &s->simulation);
@@ -230,6 +260,7 @@ static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {
     take_needle(c, &text->needle, &s->simulation.needle);
     take_contact(c, &text->contact, &s->simulation.insertion);
     take_methods(c, text, &s->simulation);
+    take_reach(c, &text->region_of_interest, &s->simulation.reach);
     take_device(c, &text->device, &s->guard);
     return c->status;
 }

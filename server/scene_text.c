@@ -13,8 +13,9 @@
 #define REQUIRED_TEXT(structure, member) \
     CYAML_FIELD_STRING_PTR(#member, CYAML_FLAG_POINTER, structure, member, 0, CYAML_UNLIMITED)
 #define SECTION(structure, member, fields) CYAML_FIELD_MAPPING(#member, CYAML_FLAG_OPTIONAL, structure, member, fields)
-#define LIST(member, presence, entry) \
-    CYAML_FIELD_SEQUENCE(#member, CYAML_FLAG_POINTER | (presence), scene_text, member, entry, 0, CYAML_UNLIMITED)
+#define LIST_IN(structure, member, presence, entry) \
+    CYAML_FIELD_SEQUENCE(#member, CYAML_FLAG_POINTER | (presence), structure, member, entry, 0, CYAML_UNLIMITED)
+#define LIST(member, presence, entry) LIST_IN(scene_text, member, presence, entry)
 
 static const cyaml_schema_field_t friction_fields[] = {
     TEXT_AS(friction_text, "static", static_limit), TEXT(friction_text, kinetic), TEXT(friction_text, viscous),
@@ -44,14 +45,23 @@ static const cyaml_schema_field_t device_fields[] = {
 
 static const cyaml_schema_value_t region_entry = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, region_text, region_fields)};
 static const cyaml_schema_value_t membrane_entry = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, membrane_text, membrane_fields)};
-static const cyaml_schema_value_t name_entry = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
+static const cyaml_schema_value_t text_entry = {CYAML_VALUE_STRING(CYAML_FLAG_POINTER, char, 0, CYAML_UNLIMITED)};
+
+static const cyaml_schema_field_t corridor_fields[] = {
+    LIST_IN(corridor_text, from, CYAML_FLAG_OPTIONAL, &text_entry), LIST_IN(corridor_text, to, CYAML_FLAG_OPTIONAL, &text_entry),
+    TEXT(corridor_text, radius), CYAML_FIELD_END};
+
+static const cyaml_schema_field_t region_of_interest_fields[] = {
+    LIST_IN(region_of_interest_text, regions, CYAML_FLAG_OPTIONAL, &text_entry),
+    SECTION(region_of_interest_text, corridor, corridor_fields), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t scene_fields[] = {
     REQUIRED_TEXT(scene_text, mesh), TEXT(scene_text, rate_hz), TEXT(scene_text, remeshing),
-    TEXT(scene_text, inverse), TEXT(scene_text, volumetric_strain),
+    TEXT(scene_text, inverse), TEXT(scene_text, cache), TEXT(scene_text, volumetric_strain),
     LIST(regions, CYAML_FLAG_DEFAULT, &region_entry), LIST(membranes, CYAML_FLAG_OPTIONAL, &membrane_entry),
-    LIST(fixed, CYAML_FLAG_DEFAULT, &name_entry), SECTION(scene_text, needle, needle_fields),
-    SECTION(scene_text, contact, contact_fields), SECTION(scene_text, device, device_fields), CYAML_FIELD_END};
+    LIST(fixed, CYAML_FLAG_DEFAULT, &text_entry), SECTION(scene_text, needle, needle_fields),
+    SECTION(scene_text, contact, contact_fields), SECTION(scene_text, device, device_fields),
+    SECTION(scene_text, region_of_interest, region_of_interest_fields), CYAML_FIELD_END};
 
 static const cyaml_schema_value_t scene_schema = {CYAML_VALUE_MAPPING(CYAML_FLAG_POINTER, scene_text, scene_fields)};
 

@@ -28,7 +28,18 @@ typedef struct {
 } device_text;
 
 typedef struct {
-    char *mesh, *rate_hz, *remeshing, *inverse, *volumetric_strain;
+    char **from, **to, *radius;
+    unsigned from_count, to_count;
+} corridor_text;
+
+typedef struct {
+    char **regions;
+    unsigned regions_count;
+    corridor_text corridor;
+} region_of_interest_text;
+
+typedef struct {
+    char *mesh, *rate_hz, *remeshing, *inverse, *cache, *volumetric_strain;
     region_text *regions;
     membrane_text *membranes;
     char **fixed;
@@ -36,6 +47,7 @@ typedef struct {
     needle_text needle;
     contact_text contact;
     device_text device;
+    region_of_interest_text region_of_interest;
 } scene_text;
 
 /* Reads YAML by the schema. BAD_INPUT, with `name`, line and key, for an unknown, missing or repeated key and for a

@@ -14,6 +14,7 @@
 
 #include "haptic.h"
 #include "io.h"
+#include "progress.h"
 #include "realtime.h"
 #include "scene.h"
 #include "telemetry.h"
@@ -88,6 +89,7 @@ static trocar_status create_all(server *s, report *why) {
     if ((status = read_scene(s, why)) != TROCAR_OK) return status;
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    s->scene.simulation.progress = progress_show;
     if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
     if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
     if ((status = ask_for_realtime(s, why)) != TROCAR_OK) return status;
@@ -214,8 +216,8 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "scene      %s\n", s->scene.path);
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
-    fprintf(out, "inverse    %s, %d unknowns; node addition by %s\n", inverse_name(s->simulation.inverse),
-            s->simulation.tissue.dof_count, remesh_name(config->remeshing));
+    fprintf(out, "inverse    %s\n", s->simulation.about_inverse.text);
+    fprintf(out, "unknowns   %d; node addition by %s\n", s->simulation.tissue.dof_count, remesh_name(config->remeshing));
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
     if (s->realtime) fprintf(out, "real time  yes, SCHED_FIFO %d\n", PRIORITY_HAPTIC);

@@ -139,6 +139,52 @@ static void what_is_left_out_has_its_default(void **state) {
     assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
 }
 
+/* One valid scene with these lines more; the line numbers start at 4. */
+#define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
+
+static void owner_and_region_of_interest_arrive(void **state) {
+    (void)state;
+    static const char *const names[] = {"auto", "dense", "sparse", "condensed"};
+    static const inverse_choice choices[] = {INVERSE_AUTO, INVERSE_DENSE, INVERSE_SPARSE, INVERSE_CONDENSED};
+    scene s;
+    char text[256], cache[128];
+    for (int i = 0; i < 4; i++) {
+        snprintf(text, sizeof text, MINIMAL "inverse: %s\n", names[i]);
+        load_good(text, &s);
+        assert_int_equal(s.simulation.inverse, choices[i]);
+        assert_false(reach_given(&s.simulation.reach));
+        assert_string_equal(s.simulation.cache, "");
+    }
+    load_good(MINIMAL "cache: here\nregion_of_interest: {regions: [x, y], corridor: {from: [0, -1, 2e-3], to: [0, 0, 0.1], radius: 0.02}}\n", &s);
+    const reach_config *reach = &s.simulation.reach;
+    snprintf(cache, sizeof cache, "%s/here", directory);
+    assert_string_equal(s.simulation.cache, cache);
+    assert_int_equal(reach->region_count, 2);
+    assert_string_equal(reach->regions[1], "y");
+    assert_true(reach->from.y == -1.0 && reach->from.z == 2e-3 && reach->to.z == 0.1 && reach->radius == 0.02);
+}
+
+static void a_bad_region_of_interest_is_refused(void **state) {
+    (void)state;
+    static const char *const cases[][2] = {
+        {"inverse: big", ":4: inverse: \"big\": expected auto, dense, sparse or condensed"},
+        {"cache: ''", ":4: cache: "},
+        {"region_of_interest: {regions: [x, x]}", ":4: region_of_interest.regions[1]: \"x\" is there twice"},
+        {"region_of_interest: {depth: 1}", ":4: region_of_interest: unknown key \"depth\""},
+        {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1]}}", ":4: region_of_interest.corridor.radius: "},
+        {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1], radius: 0}}", ":4: region_of_interest.corridor.radius: "},
+        {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0], radius: 1}}", ":4: region_of_interest.corridor.to: expected three numbers"},
+        {"region_of_interest: {corridor: {to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor"},
+        {"region_of_interest: {corridor: {from: [0, 0, x], to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor.from: \"x\""},
+        {"region_of_interest: {corridor: {from: [0, 0, 1], to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor.to: the same point"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[256];
+        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
+        assert_refused(text, cases[i][1]);
+    }
+}
+
 static void unreadable_files_are_named(void **state) {
     (void)state;
     scene s;
@@ -338,6 +384,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_value_arrives),
         cmocka_unit_test(what_is_left_out_has_its_default),
+        cmocka_unit_test(owner_and_region_of_interest_arrive),
+        cmocka_unit_test(a_bad_region_of_interest_is_refused),
         cmocka_unit_test(unreadable_files_are_named),
         cmocka_unit_test(broken_yaml_is_refused_with_its_line),
         cmocka_unit_test(keys_that_are_not_of_the_schema_are_refused),

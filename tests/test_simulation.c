@@ -105,11 +105,41 @@ static void woodbury_goes_on_to_rounding(void **unused) {
     lockstep_free(l);
 }
 
+/* The same motion whoever owns the inverse; each owner says who it is. */
+static void every_owner_gives_the_same_forces(void **unused) {
+    (void)unused;
+    char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
+    assert_non_null(mkdtemp(directory));
+    static const struct { inverse_choice choice; double radius; const char *words; } cases[] = {
+        {INVERSE_AUTO, 0.02, "dense (572 nodes: 0.016 GB)"}, {INVERSE_SPARSE, 0.02, "sparse (as the scene asks)"}, {INVERSE_SPARSE, 0, "sparse"},
+        {INVERSE_CONDENSED, 0.02, "condensed (as the scene asks): "}, {INVERSE_CONDENSED, 0.003, "condensed"}, {INVERSE_CONDENSED, 0.0, "condensed"},
+    };
+    recorded dense, other;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        simulation_config config = lockstep_config();
+        config.inverse = cases[i].choice;
+        config.reach.radius = cases[i].radius; /* the needle leaves the narrow one */
+        config.reach.from = v3(0.005, 0.003, 0);
+        config.reach.to = v3(0.005, 0.003, 0.1);
+        strcpy(config.cache, directory);
+        lockstep *l = inserted(&config);
+        if (strncmp(l->simulation.about_inverse.text, cases[i].words, strlen(cases[i].words)) != 0)
+            fail_msg("\"%s\" where \"%s\" was expected", l->simulation.about_inverse.text, cases[i].words);
+        other = go_on(l);
+        lockstep_free(l);
+        if (i == 0) dense = other;
+        else assert_true(largest_difference(&dense, &other) < 1e-6);
+    }
+    snprintf(command, sizeof command, "rm -r %s", directory);
+    assert_int_equal(system(command), 0);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(restored_simulation_goes_on_to_the_bit),
         cmocka_unit_test(restored_at_rest_starts_anew),
         cmocka_unit_test(woodbury_goes_on_to_rounding),
+        cmocka_unit_test(every_owner_gives_the_same_forces),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,206 @@
+/* The condensed inverse against the dense one, in the region, across its edge and outside; computed, read back, and computed
+   again where the file on disk is no good. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "condensed_cache.h"
+#include "cube.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+enum { N = 3 * CUBE_NODES, REGION = 30 };
+static char directory[] = "/tmp/test_condensed.XXXXXX";
+static cube body;
+static double dense[N * N], largest;
+static int all[CUBE_NODES], region[REGION]; /* some of it fixed */
+
+static int create(void **state) {
+    (void)state;
+    report why;
+    if (!mkdtemp(directory) || cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
+    for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
+    for (int i = 0; i < REGION; i++) region[i] = 3 + 4 * i;
+    inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N);
+    for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(dense[i]));
+    return 0;
+}
+
+static int destroy(void **state) {
+    (void)state;
+    cube_free(&body);
+    return rmdir(directory);
+}
+
+typedef struct {
+    tissue tissue;
+    inverse *inverse;
+    report notice;
+    char path[1200];         /* of its file */
+} condensed;
+
+/* By a start of its own: only the file remains of the last one. */
+static void start(condensed *c, double stiffness) {
+    report why;
+    static region_material materials[2];
+    memcpy(materials, body.materials, sizeof materials);
+    materials[0].youngs_modulus *= stiffness;
+    assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_OK);
+    snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region).path);
+    assert_int_equal(inverse_create_condensed(&c->tissue, REGION, region, directory, NULL, &c->inverse, &c->notice, &why), TROCAR_OK);
+}
+
+static void stop(condensed *c) {
+    inverse_free(c->inverse);
+    tissue_free(&c->tissue);
+}
+
+static void assert_blocks(condensed *c, int count, const int *nodes) {
+    static double found[N * N];
+    report why;
+    assert_int_equal(inverse_prefetch(c->inverse, count, nodes, &why), TROCAR_OK);
+    inverse_gather(c->inverse, count, nodes, count, nodes, found, N);
+    for (int i = 0; i < 3 * count; i++)
+        for (int j = 0; j < 3 * count; j++)
+            assert_close(found[i * N + j], dense[(3 * nodes[i / 3] + i % 3) * N + 3 * nodes[j / 3] + j % 3], 1e-12 * largest);
+}
+
+static bool says(const condensed *c, const char *words) { return strstr(c->notice.text, words) != NULL; }
+
+static void blocks_are_those_of_the_dense_inverse(void **state) {
+    (void)state;
+    condensed c;
+    start(&c, 1.0);
+    assert_true(says(&c, "written to"));
+    assert_blocks(&c, REGION, region);
+    assert_blocks(&c, CUBE_NODES, all);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+/* From the file, without a factor; one is made for what lies outside and for whole fields. */
+static void a_second_start_needs_no_factor(void **state) {
+    (void)state;
+    condensed c;
+    start(&c, 1.0);
+    stop(&c);
+    start(&c, 1.0);
+    assert_true(says(&c, "read from"));
+    assert_blocks(&c, REGION, region);
+    vec3 force[CUBE_NODES] = {{0, 0, 0}}, one[CUBE_NODES], other[CUBE_NODES];
+    inverse_apply(c.inverse, force, one);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(one[i], v3(0, 0, 0), 0.0);
+    assert_null(c.tissue.factor);
+    assert_blocks(&c, CUBE_NODES, all);
+    assert_non_null(c.tissue.factor);
+    for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
+    inverse_apply(body.inverse, force, one);
+    inverse_apply(c.inverse, force, other);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(other[i], one[i], 1e-11 * N * largest);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+/* The file with one byte changed at this place, or cut off there. */
+static void damage(const char *path, double place, bool cut) {
+    struct stat s;
+    assert_int_equal(stat(path, &s), 0);
+    long at = (long)(place * (double)s.st_size);
+    if (cut) {
+        assert_int_equal(truncate(path, at), 0);
+        return;
+    }
+    FILE *file = fopen(path, "r+b");
+    assert_non_null(file);
+    fseek(file, at, SEEK_SET);
+    int byte = fgetc(file);
+    fseek(file, at, SEEK_SET);
+    fputc(byte ^ 0x10, file);
+    fclose(file);
+}
+
+static void a_damaged_file_is_found_out_and_replaced(void **state) {
+    (void)state;
+    static const struct { double place; bool cut; } cases[] = {{0.0, true}, {0.5, true}, {0.99, true}, {0.0, false}, {0.5, false}, {0.9, false}};
+    condensed c;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        start(&c, 1.0);
+        stop(&c);
+        damage(c.path, cases[i].place, cases[i].cut);
+        start(&c, 1.0);
+        assert_true(says(&c, "damaged"));
+        assert_blocks(&c, REGION, region);
+        stop(&c);
+        start(&c, 1.0);
+        assert_true(says(&c, "read from"));
+        stop(&c);
+        assert_int_equal(unlink(c.path), 0);
+    }
+}
+
+static void another_tissue_has_another_file(void **state) {
+    (void)state;
+    condensed soft, stiff;
+    start(&soft, 1.0);
+    stop(&soft);
+    start(&stiff, 1.000001);
+    assert_true(says(&stiff, "written to"));
+    stop(&stiff);
+    assert_string_not_equal(soft.path, stiff.path);
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: in the right place, of the wrong tissue */
+    start(&soft, 1.0);
+    assert_true(says(&soft, "damaged"));
+    assert_blocks(&soft, REGION, region);
+    stop(&soft);
+    assert_int_equal(unlink(soft.path), 0);
+}
+
+static void a_region_that_cannot_move_is_refused(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report notice, why;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&t, 3, all, directory, NULL, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_null(inv);
+    tissue_free(&t);
+}
+
+static int progress_calls;
+static double progress_last;
+static void note_progress(const char *what, double fraction) {
+    (void)what;
+    progress_calls++;
+    progress_last = fraction;
+}
+
+static void progress_is_told_and_an_unwritable_place_does_no_harm(void **state) {
+    (void)state;
+    condensed c;
+    report why;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c.tissue, REGION, region, "/proc/nowhere", note_progress, &c.inverse, &c.notice, &why), TROCAR_OK);
+    assert_true(says(&c, "cannot be written"));
+    assert_true(progress_calls >= 3);
+    assert_close(progress_last, 1.0, 1e-12);
+    assert_blocks(&c, REGION, region);
+    stop(&c);
+}
+
+int main(void) {
+    srand(1);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_are_those_of_the_dense_inverse),
+        cmocka_unit_test(a_second_start_needs_no_factor),
+        cmocka_unit_test(a_damaged_file_is_found_out_and_replaced),
+        cmocka_unit_test(another_tissue_has_another_file),
+        cmocka_unit_test(a_region_that_cannot_move_is_refused),
+        cmocka_unit_test(progress_is_told_and_an_unwritable_place_does_no_harm),
+    };
+    return cmocka_run_group_tests(tests, create, destroy);
+}

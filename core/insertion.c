@@ -6,12 +6,14 @@
 #include "tip.h"
 #include "window.h"
 
-enum { MOST_STEPS = 4 };                 /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
+enum { MOST_STEPS = 4,                   /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
+       MOST_ELEMENTS = 64 };             /* looked through ahead of the tip */
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
 static const double LOOK_BACK = 5e-3;    /* m behind the tip of a free needle: it may have come free below a dented surface */
 static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
+static const double HALF_SPAN = 5e-3;    /* m before and behind the tip, between which the tissue's displacement gradient is taken */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
 /* ---- model ------------------------------------------------------------------------------------------------------------ */
@@ -33,12 +35,7 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 
 /* ---- sliding ---------------------------------------------------------------------------------------------------------- */
 
-static mat3 outer_add(mat3 a, vec3 u, vec3 g) {
-    const double p[3] = {u.x, u.y, u.z}, q[3] = {g.x, g.y, g.z};
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) a.m[i][j] += p[i] * q[j];
-    return a;
-}
+static vec3 tangent_of(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
 /* Displacement of a handle under the present forces, m. */
 static vec3 displacement_of(const insertion_state *state, const compliance_snapshot *snapshot, int handle) {
@@ -55,19 +52,57 @@ static vec3 displacement_of(const insertion_state *state, const compliance_snaps
     return u;
 }
 
-/* Displacement gradient in the tip's element; zero where the snapshot does not cover it. */
-static mat3 gradient_at_tip(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot) {
-    mat3 gradient = {{{0}}};
-    if (state->tip.phase != TIP_INSIDE) return gradient;
-    leaf_point whole;
+/* Where the material point of the tissue at a contact is carried by the shaft, relative to its nominal place, m. */
+static vec3 carried(const insertion_model *model, const insertion_state *state, int index) {
+    needle_point p = needle_at(model->needle, &state->needle, state->contacts[index].arc);
+    return v3_sub(p.position, state->refined.nodes[index].position);
+}
+
+/* Displacement of the tissue by which the shaft carries it HALF_SPAN behind the tip, m. */
+static vec3 displacement_behind(const insertion_model *model, const insertion_state *state, vec3 at_tip) {
+    vec3 ahead = at_tip;
+    double ahead_depth = state->tip.depth, sought = ahead_depth - HALF_SPAN;
+    for (int i = state->active - 1; i >= 0; i--) {
+        double depth = state->contacts[i].depth;
+        vec3 here = carried(model, state, i);
+        if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
+        ahead = here;
+        ahead_depth = depth;
+    }
+    return ahead;
+}
+
+/* The same of the point up to HALF_SPAN ahead of the tip in the tissue; the tip's own where the snapshot does not cover it. */
+static vec3 displacement_ahead(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, vec3 direction, vec3 at_tip) {
+    const mesh *m = model->mesh;
+    double left = HALF_SPAN, chord;
+    vec3 x = state->tip.nominal;
+    int tet = state->tip.tet;
+    for (int step = 0; step < MOST_ELEMENTS; step++) {
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        x = v3_axpy(fmin(left, chord), direction, x);
+        left -= chord;
+        if (face < 0 || left <= 0.0 || m->neighbours[tet][face] < 0) break;
+        tet = m->neighbours[tet][face];
+    }
+    leaf_point point;
     int handles[4];
-    vec3 corners[4], g[4];
-    memcpy(whole.corners, model->mesh->tets[state->tip.tet], sizeof whole.corners);
-    if (!window_covers(snapshot, &whole, handles)) return gradient;
-    for (int c = 0; c < 4; c++) corners[c] = model->mesh->nodes[whole.corners[c]];
-    tet_gradients(corners, g);
-    for (int c = 0; c < 4; c++) gradient = outer_add(gradient, displacement_of(state, snapshot, handles[c]), g[c]);
-    return gradient;
+    memcpy(point.corners, m->tets[tet], sizeof point.corners);
+    mesh_barycentric(m, tet, x, point.weights);
+    if (!window_covers(snapshot, &point, handles)) return at_tip;
+    vec3 u = v3(0, 0, 0);
+    for (int c = 0; c < 4; c++) u = v3_axpy(point.weights[c], displacement_of(state, snapshot, handles[c]), u);
+    return u;
+}
+
+/* Derivative of the tissue's displacement along the track at the tip, as a difference over a fixed length: the gradient in
+   the tip's element would depend on the element's size. Behind the tip, the shaft tells; ahead, the mesh. */
+static vec3 track_gradient(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot) {
+    if (state->tip.phase != TIP_INSIDE || state->active == 0) return v3(0, 0, 0);
+    needle_point end = needle_at(model->needle, &state->needle, model->needle->given.length - state->tip.slip);
+    vec3 at_tip = v3_sub(end.position, state->tip.nominal);
+    vec3 ahead = displacement_ahead(model, state, snapshot, tangent_of(&end), at_tip);
+    return v3_scale(0.5 / HALF_SPAN, v3_sub(ahead, displacement_behind(model, state, at_tip)));
 }
 
 static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
@@ -83,8 +118,6 @@ static void slide_shaft(insertion_state *state) {
     for (int i = state->active; i < contacts_passed(state); i++) state->contacts[i].arc -= neighbour;
     state->tip.slid = slid_on(state->tip.slid, state->tip.slip, state->tip.friction);
 }
-
-static vec3 tangent_of(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
 /* ---- contacts ----------------------------------------------------------------------------------------------------------- */
 
@@ -427,10 +460,10 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     } else if (state->tip.phase == TIP_FREE) {
         move_freely(model, state, base, wrench);
     } else {
-        mat3 gradient = gradient_at_tip(model, state, snapshot);
-        needle_hold(model->needle, base, &state->needle);
         slide_shaft(state);
-        tip_move(model, state, &gradient, wrench);
+        vec3 gradient = track_gradient(model, state, snapshot);
+        needle_hold(model->needle, base, &state->needle);
+        tip_move(model, state, gradient, wrench);
         if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) glide_on_surface(model, state, wrench);
     }
     accept_snapshot(model, state, snapshot, dt, wrench);

@@ -5,6 +5,7 @@
 enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
 static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
+static const double MOST_SHEAR = 0.7;        /* of the tissue along the track, that the tip's direction follows */
 static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
@@ -194,20 +195,15 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
     }
 }
 
-/* Nominal direction whose image in the deformed tissue is `direction`: F^-1 direction, or as it is where the element is
-   deformed beyond what linear elasticity means. */
-static vec3 pull_back(const mat3 *gradient, vec3 direction, double *stretch) {
-    mat3 f = *gradient;
-    for (int i = 0; i < 3; i++) f.m[i][i] += 1.0;
-    mat3 g = m3_inverse(&f);
-    vec3 d = m3_apply(&g, direction);
-    double length = v3_norm(d);
-    if (!(m3_determinant(&f) > 0.2 && length > 0.5 && length < 2.0)) {
-        *stretch = 1.0;
-        return v3_unit(direction);
-    }
-    *stretch = length;
-    return v3_scale(1.0 / length, d);
+/* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
+   tissue is deformed beyond what linear elasticity means. How far the tissue is compressed along the needle does not count:
+   what it falsifies in one tick, the slip of the next makes good. */
+static vec3 pull_back(vec3 gradient, vec3 direction) {
+    direction = v3_unit(direction);
+    vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
+    double square = v3_dot(sideways, sideways);
+    if (!(square < MOST_SHEAR * MOST_SHEAR)) return direction;
+    return v3_axpy(sqrt(1.0 - square), direction, v3_scale(-1.0, sideways));
 }
 
 /* ---- public ---------------------------------------------------------------------------------------------------------- */
@@ -260,14 +256,12 @@ static void come_back(const insertion_model *model, insertion_state *state, inse
     wrench->events |= EVENT_REENTERED;
 }
 
-void tip_move(const insertion_model *model, insertion_state *state, const mat3 *displacement_gradient, insertion_wrench *wrench) {
+void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
     if (tip->phase != TIP_INSIDE) return;
     if (tip->slip > 0.0) {
-        double stretch;
-        vec3 direction = pull_back(displacement_gradient, needle_direction(model, state), &stretch);
-        cut_forward(model, state, direction, stretch * tip->slip, wrench);
+        cut_forward(model, state, pull_back(track_gradient, needle_direction(model, state)), tip->slip, wrench);
     } else if (tip->slip < 0.0) {
         draw_back(model, state, -tip->slip, wrench);
     }

@@ -12,8 +12,8 @@ static inline int contacts_passed(const insertion_state *state) { return state->
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 
 /* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track.
-   `displacement_gradient` is that of the tissue around the tip. RT */
-void tip_move(const insertion_model *model, insertion_state *state, const mat3 *displacement_gradient, insertion_wrench *wrench);
+   `track_gradient` is the derivative of the tissue's displacement along the track behind the tip. RT */
+void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench);
 
 /* Moves the tip's material point on the outer surface by `sideways`, m. RT */
 void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench);

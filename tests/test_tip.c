@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const mat3 NO_GRADIENT = {{{0}}};
+static const vec3 NO_GRADIENT = {0, 0, 0};
 
 static lockstep *touching(void) {
     simulation_config c = lockstep_config();
@@ -21,7 +21,7 @@ static lockstep *touching(void) {
 static insertion_wrench go(lockstep *l, double slip) {
     insertion_wrench wrench = {.membrane = -1};
     l->state.tip.slip = slip;
-    tip_move(&l->simulation.insertion, &l->state, &NO_GRADIENT, &wrench);
+    tip_move(&l->simulation.insertion, &l->state, NO_GRADIENT, &wrench);
     return wrench;
 }
 

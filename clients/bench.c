@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "bench_remesh.h"
+#include "bench_scale.h"
 #include "bench_tick.h"
 #include "options.h"
 #include "realtime.h"
@@ -18,6 +19,7 @@ typedef struct {
 static const benchmark benchmarks[] = {
     {"trocar-bench tick", bench_tick},
     {"trocar-bench remesh", bench_remesh},
+    {"trocar-bench scale", bench_scale},
 };
 
 typedef struct {
@@ -52,7 +54,8 @@ static const struct argp parser = {
     "Times parts of the simulation beside a matrix product, so that machines can be compared by ratios."
     "\vBenchmarks ('trocar-bench BENCHMARK --help' shows the options of one):\n\n"
     "  tick    one tick of the haptic loop against the number of contacts\n"
-    "  remesh    one contact node more or less against the size of the mesh and the node's valence, by every method", NULL, NULL, NULL};
+    "  remesh    one contact node more or less against the size of the mesh and the node's valence, by every method\n"
+    "  scale   a needle going in, against the size of the mesh, for each owner of the inverse", NULL, NULL, NULL};
 
 int main(int count, char **arguments) {
     choice chosen = {0};

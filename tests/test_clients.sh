@@ -60,6 +60,8 @@ bad_input() {
     refuses --scene "$bench" remesh --samples 3
     refuses "--touched: 4" "$bench" remesh --scene "$scene" --touched 4
     refuses none.yaml "$bench" remesh --scene none.yaml
+    refuses "--inverse: 'big'" "$bench" scale --scene "$scene" --inverse big
+    refuses none.yaml "$bench" scale --scene none.yaml
     refuses none.yaml "$bench" tick --scene none.yaml --json x.json
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
@@ -116,6 +118,9 @@ bench() {
     "$source/scripts/plot_bench" remesh.json nodes.svg valence.svg >ratios.txt
     cat ratios.txt
     grep -q '<svg' nodes.svg && grep -q '<svg' valence.svg || fail "no figures"
+    "$programs/trocar-bench" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
+    cat scale.txt
+    "$source/tests/check_scale_bench.py" scale.json dense
 }
 
 # Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.

@@ -1,0 +1,11 @@
+/* trocar-bench scale: meshes of every size, and every owner of the inverse. */
+#ifndef TROCAR_BENCH_SCALE_H
+#define TROCAR_BENCH_SCALE_H
+
+#include "report.h"
+
+/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp ends the program
+   at bad options. */
+trocar_status bench_scale(int count, char **arguments, report *why);
+
+#endif

@@ -1,0 +1,93 @@
+#include "scale_timing.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { HANDOVER = 2 }; /* ticks that an answer takes at least: asked at the end of one, there at the start of the one after next */
+
+typedef struct {
+    simulation *simulation;
+    insertion_state state;
+    compliance_snapshot *snapshot, *next; /* in force; being made */
+    double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
+    uint64_t crossed;        /* request of the last crossing, 0: answered */
+    double crossed_at;       /* s */
+    int tet;
+    scale_timing *result;
+} scale_run;
+
+int64_t processor_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
+}
+
+/* The worker takes the newest request when it is done with the last one. */
+static trocar_status work(scale_run *run, report *why) {
+    if (run->ready >= 0.0 && run->ready <= run->now) {
+        compliance_snapshot *old = run->snapshot;
+        run->snapshot = run->next;
+        run->next = old;
+        run->ready = -1.0;
+    }
+    if (run->ready >= 0.0 || run->snapshot->serial == run->state.request.serial) return TROCAR_OK;
+    int64_t start = processor_ns();
+    trocar_status status = remesher_serve(run->simulation->remesher, &run->state.request, run->next, why);
+    int64_t taken = processor_ns() - start;
+    histogram_add(&run->result->serve, taken);
+    run->ready = run->now + 1e-9 * (double)taken;
+    return status;
+}
+
+static void note_crossing(scale_run *run, double dt) {
+    scale_timing *r = run->result;
+    if (run->crossed && run->snapshot->serial >= run->crossed) {
+        histogram_add(&r->crossing, (int64_t)(1e9 * (run->now - run->crossed_at)));
+        run->crossed = 0;
+    }
+    bool inside = run->state.tip.phase == TIP_INSIDE;
+    if (inside && run->tet >= 0 && run->state.tip.tet != run->tet) {
+        r->late_crossings += run->crossed != 0 && run->now - run->crossed_at > (HANDOVER + 0.5) * dt;
+        r->crossings++;
+        run->crossed = run->state.request.serial;
+        run->crossed_at = run->now;
+    }
+    run->tet = inside ? run->state.tip.tet : -1;
+}
+
+static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
+    simulation *s = run->simulation;
+    insertion_wrench wrench;
+    trocar_status status = work(run, why);
+    if (status != TROCAR_OK) return status;
+    int64_t start = processor_ns();
+    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, dt, &wrench);
+    histogram_add(&run->result->tick, processor_ns() - start);
+    run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
+    if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;
+    note_crossing(run, dt);
+    return TROCAR_OK;
+}
+
+trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why) {
+    memset(result, 0, sizeof *result);
+    scale_run *run = calloc(1, sizeof *run);
+    if (run) *run = (scale_run){.simulation = s, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
+                                .next = calloc(1, sizeof *run->next)};
+    trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
+    if (status == TROCAR_OK) insertion_reset(&s->insertion, wanted->start, &run->state);
+    result->ticks = (int)(wanted->depth / (wanted->speed * wanted->dt));
+    for (int i = 1; i <= result->ticks && status == TROCAR_OK; i++) {
+        pose base = wanted->start;
+        run->now = i * wanted->dt;
+        base.position = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, run->now * wanted->speed)));
+        status = run_tick(run, base, wanted->dt, why);
+    }
+    if (run) {
+        free(run->snapshot);
+        free(run->next);
+    }
+    free(run);
+    return status;
+}

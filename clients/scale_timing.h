@@ -1,0 +1,30 @@
+/* How late the worker answers while a needle goes in: the tick's clock is the model's, the worker's is the processor time that
+   each answer took, so that a loaded machine gives the same figures. One thread. */
+#ifndef TROCAR_SCALE_TIMING_H
+#define TROCAR_SCALE_TIMING_H
+
+#include "simulation.h"
+#include "timing.h"
+
+typedef struct {
+    pose start;              /* of the needle's base, tip before the skin; it goes in along its axis */
+    double speed;            /* m/s */
+    double depth;            /* m, how far it goes from there */
+    double dt;               /* s, length of a tick */
+} scale_case;
+
+typedef struct {
+    int ticks, most_contacts;
+    histogram tick;          /* of insertion_tick, processor time */
+    histogram serve;         /* of each answer, processor time */
+    histogram crossing;      /* from crossing a face to the snapshot that answers what was asked for then */
+    int crossings;           /* of faces between elements */
+    int late_crossings;      /* where the next face came first, but for those that no worker could answer in time */
+    int late_ticks;          /* whose snapshot did not cover the tip */
+} scale_timing;
+
+trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why);
+
+int64_t processor_ns(void);  /* of this thread */
+
+#endif

@@ -100,7 +100,9 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     trocar_status status = TROCAR_OK;
     double dt = 1.0 / m->scene.rate_hz;
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
-        scale_case wanted = {.start = start, .speed = speeds[i], .depth = o->depth, .dt = dt};
+        pose aside = start; /* other nodes for each speed: none is at hand already */
+        aside.position.y += 4e-3 * (i - 1);
+        scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth, .dt = dt};
         status = scale_timing_measure(&m->simulation, &wanted, &m->speeds[i], why);
     }
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <time.h>
 
-enum { HANDOVER = 2 }; /* ticks that an answer takes at least: asked at the end of one, there at the start of the one after next */
+#include "tip.h"
 
 typedef struct {
     simulation *simulation;
@@ -14,6 +14,7 @@ typedef struct {
     uint64_t crossed;        /* request of the last crossing, 0: answered */
     double crossed_at;       /* s */
     int tet;
+    bool waiting;            /* contact nodes that the tip has passed are not active yet */
     scale_timing *result;
 } scale_run;
 
@@ -40,7 +41,7 @@ static trocar_status work(scale_run *run, report *why) {
     return status;
 }
 
-static void note_crossing(scale_run *run, double dt) {
+static void note_crossing(scale_run *run) {
     scale_timing *r = run->result;
     if (run->crossed && run->snapshot->serial >= run->crossed) {
         histogram_add(&r->crossing, (int64_t)(1e9 * (run->now - run->crossed_at)));
@@ -48,12 +49,13 @@ static void note_crossing(scale_run *run, double dt) {
     }
     bool inside = run->state.tip.phase == TIP_INSIDE;
     if (inside && run->tet >= 0 && run->state.tip.tet != run->tet) {
-        r->late_crossings += run->crossed != 0 && run->now - run->crossed_at > (HANDOVER + 0.5) * dt;
+        r->late_crossings += run->waiting;
         r->crossings++;
         run->crossed = run->state.request.serial;
         run->crossed_at = run->now;
     }
     run->tet = inside ? run->state.tip.tet : -1;
+    run->waiting = contacts_passed(&run->state) > run->state.active;
 }
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
@@ -66,7 +68,7 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;
-    note_crossing(run, dt);
+    note_crossing(run);
     return TROCAR_OK;
 }
 

@@ -19,7 +19,7 @@ typedef struct {
     histogram serve;         /* of each answer, processor time */
     histogram crossing;      /* from crossing a face to the snapshot that answers what was asked for then */
     int crossings;           /* of faces between elements */
-    int late_crossings;      /* where the next face came first, but for those that no worker could answer in time */
+    int late_crossings;      /* with a contact node behind the tip that was not active yet: it took longer than one element */
     int late_ticks;          /* whose snapshot did not cover the tip */
 } scale_timing;
 

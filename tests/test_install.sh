@@ -25,6 +25,10 @@ for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/t
 done
 ! grep -rlF "$build" "$prefix/lib" "$prefix/share" --include=*.cmake --include=*.pc || fail "a path of the build is left"
 
+for file in $(grep -oE '/usr/[a-z0-9/._-]+' "$prefix/lib/systemd/system/trocar-server.service"); do
+    [ -e "root$file" ] || fail "the unit names $file, which is not in the package"
+done
+
 # Every program says its version, and has a page with its options and a list of completions.
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "json.h"
+
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs and arrays are sent as they are");
 
 /* ---- bytes ---- */
@@ -44,15 +46,6 @@ void section_end(byte_buffer *b, size_t begun) {
     pad(b, begun);
 }
 
-void json_string(FILE *out, const char *text) {
-    fputc('"', out);
-    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
-        if (*c == '"' || *c == '\\') fputc('\\', out);
-        if (*c < 0x20) fprintf(out, "\\u%04x", *c);
-        else fputc(*c, out);
-    }
-    fputc('"', out);
-}
 
 /* ---- scene ---- */
 
@@ -61,7 +54,7 @@ static void write_regions(FILE *out, const scene *s, const mesh *m) {
     for (int r = 0; r < s->simulation.region_count; r++) {
         const region_config *region = &s->simulation.regions[r];
         fprintf(out, "%s{\"name\":", r ? "," : "");
-        json_string(out, region->name);
+        json_string(region->name, out);
         fprintf(out, ",\"group\":%d,\"youngsModulus\":%g,\"bone\":%s}", mesh_find_group(m, region->name, 3),
                 region->material.youngs_modulus, isinf(region->material.cutting_force) ? "true" : "false");
     }
@@ -72,7 +65,7 @@ static void write_membranes(FILE *out, const scene *s, const mesh *m) {
     fprintf(out, "\"membranes\":[");
     for (int i = 0; i < s->simulation.membrane_count; i++) {
         fprintf(out, "%s{\"name\":", i ? "," : "");
-        json_string(out, s->simulation.membranes[i].name);
+        json_string(s->simulation.membranes[i].name, out);
         fprintf(out, ",\"group\":%d}", mesh_find_group(m, s->simulation.membranes[i].name, 2));
     }
     fprintf(out, "],");
@@ -85,7 +78,7 @@ static void append_description(byte_buffer *b, const scene *s, const mesh *m, po
     b->failed |= out == NULL;
     if (b->failed) return;
     fprintf(out, "{\"path\":");
-    json_string(out, s->path);
+    json_string(s->path, out);
     fprintf(out, ",\"live\":%s,\"rate\":%g,\"needle\":{\"length\":%g,\"diameter\":%g},\"home\":[%g,%g,%g],", live ? "true" : "false",
             s->rate_hz, s->simulation.needle.length, s->simulation.needle.outer_diameter, home.position.x, home.position.y,
             home.position.z);

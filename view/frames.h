@@ -23,9 +23,6 @@ typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STAT
 size_t section_begin(byte_buffer *b, section_kind kind);
 void section_end(byte_buffer *b, size_t begun);
 
-/* `text` as a JSON string with its quotes; what is not ASCII passes through. */
-void json_string(FILE *out, const char *text);
-
 /* One point of the plots: the newest values of a slot of time, all events in it. Sent as it is. */
 typedef struct {
     double time;             /* s */

@@ -12,6 +12,7 @@
 #include "chromium.h"
 #include "exchange.h"
 #include "feed.h"
+#include "json.h"
 #include "options.h"
 #include "output.h"
 #include "pilot.h"
@@ -107,9 +108,9 @@ static void write_status(const view *v, FILE *out) {
     const trocar_status_t *s = v->feed.status;
     if (!s) return;
     fprintf(out, ",\"scene\":");
-    json_string(out, s->scene);
+    json_string(s->scene, out);
     fprintf(out, ",\"message\":");
-    json_string(out, s->message);
+    json_string(s->message, out);
     fprintf(out, ",\"owned\":%s,\"flags\":%d", s->owner == 0 ? "\"nobody\"" : s->owner == v->pilot.session ? "\"here\"" : "\"elsewhere\"",
             s->flags);
 }

@@ -11,6 +11,7 @@ typedef struct {
     insertion_state state;
     compliance_snapshot *snapshot, *next; /* in force; being made */
     double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
+    double idle;             /* s: up to where the worker's idle time is used */
     uint64_t crossed;        /* request of the last crossing, 0: answered */
     double crossed_at;       /* s */
     int tet;
@@ -24,6 +25,17 @@ int64_t processor_ns(void) {
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
+/* Idle time since the last answer goes into slices; one that takes longer than the time so far puts the next one off. */
+static void look_ahead(scale_run *run) {
+    bool more = true;
+    while (more && run->idle < run->now) {
+        int64_t start = processor_ns();
+        more = remesher_look_ahead(run->simulation->remesher);
+        run->idle += 1e-9 * (double)(processor_ns() - start);
+    }
+    if (!more) run->idle = run->now;
+}
+
 /* The worker takes the newest request when it is done with the last one. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
@@ -32,7 +44,12 @@ static trocar_status work(scale_run *run, report *why) {
         run->next = old;
         run->ready = -1.0;
     }
-    if (run->ready >= 0.0 || run->snapshot->serial == run->state.request.serial) return TROCAR_OK;
+    if (run->ready >= 0.0) return TROCAR_OK;
+    if (run->snapshot->serial == run->state.request.serial) {
+        look_ahead(run);
+        return TROCAR_OK;
+    }
+    run->idle = run->now;
     int64_t start = processor_ns();
     trocar_status status = remesher_serve(run->simulation->remesher, &run->state.request, run->next, why);
     int64_t taken = processor_ns() - start;

@@ -167,7 +167,9 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
         r->window[place] = request->window[i];
         fresh[count++] = MAX_CONTACTS + place;
     }
-    return take_nodes(r, count, fresh, why);
+    trocar_status status = take_nodes(r, count, fresh, why);
+    for (int i = 0; i < count && status != TROCAR_OK; i++) r->window[fresh[i] - MAX_CONTACTS] = -1; /* their rows are not there */
+    return status;
 }
 
 static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
@@ -193,6 +195,47 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     }
 }
 
+/* ---- looking ahead --------------------------------------------------------------------------------------------------- */
+
+static void list_ahead(remesher *r, const int nodes[4]) {
+    for (int c = 0; c < 4; c++) {
+        bool there = r->ahead_count == MAX_AHEAD;
+        for (int i = 0; i < r->ahead_count && !there; i++) there = r->ahead[i] == nodes[c];
+        if (!there) r->ahead[r->ahead_count++] = nodes[c];
+    }
+}
+
+/* Lists the nodes of all elements on the line, from the tip or from where it enters the body to where it leaves it. */
+static void follow_line(remesher *r, vec3 tip, vec3 direction) {
+    static const double REACH = 1.0; /* m: beyond any body */
+    const mesh *m = r->tissue->mesh;
+    r->ahead_count = r->ahead_done = 0;
+    if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
+    surface_hit hit = mesh_enter(m, tip, v3_axpy(REACH, direction, tip));
+    int tet = mesh_locate(m, tip, -1);
+    if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;
+    for (int step = 0; step < MAX_AHEAD && tet >= 0; step++) {
+        double chord;
+        list_ahead(r, m->tets[tet]);
+        int face = mesh_exit(m, tet, tip, direction, &chord);
+        if (face < 0) return;
+        tip = v3_axpy(chord, direction, tip);
+        tet = m->neighbours[tet][face];
+    }
+}
+
+bool remesher_look_ahead(remesher *r) {
+    enum { SLICE = 8 };
+    report why; /* who needs these nodes will be told */
+    int left = r->ahead_count - r->ahead_done, count = left < SLICE ? left : SLICE;
+    if (count == 0) return false;
+    inverse_prefetch(r->inverse, count, r->ahead + r->ahead_done, &why);
+    r->ahead_done += count;
+    return r->ahead_done < r->ahead_count;
+}
+
+/* ---- a request ------------------------------------------------------------------------------------------------------- */
+
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
@@ -206,6 +249,7 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     copy_rows(r, snapshot);
+    follow_line(r, request->tip, request->direction);
     return TROCAR_OK;
 }
 

@@ -17,6 +17,7 @@ typedef struct {
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
+    vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
 
 /* The answer: the inverse of the refined stiffness matrix between handles. Contact node i is handle i, window entry k is
@@ -53,6 +54,10 @@ void remesher_free(remesher *r);
 /* Brings the refined mesh to what is wanted (removals from the end, then the new nodes in order) and fills the snapshot.
    Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+
+/* Makes ready what the owner of the inverse will need further along the line of the last request served, one slice at a
+   time, nearest first. False: nothing is left to do. For idle time; changes no answer. */
+bool remesher_look_ahead(remesher *r);
 
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
    the snapshot answers another request. Nested: to the bit. The others: to rounding. */

@@ -4,6 +4,7 @@
 
 #include "tip.h"
 
+static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line further off than that is a new one */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
 /* ---- what is known --------------------------------------------------------------------------------------------------- */
@@ -127,12 +128,28 @@ static bool window_suffices(const remesh_request *request, const node_list *want
     return true;
 }
 
+/* Where the needle is going: the tip's material point and the end's direction. */
+static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
+    int n = model->needle->given.segments;
+    *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->needle.joints[n];
+    *direction = q_rotate(state->needle.frames[n - 1], v3(0, 0, 1));
+}
+
+static bool same_line(const remesh_request *request, vec3 tip, vec3 direction) {
+    vec3 aside = v3_cross(request->direction, v3_sub(tip, request->tip));
+    return v3_norm(aside) < LINE_OFFSET && v3_norm(v3_sub(direction, request->direction)) < LINE_TURN;
+}
+
 void window_request(const insertion_model *model, insertion_state *state) {
     node_list wanted = wanted_nodes(model, state);
     remesh_request *request = &state->request;
     bool same = same_contacts(&request->wanted, &state->refined);
-    if (same && window_suffices(request, &wanted)) return;
+    vec3 tip, direction;
+    find_line(model, state, &tip, &direction);
+    if (same && window_suffices(request, &wanted) && same_line(request, tip, direction)) return;
     request->serial++;
+    request->tip = tip;
+    request->direction = direction;
     if (!same) {
         request->wanted.count = state->refined.count;
         memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);

@@ -55,6 +55,11 @@ void exchange_free(exchange *x) {
     x->io_wake = x->worker_wake = -1;
 }
 
+bool wake_pending(int eventfd) {
+    struct pollfd waiting = {.fd = eventfd, .events = POLLIN};
+    return poll(&waiting, 1, 0) > 0;
+}
+
 void wake(int eventfd) {
     uint64_t one = 1;
     ssize_t written = write(eventfd, &one, sizeof one); /* fails only when the counter is full: awake anyway */

@@ -47,6 +47,7 @@ trocar_status exchange_create(exchange *x, report *why);
 void exchange_free(exchange *x);
 
 void wake(int eventfd);          /* RT */
+bool wake_pending(int eventfd);  /* wait_for_wake would return at once */
 void wait_for_wake(int eventfd); /* blocks until the next wake, or returns at once if there was one */
 
 #endif

@@ -75,7 +75,7 @@ static trocar_status create_parts(server *s, report *why) {
     if (status != TROCAR_OK) return status;
     s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .records = &x->loops};
-    s->worker = (worker){.exchange = x, .serve = worker_remesh, .context = s->simulation.remesher};
+    s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
     status = telemetry_create(&s->telemetry, s->options.lcm_url, s->scene.path, s->scene.rate_hz, flags, &s->simulation,
                               &s->worker, x, why);
     s->telemetry.verbose = s->options.verbose;

@@ -7,6 +7,8 @@ trocar_status worker_remesh(void *remesher, const remesh_request *request, compl
     return remesher_serve(remesher, request, snapshot, why);
 }
 
+bool worker_look_ahead(void *remesher) { return remesher_look_ahead(remesher); }
+
 static void note_failure(worker *w, const report *why) {
     if (atomic_load_explicit(&w->failed, memory_order_relaxed)) return;
     w->why = *why;
@@ -36,6 +38,7 @@ void *worker_run(void *context) {
         bool fresh;
         const request_sample *sample = newest_read(&w->exchange->requests, &fresh);
         if (fresh) serve(w, sample);
+        while (w->look_ahead && !wake_pending(w->exchange->worker_wake) && w->look_ahead(w->context)) continue;
     }
 }
 

@@ -11,6 +11,7 @@ typedef trocar_status (*worker_serve)(void *context, const remesh_request *reque
 typedef struct {
     exchange *exchange;
     worker_serve serve;
+    bool (*look_ahead)(void *context); /* a slice of work for idle time, false: nothing left; NULL: none */
     void *context;
     atomic_bool stop;
     atomic_bool failed;      /* a request could not be served; `why` then holds the first reason for good */
@@ -20,6 +21,8 @@ typedef struct {
 
 /* `serve` with a remesher as context. */
 trocar_status worker_remesh(void *remesher, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+
+bool worker_look_ahead(void *remesher);
 
 /* Body of the thread; `context` is a worker. Only the newest request is served; older ones are forgotten. */
 void *worker_run(void *context);

@@ -94,6 +94,29 @@ static void the_skin_is_asked_for_before_it_is_touched(void **unused) {
     lockstep_free(l);
 }
 
+static void the_line_is_known_before_the_skin_and_follows_the_needle(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    pose start = lockstep_start();
+    start.position.z -= 0.1;
+    c.inverse = INVERSE_SPARSE;
+    lockstep *l = lockstep_create(&c, start);
+    lockstep_tick(l, start, 1e-3);
+    uint64_t serial = l->state.request.serial;
+    assert_int_equal(l->state.request.window_count, 0); /* far from the skin */
+    assert_true(l->state.request.direction.z == 1.0 && fabs(l->state.request.tip.x - 0.005) < 1e-12);
+    int slices = 1;
+    while (remesher_look_ahead(l->simulation.remesher)) slices++;
+    assert_true(slices > 2); /* of 8 nodes each: the line through the body */
+    assert_false(remesher_look_ahead(l->simulation.remesher));
+    lockstep_move(l, v3(0, 0, 0.02), 0.1, 1e-3);
+    assert_int_equal(l->state.request.serial, serial);
+    lockstep_move(l, v3(0.004, 0, 0), 0.1, 1e-3);
+    assert_true(l->state.request.serial > serial);
+    assert_true(fabs(l->state.request.tip.x - 0.009) < 1.1e-3);
+    lockstep_free(l);
+}
+
 static void a_needle_at_rest_asks_for_nothing_new(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
@@ -109,6 +132,7 @@ int main(void) {
         cmocka_unit_test(nothing_is_known_before_the_first_answer), cmocka_unit_test(a_point_weighs_the_rows_of_its_corners),
         cmocka_unit_test(contacts_count_as_known_by_their_ids),     cmocka_unit_test(the_path_ahead_is_asked_for),
         cmocka_unit_test(the_skin_is_asked_for_before_it_is_touched), cmocka_unit_test(a_needle_at_rest_asks_for_nothing_new),
+        cmocka_unit_test(the_line_is_known_before_the_skin_and_follows_the_needle),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

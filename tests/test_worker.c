@@ -17,7 +17,7 @@ typedef struct {
     exchange exchange;
     worker worker;
     pthread_t thread;
-    atomic_int calls;
+    atomic_int calls, slices;
 } fixture;
 
 static trocar_status serve(void *context, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -28,6 +28,13 @@ static trocar_status serve(void *context, const remesh_request *request, complia
     if (request->serial != BAD_SERIAL) return TROCAR_OK;
     snprintf(why->text, sizeof why->text, "request %d: no good", BAD_SERIAL);
     return TROCAR_NUMERIC;
+}
+
+/* Ten slices of 5 ms to each request. */
+static bool look_ahead(void *context) {
+    fixture *f = context;
+    sleep_until(monotonic_ns() + 5000000);
+    return atomic_fetch_add(&f->slices, 1) % 10 != 9;
 }
 
 static void ask(fixture *f, uint64_t serial) {
@@ -54,7 +61,7 @@ static int open_fixture(void **state) {
     report why;
     memset(&f, 0, sizeof f);
     assert_int_equal(exchange_create(&f.exchange, &why), TROCAR_OK);
-    f.worker = (worker){.exchange = &f.exchange, .serve = serve, .context = &f};
+    f.worker = (worker){.exchange = &f.exchange, .serve = serve, .look_ahead = look_ahead, .context = &f};
     assert_int_equal(pthread_create(&f.thread, NULL, worker_run, &f.worker), 0);
     *state = &f;
     return 0;
@@ -98,6 +105,29 @@ static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
     assert_int_equal(answer(f, 2), 2);
 }
 
+static void idle_time_is_used_until_nothing_is_left(void **state) {
+    fixture *f = *state;
+    ask(f, 1);
+    int64_t end = monotonic_ns() + 2000000000;
+    while (atomic_load(&f->slices) < 10 && monotonic_ns() < end) sleep_until(monotonic_ns() + 1000000);
+    sleep_until(monotonic_ns() + 30000000);
+    assert_int_equal(atomic_load(&f->slices), 10);
+}
+
+/* A request comes first: it waits for no more than the slice that is under way. */
+static void a_request_interrupts_looking_ahead(void **state) {
+    fixture *f = *state;
+    ask(f, 1);
+    assert_int_equal(answer(f, 1), 1);
+    while (atomic_load(&f->slices) < 2) sleep_until(monotonic_ns() + 1000000);
+    int calls = atomic_load(&f->calls);
+    ask(f, 2);
+    int slices = atomic_load(&f->slices);
+    while (atomic_load(&f->calls) == calls) sleep_until(monotonic_ns() + 100000);
+    assert_true(atomic_load(&f->slices) <= slices + 1);
+    assert_int_equal(answer(f, 2), 2);
+}
+
 static void it_stops_without_a_request(void **state) { (void)state; } /* the teardown would hang */
 
 int main(void) {
@@ -105,6 +135,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_request_is_answered_and_timed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(requests_that_are_overtaken_are_forgotten, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_failure_keeps_the_last_snapshot_and_is_told, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(idle_time_is_used_until_nothing_is_left, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_request_interrupts_looking_ahead, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(it_stops_without_a_request, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

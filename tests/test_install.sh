@@ -33,7 +33,7 @@ done
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
     "$path" --version | grep -qE "^$program [0-9.]+$" || fail "$program --version"
-    man -l "$prefix/share/man/man1/$program.1.gz" 2>/dev/null | col -b >page || man -l "$prefix/share/man/man1/$program.1" | col -b >page
+    man -l "$prefix/share/man/man1/$program.1" | col -b >page
     grep -qE "^ +$program - " page || fail "no name in the page of $program"
     for option in $("$path" --help | grep -oE '^ .*--[a-z-]+' | grep -oE -- '--[a-z-]+'); do
         grep -qF -- "$option" page || fail "$program $option is not in its page"

@@ -54,13 +54,13 @@ static void tissue_export_free(tissue_export *e) {
 
 static trocar_status tissue_export_create(simulation *s, const insertion_state *state, tissue_export *e, report *why) {
     *e = (tissue_export){0};
-    size_t nominal = (size_t)s->mesh.node_count, room = nominal + MAX_CONTACTS + 1;
+    size_t nominal = (size_t)s->mesh.node_count, room = nominal + MAX_CONTACTS;
     e->force = calloc(room, sizeof *e->force);
     e->displacement = calloc(room, sizeof *e->displacement);
     if (!e->force || !e->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory to export %zu nodes", room);
     refinement refined;
-    insertion_refinement(&s->insertion, state, &refined);
-    insertion_forces(state, e->force + nominal);
+    insertion_refinement(state, &refined);
+    insertion_forces(&s->insertion, state, e->force, e->force + nominal);
     simulation_displacement(s, state, e->displacement, e->displacement + nominal);
     return refined_mesh_create(&s->mesh, &refined, &e->mesh, why);
 }

@@ -8,6 +8,7 @@
 
 enum { MOST_STEPS = 4,                   /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
        MOST_ELEMENTS = 64 };             /* looked through ahead of the tip */
+static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
@@ -27,7 +28,7 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     memset(state, 0, sizeof *state);
     state->request.serial = serial;
     state->next_id = next_id;
-    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .leaf_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
     needle_rest(model->needle, base, &state->needle);
     tip_engage(model, state);
     window_request(model, state);
@@ -37,16 +38,22 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 
 static vec3 tangent_of(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
+/* Handles of the last point under the tip that the snapshot covered; false: none. */
+static bool tip_handles(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, int handles[4]) {
+    const needle_tip *tip = &state->tip;
+    return tip->phase == TIP_INSIDE && tip->known_tet >= 0 && window_covers(snapshot, model->mesh->tets[tip->known_tet], handles);
+}
+
 /* Displacement of a handle under the present forces, m. */
-static vec3 displacement_of(const insertion_state *state, const compliance_snapshot *snapshot, int handle) {
+static vec3 displacement_of(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, int handle) {
     vec3 u = v3(0, 0, 0);
     for (int i = 0; i < state->active; i++) {
         mat3 c = compliance_between(snapshot, handle, i);
         u = v3_add(u, m3_apply(&c, state->contacts[i].force));
     }
     int corners[4];
-    if (state->tip.phase == TIP_INSIDE && state->tip.leaf_tet >= 0 && window_covers(snapshot, &state->tip.leaf, corners)) {
-        mat3 c = compliance_to_point(snapshot, corners, state->tip.leaf.weights, handle);
+    if (tip_handles(model, state, snapshot, corners)) {
+        mat3 c = compliance_to_point(snapshot, corners, state->tip.known_weights, handle);
         u = v3_add(u, m3_apply_transposed(&c, state->tip.force));
     }
     return u;
@@ -85,13 +92,12 @@ static vec3 displacement_ahead(const insertion_model *model, const insertion_sta
         if (face < 0 || left <= 0.0 || m->neighbours[tet][face] < 0) break;
         tet = m->neighbours[tet][face];
     }
-    leaf_point point;
     int handles[4];
-    memcpy(point.corners, m->tets[tet], sizeof point.corners);
-    mesh_barycentric(m, tet, x, point.weights);
-    if (!window_covers(snapshot, &point, handles)) return at_tip;
+    double weights[4];
+    mesh_barycentric(m, tet, x, weights);
+    if (!window_covers(snapshot, m->tets[tet], handles)) return at_tip;
     vec3 u = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) u = v3_axpy(point.weights[c], displacement_of(state, snapshot, handles[c]), u);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displacement_of(model, state, snapshot, handles[c]), u);
     return u;
 }
 
@@ -127,31 +133,19 @@ static double friction_density(const region_material *material, double slid, dou
     return material->friction_kinetic + excess * exp(-slid / weakening_distance);
 }
 
-/* Finds the tip in the refined mesh; false where the snapshot does not cover it. */
-static bool locate_tip(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot) {
-    needle_tip *tip = &state->tip;
-    int handles[4];
-    if (tip->phase != TIP_INSIDE) return false;
-    leaf_point leaf = refinement_locate(model->mesh, &state->refined, state->active, tip->tet, tip->nominal);
-    if (!window_covers(snapshot, &leaf, handles)) return false;
-    tip->leaf = leaf;
-    tip->leaf_tet = tip->tet;
-    return true;
-}
-
 /* A contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
    tip that left it there. */
 static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index, double dt) {
     shaft_contact *contact = &state->contacts[index];
     const added_node *node = &state->refined.nodes[index];
     const region_material *material = &model->materials[model->mesh->region[node->tet]];
-    local_compliance local = local_in(model, node->tet, node->position);
-    contact->local_lateral = local.lateral;
-    contact->local_axial = local.axial;
+    local_compliance logarithm = local_logarithm(model, node->tet, node->position);
+    contact->log_lateral = logarithm.lateral;
+    contact->log_axial = logarithm.axial;
     double limit = friction_density(material, contact->slid, model->settings.weakening_distance);
     /* (local compliance / share) * (friction density * share), and what it slides in this tick, as the tip did */
-    double ahead = local.axial * (contact->friction * limit + material->friction_viscous * contact->slip / dt) + contact->slip;
-    vec3 tissue = v3_add(node->position, displacement_of(state, snapshot, index));
+    double ahead = local_line_force(material).axial * logarithm.axial * (contact->friction * limit + material->friction_viscous * contact->slip / dt) + contact->slip;
+    vec3 tissue = v3_add(node->position, displacement_of(model, state, snapshot, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(tangent_of(&p), v3_sub(p.position, tissue));
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
@@ -162,18 +156,24 @@ static void accept_snapshot(const insertion_model *model, insertion_state *state
     while (state->active < known && state->active < passed) {
         int index = state->active++;
         state->contacts[index].force = v3(0, 0, 0);
-        locate_tip(model, state, snapshot); /* the tip's force acts on the refined mesh, with the new node in it */
         activate_contact(model, state, snapshot, index, dt);
         wrench->events |= EVENT_ADDED;
     }
 }
 
-/* Handles of the point of the refined mesh at the tip; where the worker is late, of the last one that the snapshot
-   covered. False: none at all. */
+/* Handles of the corners around the tip; where the worker is late, around the last point that the snapshot covered. False:
+   none at all. The tip's force acts on the nominal mesh by interpolation: a node of its own would be stiffer the nearer it
+   came to a face, and what it adds is below what the mesh resolves. */
 static bool tip_known(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int handles[4], insertion_wrench *wrench) {
-    if (state->tip.phase != TIP_INSIDE) return false;
-    if (!locate_tip(model, state, snapshot)) wrench->events |= EVENT_LATE;
-    return state->tip.leaf_tet >= 0 && window_covers(snapshot, &state->tip.leaf, handles);
+    needle_tip *tip = &state->tip;
+    if (tip->phase != TIP_INSIDE) return false;
+    if (window_covers(snapshot, model->mesh->tets[tip->tet], handles)) {
+        tip->known_tet = tip->tet;
+        mesh_barycentric(model->mesh, tip->tet, tip->nominal, tip->known_weights);
+        return true;
+    }
+    wrench->events |= EVENT_LATE;
+    return tip_handles(model, state, snapshot, handles);
 }
 
 /* ---- profile ------------------------------------------------------------------------------------------------------------ */
@@ -194,41 +194,59 @@ static void end_stage(insertion_profile *p, insertion_stage stage) {
 /* ---- one solve ---------------------------------------------------------------------------------------------------------- */
 
 /* Each point stands for the track half way to its neighbours; the tip for the rest. */
-static void share_length(const insertion_state *state, bool tip, double *share) {
+static void share_length(const insertion_state *state, bool tip, insertion_workspace *w) {
     double from = 0.0, end = state->tip.depth;
     for (int i = 0; i < state->active; i++) {
         double to = i + 1 < state->active ? 0.5 * (state->contacts[i].depth + state->contacts[i + 1].depth)
                                           : tip ? 0.5 * (state->contacts[i].depth + end) : end;
-        share[i] = fmax(to - from, 1e-6);
-        from = to;
+        w->from[i] = from;
+        from = w->to[i] = fmax(to, from + LEAST_SHARE);
     }
-    if (tip) share[state->active] = fmax(end - from, 0.0);
+    if (tip) w->from[state->active] = from, w->to[state->active] = fmax(end, from);
+}
+
+/* What a part of the shaft meets in the regions that it lies in. */
+typedef struct {
+    double dry, viscous;         /* friction limit, N, and viscous friction, N s/m */
+    double lateral, axial;       /* m of shaft over the local compliance of a line force per logarithm, N/m */
+} shaft_resistance;
+
+static shaft_resistance resistance_between(const insertion_model *model, const insertion_state *state, double from, double to, double slid) {
+    shaft_resistance sum = {0};
+    for (int k = 0; k < state->stratum_count; k++) {
+        double top = k > 0 ? fmax(from, state->strata[k].depth) : from;
+        double length = (k + 1 < state->stratum_count ? fmin(to, state->strata[k + 1].depth) : to) - top;
+        if (length <= 0.0) continue;
+        const region_material *material = &model->materials[state->strata[k].region];
+        local_compliance line = local_line_force(material);
+        sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);
+        sum.viscous += length * material->friction_viscous;
+        sum.lateral += length / line.lateral;
+        sum.axial += length / line.axial;
+    }
+    return sum;
 }
 
 static void bound_contacts(const insertion_model *model, insertion_state *state, bool tip, double dt, insertion_workspace *w) {
     contact_problem *p = &w->problem;
-    const double *share = w->share;
-    double weakening = model->settings.weakening_distance;
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
-        const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[i].tet]];
-        double limit = share[i] * friction_density(material, contact->slid + fabs(contact->slip), weakening);
-        p->upper[i] = limit;
-        p->lower[i] = -limit;
-        p->viscosity[i][0] = p->viscosity[i][1] = material->friction_viscous * share[i] / dt;
+        shaft_resistance friction = resistance_between(model, state, w->from[i], w->to[i], contact->slid + fabs(contact->slip));
+        p->upper[i] = friction.dry;
+        p->lower[i] = -friction.dry;
+        p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / dt;
         p->state[i] = contact->friction;
     }
     if (!tip) return;
     int t = state->active;
-    const region_material *material = &model->materials[model->mesh->region[state->tip.tet]];
-    double limit = share[t] * friction_density(material, state->tip.slid + fabs(state->tip.slip), weakening);
+    shaft_resistance friction = resistance_between(model, state, w->from[t], w->to[t], state->tip.slid + fabs(state->tip.slip));
     bool blocked = state->tip.blocked_by != NOT_BLOCKED;
-    state->tip.shaft_force = fmin(fmax(state->tip.shaft_force, -limit), limit); /* a contact left behind took its part along */
-    w->tip_friction = state->tip.shaft_force + material->friction_viscous * share[t] * state->tip.speed;
-    p->upper[t] = limit + tip_resistance(model, &state->tip);
-    p->lower[t] = -limit;
-    p->viscosity[t][0] = material->friction_viscous * share[t] / dt;
-    p->viscosity[t][1] = blocked ? 0.0 : p->viscosity[t][0] + material->cutting_viscosity / dt;
+    state->tip.shaft_force = fmin(fmax(state->tip.shaft_force, -friction.dry), friction.dry); /* a contact left behind took its part along */
+    w->tip_friction = state->tip.shaft_force + friction.viscous * state->tip.speed;
+    p->upper[t] = friction.dry + tip_resistance(model, &state->tip);
+    p->lower[t] = -friction.dry;
+    p->viscosity[t][0] = friction.viscous / dt;
+    p->viscosity[t][1] = blocked ? 0.0 : p->viscosity[t][0] + model->materials[model->mesh->region[state->tip.tet]].cutting_viscosity / dt;
     p->state[t] = state->tip.friction;
 }
 
@@ -282,27 +300,30 @@ static void assemble(insertion_workspace *w, const compliance_snapshot *snapshot
     if (tip) p->gap[unknown(p->count, p->count - 1, 2)] += w->axial[p->count - 1] * w->tip_friction;
 }
 
-/* Local compliances of the points, m/N. Shaft: by its share of length. Tip: sideways as shaft of its share and one
-   radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force. */
+/* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
+   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force. */
 static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
     for (int i = 0; i < state->active; i++) {
-        w->lateral[i] = state->contacts[i].local_lateral / w->share[i];
-        w->axial[i] = state->contacts[i].local_axial / w->share[i];
+        const shaft_contact *contact = &state->contacts[i];
+        shaft_resistance shaft = resistance_between(model, state, w->from[i], w->to[i], 0.0);
+        w->lateral[i] = contact->log_lateral / shaft.lateral;
+        w->axial[i] = contact->log_axial / shaft.axial;
     }
     if (!tip) return;
+    int t = state->active;
     double radius = model->needle->radius, hold = fmin(1.0, state->tip.depth / TIP_FADE + state->tip.pressing / TIP_BITE);
-    local_compliance local = local_at(model, state->tip.leaf_tet, state->tip.nominal);
-    w->lateral[state->active] = local.lateral / fmax(hold * (w->share[state->active] + radius), 1e-9);
-    w->axial[state->active] = local_at_tip(model, state->tip.leaf_tet, state->tip.nominal, state->tip.depth);
+    local_compliance local = local_at(model, state->tip.known_tet, state->tip.nominal);
+    w->lateral[t] = local.lateral / fmax(hold * (w->to[t] - w->from[t] + radius), 1e-9);
+    w->axial[t] = local_at_tip(model, state->tip.known_tet, state->tip.nominal, state->tip.depth);
 }
 
 /* The part of the tip's force that is friction follows its limit over the shaft's elastic distance of sliding. */
-static void follow_friction(const insertion_model *model, insertion_state *state, double share, double dt) {
+static void follow_friction(const insertion_model *model, insertion_state *state, const insertion_workspace *w, double dt) {
     needle_tip *tip = &state->tip;
+    int t = state->active;
     tip->speed = tip->slip / dt;
-    const region_material *material = &model->materials[model->mesh->region[tip->tet]];
-    double density = friction_density(material, tip->slid, model->settings.weakening_distance), limit = density * share;
-    double stretch = density * local_at(model, tip->tet, tip->nominal).axial;
+    double limit = resistance_between(model, state, w->from[t], w->to[t], tip->slid).dry;
+    double stretch = limit / fmax(w->to[t] - w->from[t], LEAST_SHARE) * local_at(model, tip->tet, tip->nominal).axial;
     tip->shaft_force += (tip->friction * limit - tip->shaft_force) * (stretch > 0.0 ? -expm1(-fabs(tip->slip) / stretch) : 1.0);
     tip->shaft_force = fmin(fmax(tip->shaft_force, -limit), limit);
 }
@@ -376,15 +397,16 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
     int segments = model->needle->given.segments;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     p->count = state->active + tip;
-    share_length(state, tip, w->share);
+    share_length(state, tip, w);
     if (tip) {
-        for (int i = 0; i < state->active; i++) w->tip_row[i] = compliance_to_point(snapshot, handles, state->tip.leaf.weights, i);
-        mat3 own = surplus_compliance(model->tissue, &state->refined, state->tip.leaf_tet, &state->tip.leaf);
+        const double *weights = state->tip.known_weights;
+        mat3 own = {{{0}}};
         for (int c = 0; c < 4; c++) {
-            mat3 row = compliance_to_point(snapshot, handles, state->tip.leaf.weights, handles[c]);
+            mat3 row = compliance_to_point(snapshot, handles, weights, handles[c]);
             for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) own.m[a][b] += state->tip.leaf.weights[c] * row.m[a][b];
+                for (int b = 0; b < 3; b++) own.m[a][b] += weights[c] * row.m[a][b];
         }
+        for (int i = 0; i < state->active; i++) w->tip_row[i] = compliance_to_point(snapshot, handles, weights, i);
         w->tip_row[state->active] = own;
     }
     locate_points(model, state, w, tip);
@@ -471,7 +493,7 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
     if (tip) {
-        follow_friction(model, state, scratch->share[state->active], dt);
+        follow_friction(model, state, scratch, dt);
         follow_pressing(&state->tip, &scratch->points[state->active], dt);
     }
     tip_puncture(model, state, wrench);
@@ -500,13 +522,17 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
 
 /* ---- export ------------------------------------------------------------------------------------------------------------- */
 
-void insertion_refinement(const insertion_model *model, const insertion_state *state, refinement *out) {
+void insertion_refinement(const insertion_state *state, refinement *out) {
     out->count = state->active;
     memcpy(out->nodes, state->refined.nodes, (size_t)state->active * sizeof *out->nodes);
-    if (state->tip.phase == TIP_INSIDE) refinement_add(model->mesh, out, state->tip.tet, state->tip.nominal, 0);
 }
 
-void insertion_forces(const insertion_state *state, vec3 *added_force) {
-    for (int i = 0; i < state->active; i++) added_force[i] = state->contacts[i].force;
-    if (state->tip.phase == TIP_INSIDE) added_force[state->active] = state->tip.force;
+void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added) {
+    const needle_tip *tip = &state->tip;
+    for (int i = 0; i < state->active; i++) added[i] = state->contacts[i].force;
+    if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
+    for (int c = 0; c < 4; c++) {
+        vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
+        *corner = v3_axpy(tip->known_weights[c], tip->force, *corner);
+    }
 }

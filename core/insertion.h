@@ -59,8 +59,8 @@ typedef struct {
     double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
     double slid;             /* m of sliding since it last stuck */
     friction_state friction;
-    double local_lateral;    /* m^2/N: local compliance times share of length, sideways */
-    double local_axial;      /* m^2/N: the same along the needle */
+    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
+    double log_axial;        /* the same along the needle */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -81,9 +81,17 @@ typedef struct {
     int face;                /* of `tet`, that what blocks lies on */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
-    leaf_point leaf;         /* of the refined mesh, the last one that the snapshot covered */
-    int leaf_tet;            /* its nominal element, -1: none yet */
+    int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
+    double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
+
+/* From this depth on, up to the next stratum, the track lies in this region. */
+typedef struct {
+    double depth;            /* m */
+    int region;              /* group index */
+} stratum;
+
+enum { MAX_STRATA = 32 };
 
 /* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
    and restores it. */
@@ -91,6 +99,8 @@ typedef struct {
     needle_state needle;
     needle_tip tip;
     vec3 entry;                  /* m, nominal point where the track starts */
+    stratum strata[MAX_STRATA];  /* regions along the track, from the skin to the tip */
+    int stratum_count;
     refinement refined;          /* the contact nodes, base to tip */
     shaft_contact contacts[MAX_CONTACTS];
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
@@ -114,7 +124,7 @@ typedef struct {
     contact_problem problem;
     needle_point points[MAX_POINTS];
     vec3 nominal[MAX_POINTS];
-    double share[MAX_POINTS];                /* m of shaft that each point stands for */
+    double from[MAX_POINTS], to[MAX_POINTS]; /* m of depth between which each point stands for the shaft */
     double lateral[MAX_POINTS], axial[MAX_POINTS]; /* local compliance, m/N */
     double tip_friction;                     /* N, the part of the tip's force that is shaft friction, from the last tick */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
@@ -144,10 +154,11 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
 
-/* The refined mesh as the needle sees it now: active contact nodes, and the tip as the last node if it is inside. */
-void insertion_refinement(const insertion_model *model, const insertion_state *state, refinement *out);
+/* The refined mesh as the needle sees it now: the active contact nodes. */
+void insertion_refinement(const insertion_state *state, refinement *out);
 
-/* Force on each node of that refinement, N, world frame, on the tissue. */
-void insertion_forces(const insertion_state *state, vec3 *added_force);
+/* Adds the forces on the tissue to `nominal` (node_count) and puts those on the active contact nodes into `added`; N, world
+   frame. The tip's is spread over its element's corners. */
+void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 #endif

@@ -5,20 +5,20 @@
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 /* A mesh that resolves a line force's field down to alpha h when it acts sideways does so, against the resolved needle of
    tests/verification, down to these multiples of it when it acts along the line, at a point, and at a point of the surface. */
-static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 1.5, SURFACE_RESOLUTION = 2.0;
+static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 2.2, SURFACE_RESOLUTION = 2.0;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
-/* Of a line force per length and logarithm, m^2/N: Kelvin's in plane strain, and anti-plane shear. */
-static local_compliance line_force(const region_material *material) {
+/* Kelvin's line force in plane strain, and anti-plane shear. */
+local_compliance local_line_force(const region_material *material) {
     double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
     return (local_compliance){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
 }
 
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
     double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
-    local_compliance line = line_force(material);
+    local_compliance line = local_line_force(material);
     model->node_lateral[node] += line.lateral;
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
@@ -78,11 +78,10 @@ local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
                               interpolate(model, tet, weights, model->node_axial) * logarithm.axial};
 }
 
-local_compliance local_in(const insertion_model *model, int tet, vec3 x) {
+local_compliance local_logarithm(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    local_compliance logarithm = unresolved(model, tet, weights), line = line_force(&model->materials[model->mesh->region[tet]]);
-    return (local_compliance){line.lateral * logarithm.lateral, line.axial * logarithm.axial};
+    return unresolved(model, tet, weights);
 }
 
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {

@@ -12,8 +12,10 @@ typedef struct {
 /* At point x of nominal element `tet`; continuous across elements. */
 local_compliance local_at(const insertion_model *model, int tet, vec3 x);
 
-/* The same with the moduli of the element's own region, for a contact that stays where it is. */
-local_compliance local_in(const insertion_model *model, int tet, vec3 x);
+/* Its two factors: of a line force per length in this material and per logarithm, m^2/N, and the logarithm, of the radius that
+   the mesh resolves there over the needle's. For a contact that stays where it is and stands for shaft in several regions. */
+local_compliance local_line_force(const region_material *material);
+local_compliance local_logarithm(const insertion_model *model, int tet, vec3 x);
 
 /* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface. */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth);

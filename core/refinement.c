@@ -154,7 +154,7 @@ static added_node *append(const mesh *m, refinement *r, int tet, const leaf_poin
 }
 
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
-    if (r->count >= MAX_CONTACTS + 1) return -1;
+    if (r->count >= MAX_CONTACTS) return -1;
     leaf_point p = refinement_locate(m, r, r->count, tet, x);
     keep_inside(&p, -1);
     append(m, r, tet, &p, id);
@@ -285,7 +285,7 @@ static mat3 node_surplus(const tissue *t, const refinement *r, const added_node 
 void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force,
                              vec3 *nominal, vec3 *added) {
     const tissue *t = inverse_tissue(inv);
-    vec3 surplus_force[MAX_CONTACTS + 1];
+    vec3 surplus_force[MAX_CONTACTS];
     memcpy(surplus_force, added_force, (size_t)r->count * sizeof *surplus_force);
     memcpy(nominal, nominal_force, (size_t)t->mesh->node_count * sizeof *nominal);
     for (int q = r->count - 1; q >= 0; q--) /* nodal forces -> forces on the hierarchical unknowns */

@@ -11,7 +11,7 @@ enum {
     MAX_PATCH = 48,          /* nodes that one change of the mesh touches */
     MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* around a moved node: Euler's formula on the sphere of its neighbours */
     MAX_MOVED_PATCHES = 1024,   /* nodes touched by all moves together */
-    MAX_LEAVES = 1 + 3 * (MAX_CONTACTS + 1), /* of one nominal element */
+    MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* of one nominal element */
 };
 
 /* A point of the refined mesh: leaf corners (nominal node >= 0, added node -1 - index) and barycentric weights. */
@@ -36,7 +36,7 @@ typedef struct {
 /* Contact nodes in order of creation. */
 typedef struct {
     int count;
-    added_node nodes[MAX_CONTACTS + 1]; /* room for the tip as one more, in an export */
+    added_node nodes[MAX_CONTACTS];
 } refinement;
 
 /* An element of the refined mesh. */

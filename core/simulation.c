@@ -188,9 +188,9 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
     refinement refined;
-    vec3 force[MAX_CONTACTS + 1];
+    vec3 force[MAX_CONTACTS];
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
-    insertion_refinement(&s->insertion, state, &refined);
-    insertion_forces(state, force);
+    insertion_refinement(state, &refined);
+    insertion_forces(&s->insertion, state, nominal, force);
     refinement_displacement(s->inverse, &refined, nominal, force, nominal, added);
 }

@@ -70,7 +70,7 @@ void simulation_save(const insertion_state *state, const compliance_snapshot *sn
    to rounding only with the Woodbury method or the sparse inverse, whose last bits depend on what was asked before. */
 trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
-/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS + 1), m.
+/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m.
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 

@@ -87,19 +87,29 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     tip->next_contact = INFINITY;
 }
 
+/* Notes where the track goes into another region. */
+static void enter_stratum(const mesh *m, insertion_state *state) {
+    int region = m->region[state->tip.tet], last = state->stratum_count - 1;
+    if (last + 1 < MAX_STRATA && (last < 0 || state->strata[last].region != region))
+        state->strata[state->stratum_count++] = (stratum){state->tip.depth, region};
+}
+
+static void leave_strata(insertion_state *state) {
+    while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.depth) state->stratum_count--;
+}
+
 /* The tip has come back to its last contact node and takes its place. */
 static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
-    for (int c = 0; c < 4; c++)
-        if (tip->leaf.corners[c] == -1 - last) tip->leaf_tet = -1;
     tip->nominal = node->position;
     tip->tet = node->tet;
     tip->depth = state->contacts[last].depth;
     tip->slid = state->contacts[last].slid;
     tip->shaft_force = v3_dot(state->contacts[last].force, v3_unit(needle_direction(model, state)));
     tip->next_contact = NAN;
+    leave_strata(state);
     if (state->active > last) state->active = last;
     wrench->events |= EVENT_REMOVED;
 }
@@ -140,6 +150,7 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
     }
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
+    enter_stratum(model->mesh, state);
     plan_contact(model, state, direction, wrench);
 }
 
@@ -166,7 +177,7 @@ static void cut_forward(const insertion_model *model, insertion_state *state, ve
 }
 
 static void leave_tissue(needle_tip *tip, insertion_wrench *wrench) {
-    *tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .leaf_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    *tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
     wrench->events |= EVENT_WITHDRAWN;
 }
 
@@ -191,6 +202,7 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
         tip->tet = follow(model->mesh, tip->tet, &tip->nominal, target);
         tip->depth -= distance;
+        leave_strata(state);
         return;
     }
 }
@@ -211,9 +223,11 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .leaf_tet = -1,
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .known_tet = -1,
                               .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
     state->entry = hit.point;
+    state->stratum_count = 0;
+    enter_stratum(model->mesh, state);
     wrench->events |= EVENT_TOUCHED;
     return true;
 }
@@ -228,6 +242,8 @@ void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, 
     }
     tip->tet = hit.tet;
     tip->nominal = state->entry = hit.point;
+    state->stratum_count = 0;
+    enter_stratum(model->mesh, state);
     tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
 }
 

@@ -16,10 +16,10 @@ static int handle_of(const compliance_snapshot *snapshot, int corner) {
     return -1;
 }
 
-bool window_covers(const compliance_snapshot *snapshot, const leaf_point *leaf, int handles[4]) {
+bool window_covers(const compliance_snapshot *snapshot, const int corners[4], int handles[4]) {
     if (snapshot->serial == 0) return false;
     for (int c = 0; c < 4; c++) {
-        handles[c] = handle_of(snapshot, leaf->corners[c]);
+        handles[c] = handle_of(snapshot, corners[c]);
         if (handles[c] < 0) return false;
     }
     return true;

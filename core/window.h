@@ -4,8 +4,8 @@
 
 #include "insertion.h"
 
-/* Handles of a leaf's corners in the snapshot; false if one is not there. RT */
-bool window_covers(const compliance_snapshot *snapshot, const leaf_point *leaf, int handles[4]);
+/* Handles of four nodes (nominal >= 0, added -1 - index) in the snapshot; false if one is not there. RT */
+bool window_covers(const compliance_snapshot *snapshot, const int corners[4], int handles[4]);
 
 /* Compliance between two added nodes, m/N. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);

@@ -11,6 +11,7 @@ typedef struct {
     double x, y;                 /* m, where it goes in */
     double roll;                 /* rad about the needle's axis at the start; 0: the bevel faces +y */
     double half_turn_at;         /* m of the base's way at which the needle is rolled by half a turn; INFINITY: never */
+    double bevel_from;           /* m of the base's way from which the bevel acts; 0: from the start */
     double way;                  /* m, of the base along +z, from 1 mm before the skin */
 } steering_case;
 
@@ -62,10 +63,12 @@ static inline steering_track steering_run(const steering_case *given) {
     simulation_config config = steering_config(given);
     pose start = {v3(given->x, given->y, -1e-3 - given->needle.length), q_exp(v3(0, 0, given->roll))};
     lockstep *l = lockstep_create(&config, start);
-    double before = fmin(given->half_turn_at, given->way);
+    double before = given->bevel_from > 0.0 ? given->bevel_from : fmin(given->half_turn_at, given->way);
+    if (given->bevel_from > 0.0) l->simulation.needle.given.bevel_slope = 0.0;
     lockstep_move(l, v3(0, 0, before), 20.0 * before, 1e-3);
     if (before < given->way) {
-        steering_roll_over(l);
+        if (given->bevel_from > 0.0) l->simulation.needle.given.bevel_slope = given->needle.bevel_slope;
+        else steering_roll_over(l);
         lockstep_move(l, v3(0, 0, given->way - before), 20.0 * (given->way - before), 1e-3);
     }
     steering_track track = {.count = 1, .points = {l->state.entry}};
@@ -77,6 +80,18 @@ static inline steering_track steering_run(const steering_case *given) {
 
 /* Where the needle is steered to at the start: away from the bevel's face. */
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
+
+/* Where the track of a needle turned half round at `at` must end, by superposition: cutting is linear in the bevel's slope where
+   deflections are small, so that a half turn adds twice the track of a bevel that acts only from there on, reversed. */
+static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
+    steering_case always = *given, later = *given;
+    always.half_turn_at = INFINITY;
+    later.half_turn_at = INFINITY;
+    later.bevel_from = at;
+    steering_track whole = steering_run(&always), part = steering_run(&later);
+    vec3 a = whole.points[whole.count - 1], b = part.points[part.count - 1];
+    return v3_dot(v3_sub(a, whole.points[0]), sideways) - 2.0 * v3_dot(v3_sub(b, part.points[0]), sideways);
+}
 
 /* Signed curvature, 1/m, in the plane of +z and `sideways`, of the part of the track between these depths (z, m): parabola by
    least squares over the part's chord. Positive: toward `sideways`. */

@@ -70,13 +70,13 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     refinement refined;
     refined_mesh whole;
     report why;
-    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
+    insertion_refinement(&l->state, &refined);
     assert_int_equal(refined_mesh_create(m, &refined, &whole, &why), TROCAR_OK);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u), *residual = calloc((size_t)whole.node_count, sizeof *residual);
-    vec3 force[MAX_CONTACTS + 1], sum = v3(0, 0, 0), reaction = v3(0, 0, 0);
+    vec3 sum = v3(0, 0, 0), reaction = v3(0, 0, 0);
     simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
-    insertion_forces(&l->state, force);
-    for (int i = 0; i < refined.count; i++) sum = v3_add(sum, force[i]), residual[m->node_count + i] = v3_scale(-1, force[i]);
+    insertion_forces(&l->simulation.insertion, &l->state, residual, residual + m->node_count);
+    for (int i = 0; i < whole.node_count; i++) sum = v3_add(sum, residual[i]), residual[i] = v3_scale(-1, residual[i]);
     for (int e = 0; e < whole.tet_count; e++) {
         const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
         vec3 x[4];

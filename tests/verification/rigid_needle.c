@@ -39,23 +39,35 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
     return TROCAR_OK;
 }
 
+/* Local compliance of the contact that stands for the shaft between two depths: the regions that it lies in, side by side. */
+static double local_between(const insertion_model *model, const insertion_state *s, int contact, double from, double to, bool along) {
+    local_compliance logarithm = local_logarithm(model, s->refined.nodes[contact].tet, s->refined.nodes[contact].position);
+    double stiffness = 0.0;
+    for (int k = 0; k < s->stratum_count; k++) {
+        double top = fmax(from, s->strata[k].depth), bottom = k + 1 < s->stratum_count ? fmin(to, s->strata[k + 1].depth) : to;
+        local_compliance line = local_line_force(&model->materials[s->strata[k].region]);
+        stiffness += fmax(bottom - top, 0.0) / (along ? line.axial : line.lateral);
+    }
+    return (along ? logarithm.axial : logarithm.lateral) / stiffness;
+}
+
 /* Compliance of the points (contacts, then the tip) along one axis of the world, local parts included. */
 static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_state *s = &b->state;
     const insertion_model *model = &b->simulation.insertion;
     int contacts = contacts_passed(s), n = contacts + 1, handles[4];
-    leaf_point leaf = refinement_locate(model->mesh, &s->refined, contacts, s->tip.tet, s->tip.nominal);
-    if (!window_covers(&b->snapshot, &leaf, handles)) return 0;
-    double from = 0.0, whole = s->tip.depth, own = surplus_compliance(model->tissue, &s->refined, s->tip.tet, &leaf).m[axis][axis];
+    const int *corners = model->mesh->tets[s->tip.tet];
+    double weights[4], from = 0.0, whole = s->tip.depth, own = 0.0;
+    mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
+    if (!window_covers(&b->snapshot, corners, handles)) return 0;
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
-        a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, leaf.weights, i).m[axis][axis];
+        a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
         double to = 0.5 * (s->contacts[i].depth + (i + 1 < contacts ? s->contacts[i + 1].depth : whole));
-        local_compliance local = local_in(model, s->refined.nodes[i].tet, s->refined.nodes[i].position);
-        a[i * n + i] += (axis == 2 ? local.axial : local.lateral) / (to - from);
+        a[i * n + i] += local_between(model, s, i, from, to, axis == 2);
         from = to;
     }
-    for (int c = 0; c < 4; c++) own += leaf.weights[c] * compliance_to_point(&b->snapshot, handles, leaf.weights, handles[c]).m[axis][axis];
+    for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole);
     double share = local_at(model, s->tip.tet, s->tip.nominal).lateral / (whole - from + model->needle->radius);
     a[contacts * n + contacts] = own + (axis == 2 ? disc : share);

@@ -35,12 +35,13 @@ static void add_to(resultant *sum, vec3 x, vec3 force) {
 }
 
 static resultant load_on_tissue(const lockstep *l) {
-    refinement refined;
-    vec3 force[MAX_CONTACTS + 1];
+    const mesh *m = &l->simulation.mesh;
+    vec3 *nominal = calloc((size_t)m->node_count, sizeof *nominal), added[MAX_CONTACTS];
     resultant sum = {0};
-    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
-    insertion_forces(&l->state, force);
-    for (int i = 0; i < refined.count; i++) add_to(&sum, refined.nodes[i].position, force[i]);
+    insertion_forces(&l->simulation.insertion, &l->state, nominal, added);
+    for (int i = 0; i < m->node_count; i++) add_to(&sum, m->nodes[i], nominal[i]);
+    for (int i = 0; i < l->state.active; i++) add_to(&sum, l->state.refined.nodes[i].position, added[i]);
+    free(nominal);
     return sum;
 }
 
@@ -51,7 +52,7 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
     refined_mesh whole;
     report why;
     resultant sum = {0};
-    insertion_refinement(&l->simulation.insertion, &l->state, &refined);
+    insertion_refinement(&l->state, &refined);
     if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u);
     simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);

@@ -44,10 +44,18 @@ static void add_local(picture *s, point *p, double lateral, double axial, double
     s->local += 0.5 * (lateral * v3_dot(across, across) + axial * elastic * elastic);
 }
 
+/* Displacement at a nominal point in this state: of the refined mesh; of the nominal one under the tip, where its force acts. */
+static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
+    leaf_point leaf = refinement_locate(m, &s->refined, p->id == TIP ? 0 : s->refined.count, p->tet, p->nominal);
+    vec3 u = v3(0, 0, 0);
+    for (int c = 0; c < 4; c++) u = v3_axpy(leaf.weights[c], leaf.corners[c] >= 0 ? s->nominal[leaf.corners[c]] : s->added[-1 - leaf.corners[c]], u);
+    return u;
+}
+
 static void take_picture(lockstep *l, picture *s) {
     const insertion_workspace *w = l->simulation.workspace;
     bool tip = l->state.tip.phase == TIP_INSIDE && w->problem.count == l->state.active + 1 && !(l->wrench.events & EVENT_TOUCHED);
-    insertion_refinement(&l->simulation.insertion, &l->state, &s->refined);
+    insertion_refinement(&l->state, &s->refined);
     simulation_displacement(&l->simulation, &l->state, s->nominal, s->added);
     s->count = l->state.active + tip;
     s->tissue = s->local = 0.0;
@@ -55,9 +63,11 @@ static void take_picture(lockstep *l, picture *s) {
         bool at_tip = i == l->state.active;
         const added_node *node = &s->refined.nodes[i];
         point *p = &s->points[i];
-        *p = (point){.id = at_tip ? TIP : node->id, .tet = node->tet, .nominal = at_tip ? l->state.tip.nominal : node->position,
-                     .force = at_tip ? l->state.tip.force : l->state.contacts[i].force, .moved = s->added[i], .slip = w->problem.slip[i],
-                     .tangent = v3(w->points[i].frame.m[0][2], w->points[i].frame.m[1][2], w->points[i].frame.m[2][2])};
+        *p = at_tip ? (point){.id = TIP, .tet = l->state.tip.tet, .nominal = l->state.tip.nominal, .force = l->state.tip.force}
+                    : (point){.id = node->id, .tet = node->tet, .nominal = node->position, .force = l->state.contacts[i].force};
+        p->slip = w->problem.slip[i];
+        p->tangent = v3(w->points[i].frame.m[0][2], w->points[i].frame.m[1][2], w->points[i].frame.m[2][2]);
+        p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(p->force, p->moved);
         add_local(s, p, w->lateral[i], w->axial[i], at_tip ? w->tip_friction : 0.0);
     }
@@ -67,14 +77,6 @@ static void take_picture(lockstep *l, picture *s) {
     s->torque = l->wrench.torque;
 }
 
-/* Displacement at a nominal point in this state. */
-static vec3 displacement_at(const mesh *m, const picture *s, int tet, vec3 x) {
-    leaf_point leaf = refinement_locate(m, &s->refined, s->refined.count, tet, x);
-    vec3 u = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) u = v3_axpy(leaf.weights[c], leaf.corners[c] >= 0 ? s->nominal[leaf.corners[c]] : s->added[-1 - leaf.corners[c]], u);
-    return u;
-}
-
 /* The same point in another state; without force where it takes no part there. */
 static point find(const mesh *m, const picture *s, const point *p) {
     for (int i = 0; i < s->count; i++)
@@ -82,7 +84,7 @@ static point find(const mesh *m, const picture *s, const point *p) {
     point absent = *p;
     absent.force = v3(0, 0, 0);
     absent.slip = 0.0;
-    absent.moved = displacement_at(m, s, p->tet, p->nominal);
+    absent.moved = displacement_at(m, s, p);
     return absent;
 }
 

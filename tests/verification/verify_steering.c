@@ -35,18 +35,23 @@ static void check_straight(rows *r, const char *check, steering_case c) {
     steering_track track = steering_run(&c);
     double off = hypot(steering_deflection(&track, v3(1, 0, 0)), steering_deflection(&track, v3(0, 1, 0)));
     rows_add(r, (row){.check = check, .reference = "straight line", .value = off, .expected = 0.0, .error = off, .limit = 1e-4, .unit = "m",
-                      .note = "deflection of the tip at 79 mm, absolute error; mesh and its supports are not symmetric about the needle"});
+                      .note = "deflection of the tip at 79 mm on 572 nodes, absolute error; unsymmetric elements push the tip aside, the less the finer they are"});
 }
 
-/* The half turn's S: sign and size of the curvature after it. */
-static void check_half_turn(rows *r, const char *name, steering_case c) {
+/* The half turn's S: where it ends; for a needle whose bending decays within a few millimetres, the curvature after it, too. */
+static void check_half_turn(rows *r, const char *name, steering_case c, bool decays_at_once) {
     char check[96];
     steering_track arc = steering_run(&c);
     c.half_turn_at = 0.04;
     steering_track s = steering_run(&c);
     double before = steering_curvature(&arc, 0.042, TO, steering_direction(0)), after = steering_curvature(&s, 0.042, TO, steering_direction(0));
+    double end = steering_deflection(&s, steering_direction(0)), superposed = steering_superposed(&c, c.half_turn_at, steering_direction(0));
+    snprintf(check, sizeof check, "%s: deflection at 79 mm after a half turn at 39 mm", name);
+    rows_add(r, (row){.check = check, .reference = "superposition: no turn, less twice the track of a bevel that acts from 39 mm on", .value = end,
+                      .expected = superposed, .error = fabs(end - superposed) / steering_deflection(&arc, steering_direction(0)), .limit = 0.05,
+                      .unit = "m", .note = "error as a part of the deflection without a turn"});
     snprintf(check, sizeof check, "%s: curvature after a half turn at 39 mm", name);
-    rows_add(r, (row){.check = check, .reference = "curvature there without the turn, reversed", .value = after, .expected = -before,
+    if (decays_at_once) rows_add(r, (row){.check = check, .reference = "curvature there without the turn, reversed", .value = after, .expected = -before,
                       .error = fabs(after / before + 1.0), .limit = 0.2, .unit = "1/m"});
     snprintf(check, sizeof check, "%s, no turn", name);
     draw_track(r, "steering-half-turn", check, &arc);
@@ -102,9 +107,7 @@ static void check_meshes(rows *r) {
             cases[k].mesh = path;
             double fine = curvature_of(&cases[k]);
             rows_add(r, (row){.check = check, .reference = "the finer mesh", .value = coarse, .expected = fine, .error = fabs(coarse / fine - 1.0),
-                              .limit = 0.15, .unit = "1/m",
-                              .note = "the way of the cut into the nominal mesh uses the gradient of one element, which grows near the tip as "
-                                      "elements shrink"});
+                              .limit = 0.15, .unit = "1/m"});
         }
     }
 }
@@ -112,11 +115,11 @@ static void check_meshes(rows *r) {
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Steering: bevel tip");
     check_straight(&r, "18 G steel without bevel", steering_steel(0.0));
-    check_half_turn(&r, "18 G steel, slope 0.1", steering_steel(0.1));
+    check_half_turn(&r, "18 G steel, slope 0.1", steering_steel(0.1), false);
     check_nitinol_slopes(&r);
     if (!r.short_form) {
         check_straight(&r, "0.7 mm nitinol without bevel", steering_nitinol(0.0));
-        check_half_turn(&r, "0.7 mm nitinol, slope 0.05", steering_nitinol(0.05));
+        check_half_turn(&r, "0.7 mm nitinol, slope 0.05", steering_nitinol(0.05), true);
         check_mirror(&r, "18 G steel, slope 0.1: curvature, rolled by half a turn", steering_steel(0.1));
         check_mirror(&r, "0.7 mm nitinol, slope 0.05: curvature, rolled by half a turn", steering_nitinol(0.05));
         check_meshes(&r);

@@ -186,7 +186,7 @@ static bool find_across(const mesh *m, const refinement *r, int tet, const int c
 }
 
 int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
-    if (r->count >= MAX_CONTACTS + 1) return -1;
+    if (r->count >= MAX_CONTACTS) return -1;
     leaf_point p = refinement_locate(m, r, r->count, tet, x);
     int face = closest_face(&p);
     leaf across;
@@ -242,7 +242,7 @@ static int moved_patches(const refinement *r, int node) {
 
 int refinement_move(const tissue *t, refinement *r, int tet, vec3 x, uint64_t id) {
     const mesh *m = t->mesh;
-    if (r->count >= MAX_CONTACTS + 1) return -1;
+    if (r->count >= MAX_CONTACTS) return -1;
     leaf_point p = refinement_locate(m, r, r->count, tet, x);
     int node = closest_corner(m, r, &p, closest_face(&p), x);
     if (node < 0 || m->anatomical[node] || t->fixed[node]) return -1;

@@ -39,6 +39,7 @@ typedef struct {
     pose home;
     timeline timeline;
     byte_buffer encoded_scene;
+    char page[4096];         /* folder of the page */
     web *web;
     int stop_wake;
     bool stop;
@@ -213,9 +214,8 @@ static const char *page_folder(const options *o, char *place, size_t size) {
 }
 
 static trocar_status open_web(view *v, report *why) {
-    char place[4096];
     web_settings settings = v->options->web;
-    settings.page = page_folder(v->options, place, sizeof place);
+    settings.page = page_folder(v->options, v->page, sizeof v->page);
     settings.timeline = &v->timeline;
     settings.scene = &v->encoded_scene;
     settings.context = v;

@@ -234,11 +234,13 @@ static trocar_status listen_here(web *w, report *why) {
     static struct lws_http_mount mount;
     mount = (struct lws_http_mount){.mountpoint = "/", .mountpoint_len = 1, .origin = s->page, .def = "index.html",
                                     .origin_protocol = LWSMPRO_FILE};
+    bool v6 = s->address && strchr(s->address, ':');
     const char *place = s->socket ? s->socket : s->address ? s->address : "127.0.0.1";
     struct lws_context_creation_info info = {
         .port = s->port, .iface = place, .protocols = protocols, .mounts = &mount, .user = w, .vhost_name = "trocar-view",
         .options = LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE | LWS_SERVER_OPTION_EXPLICIT_VHOSTS
-                 | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (s->socket ? LWS_SERVER_OPTION_UNIX_SOCK : 0)};
+                 | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (v6 ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6)
+                 | (s->socket ? LWS_SERVER_OPTION_UNIX_SOCK : 0)};
     w->lws = lws_create_context(&info);
     if (w->lws) w->host = lws_create_vhost(w->lws, &info);
     if (w->host) return TROCAR_OK;

@@ -32,7 +32,7 @@ typedef struct {
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: none is taken */
 } web_settings;
 
-/* Listens. BAD_INPUT when the page is not there or the address cannot be had. */
+/* Listens; the strings in `settings` must outlive it. BAD_INPUT when the page is not there or the address cannot be had. */
 trocar_status web_create(const web_settings *settings, web **created, report *why);
 void web_free(web *w);
 int web_port(const web *w);

@@ -142,7 +142,7 @@ export class Anatomy {
     const look = solid ? { opacity: 1, slant: 0, facets: false, material: { side: THREE.DoubleSide } }
                        : { opacity: 0.34, slant: 0.5, facets: false, material: { side: THREE.FrontSide, depthWrite: false } }
     const mesh = this.mesh(this.geometry(surface, true), colour, look)
-    mesh.material.uniforms.shown.value = solid ? 0 : 0.0
+    mesh.material.uniforms.shown.value = solid ? 0 : 0.7
     this.add(region.name, mesh, solid ? 2 : 10)
     if (!solid) this.addRest(region, surface)
   }

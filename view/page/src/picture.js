@@ -1,7 +1,7 @@
 // One picture of the view for papers: the needle in the tissue, the slice beside it, scale and numbers.
 import { rampCss } from './colours.js'
 
-const SLICE = 0.3 // of the picture's height
+const SLICE = 0.36 // of the picture's height
 
 /** A PNG of what is drawn now; call it in the same task as the drawing. */
 export function compose({ stage, echo, scene, history, time, range }) {

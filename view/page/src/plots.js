@@ -9,7 +9,7 @@ const PLOTS = [
   { title: 'Force', unit: 'N', columns: [1, 2, 3], names: ['Fx', 'Fy', 'Fz'], colours: AXES, scale: 1, least: 0.2 },
   { title: 'Torque', unit: 'mN m', columns: [4, 5, 6], names: ['Tx', 'Ty', 'Tz'], colours: AXES, scale: MILLI, least: 5 },
   { title: 'Depth', unit: 'mm', columns: [7], names: ['depth'], colours: ['#37d0ff'], scale: MILLI, least: 5, fromZero: true },
-  { title: 'Timing', unit: 'µs', columns: [10, 11, 8, 9], names: ['tick', 'max', 'late', 'max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
+  { title: 'Timing', unit: 'µs', live: true, columns: [10, 11, 8, 9], names: ['tick', 'max', 'late', 'max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
@@ -29,13 +29,14 @@ export class Plots {
     const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
     const number = (value) => (value === null || value === undefined ? '–' : (plot.scale * value).toFixed(plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
     const holder = document.createElement('div')
+    if (plot.live) holder.className = 'live-only'
     this.container.append(holder)
     const options = {
       width: 320, height: 110, legend: { live: true }, cursor: { sync: { key: 'time' }, drag: { x: false, y: false }, points: { size: 5 } },
       padding: [4, 8, 2, 0],
       scales: { x: { time: false }, y: plot.logarithmic ? { distr: 3, range: (u, low, high) => [1e-6, Math.max(2 * this.budget, high * 1.2)] } : { range: (u, low, high) => this.range(plot, low, high) } },
       axes: [
-        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)), show: plot === PLOTS.at(-1) },
+        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)), show: plot === PLOTS.at(-1) || plot === PLOTS.at(-2) },
         { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: (u, splits) => splits.map((v) => ([1e-6, 1e-5, 1e-4, 1e-3, 1e-2].some((w) => Math.abs(v / w - 1) < 1e-6) ? v : null)) } : { space: 22 }) },
       ],
       series: [{ label: 's', value: (u, v) => (v === null || v === undefined ? '–' : v.toFixed(2)) },
@@ -84,6 +85,7 @@ export class Plots {
     ink.beginPath()
     ink.rect(left, top, width, height)
     ink.clip()
+    ink.textAlign = 'left'
     let free = left // where the next name has room
     for (const mark of this.history.marks) {
       if (mark.until < u.scales.x.min || mark.time > u.scales.x.max) continue

@@ -1,0 +1,41 @@
+#!/bin/bash
+# The viewer as a whole: page_test.mjs in a private network namespace, and pictures of a log. 77: this machine has no
+# Chromium, no npm or no namespaces.
+# usage: test_view.sh BUILD_DIR SOURCE_DIR [OUT_DIR]
+set -euo pipefail
+build=$1 source=$2 out=${3:-}
+if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
+    for needed in chromium npm; do
+        command -v $needed >/dev/null || { echo "skipped: no $needed (scripts/setup chromium)"; exit 77; }
+    done
+    "$source/scripts/netns" true || exit 77
+    TROCAR_NAMESPACE=yes exec "$source/scripts/netns" "$0" "$@"
+fi
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+node "$source/tests/view/page_test.mjs" "$build" "$source" "${out:-$work}"
+
+# A picture without a window, and what is wrong said with exit status 2 and no file.
+show=("$build/view/trocar-view" --scene "$source/meshes/figure8.yaml" --log "$source/tests/traces/figure8.log")
+"${show[@]}" --png "$work/at.png" --at 0.5
+head -c 8 "$work/at.png" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"
+[ "$(stat -c %s "$work/at.png")" -gt 20000 ] || fail "an empty picture"
+
+refuses() {
+    local text=$1 status=0
+    shift
+    "$@" >"$work/said" 2>&1 || status=$?
+    [ $status -eq 2 ] || fail "status $status, not 2: $*"
+    grep -qF -- "$text" "$work/said" || fail "no '$text' in: $(cat "$work/said")"
+}
+refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
+refuses "--png needs --log" "$build/view/trocar-view" --scene x.yaml --png x.png
+refuses "--at needs --png" "${show[@]}" --at 1
+refuses none.yaml "$build/view/trocar-view" --scene none.yaml
+refuses "the page is not built" "${show[@]}" --page /nowhere
+refuses /nowhere/x.png "${show[@]}" --png /nowhere/x.png
+[ -z "$(find "$work" -name 'late*')" ] || fail "a file is left of a picture that could not be taken"
+echo passed

@@ -1,0 +1,202 @@
+// The page as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
+// usage: page_test.mjs PROGRAMS_DIR SOURCE_DIR OUT_DIR
+import assert from 'node:assert/strict'
+import { spawn } from 'node:child_process'
+import { createRequire } from 'node:module'
+import { once } from 'node:events'
+import path from 'node:path'
+
+const [programs, source, out] = process.argv.slice(2)
+const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
+const scene = path.join(source, 'meshes/figure8.yaml'), ADDRESS = 'http://127.0.0.1:8686/'
+const PATIENCE = 30000 // ms, for a busy machine; nothing here measures time
+
+/** Starts a program and waits for its line "ready". */
+async function start(name, ...options) {
+  const child = spawn(path.join(programs, name), ['--scene', scene, ...options], { stdio: ['ignore', 'pipe', 'inherit'] })
+  let said = ''
+  for await (const piece of child.stdout) {
+    said += piece
+    if (said.includes('ready\n')) break
+  }
+  assert(said.includes('ready\n'), `${name} ended: ${said}`)
+  child.stop = async (signal = 'SIGTERM') => { child.kill(signal); if (child.exitCode === null && child.signalCode === null) await once(child, 'exit') }
+  return child
+}
+
+const startServer = () => start('server/trocar-server', '--allow-non-rt')
+
+const browser = await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'] })
+const faults = []
+
+/** A page in a window of its own; what goes wrong in it fails the run. */
+async function open(size = { width: 1000, height: 640 }) {
+  const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
+  page.on('pageerror', (error) => faults.push(error.stack))
+  page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
+  await page.goto(ADDRESS)
+  return page
+}
+
+/** Waits until the expression is true in the page. (Playwright's own wait evaluates in the page, which its policy forbids.) */
+async function until(page, expression) {
+  for (const end = Date.now() + PATIENCE; Date.now() < end;) {
+    if (await page.evaluate(expression)) return
+    await new Promise((done) => setTimeout(done, 50))
+  }
+  assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
+}
+const badge = (text) => `document.getElementById('link').textContent === '${text}'`
+const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
+
+async function check(name, body) {
+  await body()
+  console.log(`ok ${name}`)
+}
+
+let view = await start('view/trocar-view'), server, first, second
+try {
+  first = await open()
+  await check('the page shows the anatomy without a server', async () => {
+    await until(first, badge('no server'))
+    assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), 572)
+    assert.equal(await first.evaluate('trocar.history.pictures.length'), 0)
+  })
+
+  await check('a server that starts is seen', async () => {
+    server = await startServer()
+    await until(first, badge('live'))
+  })
+
+  await check('keys drive the needle into the tissue', async () => {
+    await first.click('#take')
+    await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
+    const before = await tip(first)
+    await first.keyboard.down('w')
+    await until(first, 'trocar.shown.contacts.length / 8 >= 5')
+    await first.keyboard.up('w')
+    assert(await tip(first) > before + 0.01, 'the tip went in')
+    await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
+    assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
+    assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
+  })
+
+  await check('numbers and plots follow', async () => {
+    await until(first, 'parseFloat(document.getElementById("depth").textContent) > 10')
+    const points = await first.evaluate('trocar.plots.plots[0].chart.data[0].length')
+    await until(first, `trocar.plots.plots[0].chart.data[0].at(-1) > ${await first.evaluate('trocar.plots.plots[0].chart.data[0].at(-1)')}`)
+    assert(points > 10)
+  })
+
+  await check('a second browser sees the same and cannot take the needle', async () => {
+    second = await open({ width: 700, height: 900 })
+    await until(second, 'trocar.shown !== null && trocar.status.driven')
+    assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
+    assert(await second.isDisabled('#take'))
+    assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots of the time before it came')
+  })
+
+  await check('pause and scrub go back, and live comes again', async () => {
+    await first.evaluate('trocar.seek(trocar.history.start)')
+    await until(first, `trocar.stage.needle.tip.z < ${await tip(second)} - 0.005`)
+    await first.keyboard.press('Home')
+    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${await tip(second)}) < 1e-3`)
+  })
+
+  await check('every layer and cut draws', async () => {
+    for (const axis of ['x', 'y', 'z', '']) {
+      await first.selectOption('#cut-axis', axis)
+      await until(first, '!trocar.stage.dirty')
+    }
+    for (const box of await first.locator('#layer-list input').all()) { await box.click(); await box.click() }
+    await first.keyboard.press('n')
+    await until(first, 'document.documentElement.dataset.theme === "light" && !trocar.stage.dirty')
+  })
+
+  await check('the needle is released with its browser', async () => {
+    await first.context().close()
+    await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
+    await until(second, '!document.getElementById("take").disabled')
+  })
+
+  await check('a server killed and back is seen', async () => {
+    await server.stop('SIGKILL')
+    await until(second, badge('no server'))
+    server = await startServer()
+    await until(second, badge('live'))
+  })
+
+  await check('trocar-view killed and back is seen', async () => {
+    await view.stop('SIGKILL')
+    await until(second, badge('no connection'))
+    view = await start('view/trocar-view')
+    await until(second, badge('live'))
+  })
+
+  await check('another site is refused', async () => {
+    const other = await (await browser.newContext()).newPage()
+    const opened = await other.evaluate((address) => new Promise((done) => {
+      const socket = new WebSocket(address, 'trocar-view')
+      socket.onopen = () => done(true)
+      socket.onerror = () => done(false)
+    }), ADDRESS.replace('http', 'ws'))
+    assert.equal(opened, false)
+  })
+  assert.deepEqual(faults, [])
+  await second.context().close()
+} finally {
+  await server?.stop()
+  await view.stop()
+}
+
+/* ---- pictures of the recorded figure 8: before, deep with the gland displaced, retraction with the tissue sticking ---- */
+
+const MOMENTS = [['before', 0.05], ['deep', 0.85], ['retraction', 1.62]]
+const player = await start('view/trocar-view', '--log', path.join(source, 'tests/traces/figure8.log'))
+try {
+  const page = await open({ width: 1440, height: 900 })
+  await until(page, 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011')
+  for (const [name, time] of MOMENTS) {
+    await page.evaluate(`trocar.seek(${time})`)
+    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.echo.dirty`)
+    await page.waitForTimeout(300) // the plots are drawn at their own pace
+    await page.screenshot({ path: path.join(out, `${name}.png`) })
+    console.log(`ok picture ${name}`)
+  }
+  await check('the pictures are like those kept', async () => {
+    for (const [name] of MOMENTS) {
+      const difference = await page.evaluate(compareImages, [await read(path.join(out, `${name}.png`)), await read(path.join(source, 'view/pictures', `${name}.png`))])
+      console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
+      assert(difference.mean < 3 && difference.far < 0.03, `${name} differs: ${JSON.stringify(difference)}; see ${out}`)
+    }
+  })
+  assert.deepEqual(faults, [])
+} finally {
+  await player.stop()
+  await browser.close()
+}
+
+async function read(file) {
+  const { readFile } = await import('node:fs/promises')
+  return `data:image/png;base64,${(await readFile(file)).toString('base64')}`
+}
+
+/** Runs in the page: mean difference of a channel, and the share of pixels off by more than 40. */
+async function compareImages(urls) {
+  const pixels = await Promise.all(urls.map(async (url) => {
+    const image = new Image()
+    image.src = url
+    await image.decode()
+    const canvas = new OffscreenCanvas(image.width, image.height), ink = canvas.getContext('2d')
+    ink.drawImage(image, 0, 0)
+    return ink.getImageData(0, 0, image.width, image.height).data
+  }))
+  if (pixels[0].length !== pixels[1].length) return { mean: 255, far: 1 }
+  let sum = 0, far = 0
+  for (let i = 0; i < pixels[0].length; i += 4) {
+    const off = [0, 1, 2].map((k) => Math.abs(pixels[0][i + k] - pixels[1][i + k]))
+    sum += off[0] + off[1] + off[2]
+    far += Math.max(...off) > 40
+  }
+  return { mean: sum / (0.75 * pixels[0].length), far: far / (pixels[0].length / 4) }
+}

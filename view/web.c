@@ -237,7 +237,7 @@ static trocar_status listen_here(web *w, report *why) {
     bool v6 = s->address && strchr(s->address, ':');
     const char *place = s->socket ? s->socket : s->address ? s->address : "127.0.0.1";
     struct lws_context_creation_info info = {
-        .port = s->port, .iface = place, .protocols = protocols, .mounts = &mount, .user = w, .vhost_name = "trocar-view",
+        .port = s->socket ? 0 : s->port, .iface = place, .protocols = protocols, .mounts = &mount, .user = w, .vhost_name = "trocar-view",
         .options = LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE | LWS_SERVER_OPTION_EXPLICIT_VHOSTS
                  | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (v6 ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6)
                  | (s->socket ? LWS_SERVER_OPTION_UNIX_SOCK : 0)};

@@ -30,11 +30,11 @@ const browser = await chromium.launch({ executablePath: '/usr/bin/chromium', arg
 const faults = []
 
 /** A page in a window of its own; what goes wrong in it fails the run. */
-async function open(size = { width: 1000, height: 640 }) {
+async function open(size = { width: 1000, height: 640 }, query = '') {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
   page.on('pageerror', (error) => faults.push(error.stack))
   page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
-  await page.goto(ADDRESS)
+  await page.goto(ADDRESS + query)
   return page
 }
 
@@ -154,7 +154,7 @@ try {
 const MOMENTS = [['before', 0.05], ['deep', 0.85], ['retraction', 1.62]]
 const player = await start('view/trocar-view', '--log', path.join(source, 'tests/traces/figure8.log'))
 try {
-  const page = await open({ width: 1440, height: 900 })
+  const page = await open({ width: 1440, height: 900 }, '?fine')
   await until(page, 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011')
   for (const [name, time] of MOMENTS) {
     await page.evaluate(`trocar.seek(${time})`)

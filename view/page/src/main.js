@@ -10,11 +10,12 @@ import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 
 const STRIP_SPAN = 60 // s, live
-const PLOT_PERIOD = 66 // ms between drawings of the plots
-const pictureTime = new URLSearchParams(location.search).get('picture') // s: draw this, send it back, and that is all
+const PLOT_PERIOD = 100 // ms between drawings of the plots
+const query = new URLSearchParams(location.search)
+const pictureTime = query.get('picture') // s: draw this, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
-const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
+const stage = new Stage(element('view'), pictureTime !== null || query.has('fine')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }

@@ -19,6 +19,11 @@ function rampTexture() {
   return texture
 }
 
+function drawsInSoftware() {
+  const graphics = document.createElement('canvas').getContext('webgl2'), info = graphics?.getExtension('WEBGL_debug_renderer_info')
+  return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
+}
+
 /** A frame of four lines across the body, normal to an axis; dragged along it. */
 class Plane {
   constructor(axis, colour, box) {
@@ -43,12 +48,12 @@ class Plane {
 }
 
 export class Stage {
-  constructor(canvas) {
+  /** `fine`: smooth edges even where the processor has to draw them. */
+  constructor(canvas, fine) {
     this.canvas = canvas
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true })
+    this.slow = drawsInSoftware()
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine || !this.slow, alpha: true })
     this.renderer.localClippingEnabled = true
-    const graphics = this.renderer.getContext(), info = graphics.getExtension('WEBGL_debug_renderer_info')
-    this.slow = info !== null && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
     this.world = new THREE.Scene()
     this.camera = new THREE.PerspectiveCamera(32, 1, 0.005, 3)
     this.controls = new OrbitControls(this.camera, canvas)

@@ -25,9 +25,11 @@ void insertion_model_free(insertion_model *model) { local_free(model); }
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* go on counting: an old snapshot must not match */
+    double base_compliance = state->base_compliance;
     memset(state, 0, sizeof *state);
     state->request.serial = serial;
     state->next_id = next_id;
+    state->base_compliance = base_compliance;
     state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
     needle_rest(model->needle, base, &state->needle);
     tip_engage(model, state);
@@ -276,21 +278,21 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
         }
 }
 
-/* Tissue + needle compliance between all points, in their frames; local compliance on the diagonal. */
-static void assemble(insertion_workspace *w, const compliance_snapshot *snapshot, bool tip) {
+/* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
+static void assemble(insertion_workspace *w, const insertion_state *state, const compliance_snapshot *snapshot, bool tip) {
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
             mat3 tissue = tip && i == p->count - 1 ? w->tip_row[j] : compliance_between(snapshot, i, j);
             mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
             for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) tissue.m[a][b] += needle.m[a][b];
+                for (int b = 0; b < 3; b++) tissue.m[a][b] += needle.m[a][b] + (a == b ? state->base_compliance : 0.0);
             put_block(p, i, j, &tissue, &w->points[i].frame, &w->points[j].frame);
         }
     for (int i = 0; i < p->count; i++) {
         for (int a = 0; a < 3; a++) p->compliance[unknown(p->count, i, a)][unknown(p->count, i, a)] += a < 2 ? w->lateral[i] : w->axial[i];
         const needle_point *at = &w->points[i];
-        vec3 gap = v3_sub(at->position, w->nominal[i]);
+        vec3 gap = v3_sub(v3_sub(at->position, state->base_shift), w->nominal[i]);
         for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
         gap = m3_apply_transposed(&at->frame, gap);
         p->gap[unknown(p->count, i, 0)] = gap.x;
@@ -353,6 +355,17 @@ static void load_needle(const insertion_state *state, const insertion_workspace 
     }
 }
 
+/* The spring that holds the base gives way to the sum of forces. */
+static void shift_base(const insertion_model *model, insertion_state *state, const vec3 *load) {
+    if (state->base_compliance == 0.0) return;
+    vec3 sum = v3(0, 0, 0), before = state->base_shift;
+    for (int j = 0; j <= model->needle->given.segments; j++) sum = v3_add(sum, load[j]);
+    state->base_shift = v3_scale(state->base_compliance, sum);
+    pose base = state->needle.base;
+    base.position = v3_add(base.position, v3_sub(state->base_shift, before));
+    needle_hold(model->needle, base, &state->needle);
+}
+
 static void take_forces(insertion_state *state, const insertion_workspace *w, bool tip) {
     const contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
@@ -378,6 +391,7 @@ static void give_up(insertion_state *state, insertion_wrench *wrench) {
     }
     state->tip.force = v3(0, 0, 0);
     state->tip.slip = state->tip.speed = 0.0;
+    state->base_shift = v3(0, 0, 0);
     state->buckled = true;
     wrench->events |= EVENT_UNSTABLE;
 }
@@ -420,7 +434,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         needle_linearise(model->needle, &state->needle, load, first, &w->tangent);
         end_stage(&w->profile, INSERTION_NEEDLE);
         bound_contacts(model, state, tip, dt, w);
-        assemble(w, snapshot, tip);
+        assemble(w, state, snapshot, tip);
         if (contact_solve(p) != TROCAR_OK) {
             give_up(state, wrench);
             return;
@@ -429,6 +443,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         take_forces(state, w, tip);
         end_stage(&w->profile, INSERTION_CONTACT);
         load_needle(state, w, tip, segments, load);
+        shift_base(model, state, load);
         double turned = needle_advance(model->needle, &w->tangent, load, &state->needle);
         locate_points(model, state, w, tip);
         end_stage(&w->profile, INSERTION_NEEDLE);
@@ -484,7 +499,8 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     } else {
         slide_shaft(state);
         vec3 gradient = track_gradient(model, state, snapshot);
-        needle_hold(model->needle, base, &state->needle);
+        pose shifted = {v3_add(base.position, state->base_shift), base.orientation};
+        needle_hold(model->needle, shifted, &state->needle);
         tip_move(model, state, gradient, wrench);
         if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) glide_on_surface(model, state, wrench);
     }
@@ -492,6 +508,7 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     int handles[4];
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
+    else state->base_shift = v3(0, 0, 0);
     if (tip) {
         follow_friction(model, state, scratch, dt);
         follow_pressing(&state->tip, &scratch->points[state->active], dt);
@@ -512,6 +529,7 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
     *wrench = (insertion_wrench){.membrane = -1};
     begin_profile(&scratch->profile);
     pose held = state->needle.base;
+    held.position = v3_sub(held.position, state->base_shift);
     dt = fmax(dt, 1e-6);
     int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), MOST_STEPS);
     for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);

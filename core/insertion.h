@@ -96,6 +96,8 @@ enum { MAX_STRATA = 32 };
 /* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
    and restores it. */
 typedef struct {
+    double base_compliance;      /* m/N, of the spring on which the base is held, 0: rigidly; the caller's to set, kept by a reset */
+    vec3 base_shift;             /* m, by which that spring has given way */
     needle_state needle;
     needle_tip tip;
     vec3 entry;                  /* m, nominal point where the track starts */
@@ -133,7 +135,7 @@ typedef struct {
 
 typedef struct {
     vec3 force;                  /* N, world frame: what the base exerts on the hand */
-    vec3 torque;                 /* N m, world frame, about the base point */
+    vec3 torque;                 /* N m, world frame, about the base point, where it is */
     double depth;                /* m, length of the track in the tissue */
     int contacts;                /* active */
     unsigned events;             /* insertion_event bits of this tick */
@@ -147,7 +149,7 @@ void insertion_model_free(insertion_model *model);
 /* Needle straight, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
-/* One tick of length dt (s): state and `base` in, state and wrench out; takes what the snapshot holds and leaves in
+/* One tick of length dt (s): state and `base` (where the base is without force) in, state and wrench out; takes what the snapshot holds and leaves in
    state->request what it wants next. Its time does not depend on the mesh (but for the look-up of the skin, O(log n), while
    the needle is outside). No allocation, no lock, no call to a
    library. RT */

@@ -26,6 +26,8 @@ typedef struct {
     int64_t pose_utime;          /* us, of the pose that the tick answers */
     int flags;                   /* as in needle_wrench_t */
     int64_t wrench_dropped, saturated_ticks; /* since start */
+    double energy, energy_lowest; /* J, from the hand into the port */
+    double coupling_stiffness;   /* N/m, 0: rigid */
     double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
     insertion_state state;
 } view_sample;

@@ -1,13 +1,40 @@
 #include "guard.h"
 
 #include <stddef.h>
+#include <string.h>
 
 #include "trocar_needle_wrench_t.h"
 
 guard_limits guard_defaults(void) {
-    return (guard_limits){.max_force = 20.0, .max_torque = 1.0, .max_force_rate = 2000.0, .max_torque_rate = 100.0,
+    return (guard_limits){.max_stiffness = INFINITY, .max_force = 20.0, .max_torque = 1.0, .max_force_rate = 2000.0, .max_torque_rate = 100.0,
                           .max_speed = 2.0, .max_turn_rate = 20.0, .hold_time = 0.01, .ramp_time = 0.1};
 }
+
+/* Nominal values as the makers and common device libraries give them, from memory: hold them against your device's own data
+   sheet. A torque of 0: it renders none, the default stays. */
+static const struct { const char *name; double force, torque, stiffness; } PROFILES[] = {
+    {"touch", 3.3, 0.0, 1000.0},
+    {"touch-x", 7.9, 0.0, 1480.0},
+    {"premium-1.5-6dof", 8.5, 0.17, 3500.0},
+    {"falcon", 8.0, 0.0, 3000.0},
+    {"omega.3", 12.0, 0.0, 14500.0},
+    {"delta.6", 20.0, 0.15, 14500.0},
+    {"sigma.7", 20.0, 0.4, 14500.0},
+};
+enum { PROFILE_COUNT = sizeof PROFILES / sizeof *PROFILES };
+
+bool guard_use_profile(const char *name, guard_limits *limits) {
+    for (int i = 0; i < PROFILE_COUNT; i++) {
+        if (strcmp(PROFILES[i].name, name) != 0) continue;
+        limits->max_force = PROFILES[i].force;
+        limits->max_stiffness = PROFILES[i].stiffness;
+        if (PROFILES[i].torque > 0.0) limits->max_torque = PROFILES[i].torque;
+        return true;
+    }
+    return false;
+}
+
+const char *guard_profile_names(void) { return "touch, touch-x, premium-1.5-6dof, falcon, omega.3, delta.6 or sigma.7"; }
 
 static bool finite3(vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
 

@@ -9,6 +9,7 @@
 #include "vec.h"
 
 typedef struct {
+    double max_stiffness;    /* N/m, that the device renders well: of the virtual coupling; INFINITY: none, the needle is held rigidly */
     double max_force;        /* N */
     double max_torque;       /* N m */
     double max_force_rate;   /* N/s */
@@ -20,6 +21,10 @@ typedef struct {
 } guard_limits;
 
 guard_limits guard_defaults(void);
+
+/* Sets the limits of force, torque and stiffness to those of a device by name; false if it is not in the table. */
+bool guard_use_profile(const char *name, guard_limits *limits);
+const char *guard_profile_names(void); /* of all, for messages */
 
 /* What became of one pose; each has its counter in status_t. */
 typedef enum {

@@ -30,8 +30,12 @@ void haptic_free(haptic *h) {
 static insertion_wrench run_model(haptic *h, guard_decision decision, const compliance_snapshot *snapshot, double dt) {
     insertion_wrench wrench = {.membrane = -1};
     if (decision == GUARD_IDLE) return wrench;
-    if (decision == GUARD_ENGAGE) insertion_reset(h->model, h->guard.base, h->state);
-    insertion_tick(h->model, h->state, h->scratch, snapshot, h->guard.base, dt, &wrench);
+    pose hand = h->guard.base;
+    if (decision == GUARD_ENGAGE) insertion_reset(h->model, hand, h->state);
+    pose rest = port_hold(&h->port, h->limits.max_stiffness, hand, dt, &h->state->base_compliance);
+    insertion_tick(h->model, h->state, h->scratch, snapshot, rest, dt, &wrench);
+    vec3 base = v3_add(rest.position, h->state->base_shift);
+    wrench.torque = port_yield(&h->port, hand, base, wrench.force, wrench.torque);
     return wrench;
 }
 
@@ -63,14 +67,12 @@ static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     wake(h->exchange->io_wake);
 }
 
-/* A pose that names a wrench for the first time ends its round trip. RT */
-static void note_round_trip(haptic *h, const loop_wake *wake, const pose_sample *newest) {
-    h->computed[wake->tick % TICKS_REMEMBERED] = wake->now;
-    int64_t named = newest->wrench_tick;
-    if (named <= h->felt || named >= wake->tick || wake->tick - named >= TICKS_REMEMBERED) return;
-    h->felt = named;
-    int64_t round_trip = newest->received - h->computed[named % TICKS_REMEMBERED];
-    ring_push(&h->exchange->round_trips, &round_trip);
+/* What the newest pose tells of the way to the hand. RT */
+static void note_hand(haptic *h, guard_decision decision, const pose_sample *newest) {
+    if (decision == GUARD_ENGAGE) port_engage(&h->port, newest);
+    if (decision != GUARD_FOLLOW) return;
+    int64_t round_trip = port_receive(&h->port, newest);
+    if (round_trip >= 0) ring_push(&h->exchange->round_trips, &round_trip);
 }
 
 /* Where the tick's time went: before, in and after the model. RT */
@@ -92,14 +94,14 @@ static void ask_worker(haptic *h, int64_t now) {
     sample->request = h->state->request;
     newest_publish(&h->exchange->requests);
     wake(h->exchange->worker_wake);
-    while (h->posted < sample->request.serial) h->asked[++h->posted % TICKS_REMEMBERED] = now;
+    while (h->posted < sample->request.serial) h->asked[++h->posted % REQUESTS_REMEMBERED] = now;
 }
 
 /* Seconds since the oldest request that is not answered yet, 0 if all are. RT */
 static double snapshot_age(const haptic *h, int64_t now, uint64_t answered) {
     if (answered == h->posted) return 0.0;
-    uint64_t waiting = h->posted - answered < TICKS_REMEMBERED ? answered : h->posted; /* or the oldest remembered */
-    return 1e-9 * (double)(now - h->asked[(waiting + 1) % TICKS_REMEMBERED]);
+    uint64_t waiting = h->posted - answered < REQUESTS_REMEMBERED ? answered : h->posted; /* or the oldest remembered */
+    return 1e-9 * (double)(now - h->asked[(waiting + 1) % REQUESTS_REMEMBERED]);
 }
 
 /* Shows the state to telemetry, VIEW_HZ times a second, once there is one. RT */
@@ -112,6 +114,9 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     view->flags = message->flags;
     view->wrench_dropped = h->wrench_dropped;
     view->saturated_ticks = h->saturated_ticks;
+    view->energy = h->port.energy;
+    view->energy_lowest = h->port.lowest;
+    view->coupling_stiffness = h->port.stiffness;
     view->snapshot_age = snapshot_age(h, wake->now, answered);
     view->state = *h->state;
     newest_publish(&h->exchange->views);
@@ -126,7 +131,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
 
     guard_timing(&h->guard, wake->late, h->period);
     guard_decision decision = guard_pose(&h->guard, &h->limits, newest, wake->now);
-    note_round_trip(h, wake, newest);
+    note_hand(h, decision, newest);
     int64_t asked = monotonic_ns();
     insertion_wrench raw = run_model(h, decision, snapshot, wake->elapsed);
     int64_t answered = monotonic_ns();
@@ -135,9 +140,11 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     vec3 force = raw.force, torque = raw.torque;
     message.flags = h->flags | flags_of(raw.events)
                   | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
+    if (port_active(&h->port)) message.flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
     h->saturated_ticks += (message.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
     store(force, message.force);
     store(torque, message.torque);
+    port_send(&h->port, wake->tick, wake->now, force, torque);
     send_wrench(h, &message);
 
     ask_worker(h, wake->now);

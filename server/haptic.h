@@ -5,8 +5,9 @@
 #include "exchange.h"
 #include "guard.h"
 #include "loop.h"
+#include "port.h"
 
-enum { TICKS_REMEMBERED = 1024 }; /* a second at 1 kHz: the longest round trip and age of a snapshot that are measured */
+enum { REQUESTS_REMEMBERED = 1024 };
 
 typedef struct {
     const insertion_model *model;
@@ -19,12 +20,11 @@ typedef struct {
 
     insertion_state *state;      /* all below: the haptic thread's own */
     guard guard;
+    port port;
     uint64_t posted;             /* serial of the last request handed to the worker */
-    int64_t asked[TICKS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
+    int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
     int64_t wrench_dropped, saturated_ticks; /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick */
-    int64_t computed[TICKS_REMEMBERED]; /* ns, when the tick of this number (modulo) began */
-    int64_t felt;                /* tick of the newest wrench that a pose has named */
 } haptic;
 
 /* `model`, `scratch` and `x` must outlive it; `scratch` is used by nobody else. */

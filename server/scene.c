@@ -25,6 +25,7 @@ typedef struct { double low, high; const char *words; } range;
 static const range POSITIVE = {DBL_MIN, DBL_MAX, "a number above 0"};
 static const range NOT_NEGATIVE = {0, DBL_MAX, "a number of at least 0"};
 static const range FORCE = {0, INFINITY, "a number of at least 0, or .inf"};
+static const range STIFFNESS = {DBL_MIN, INFINITY, "a number above 0, or .inf"};
 static const range COMPRESSIBLE = {0, 0.49999999, "a number of at least 0 and below 0.5"};
 static const range ANY = {-DBL_MAX, DBL_MAX, "a number"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
@@ -180,6 +181,9 @@ static void take_contact(checker *c, const contact_text *text, insertion_setting
 
 static void take_device(checker *c, const device_text *text, guard_limits *limits) {
     enter_section(c, "device.");
+    if (text->profile && !guard_use_profile(text->profile, limits))
+        reject(c, "profile", "\"%s\": expected %s", text->profile, guard_profile_names());
+    take_number(c, "max_stiffness", "N/m", text->max_stiffness, STIFFNESS, &limits->max_stiffness);
     take_number(c, "max_force", "N", text->max_force, POSITIVE, &limits->max_force);
     take_number(c, "max_torque", "N m", text->max_torque, POSITIVE, &limits->max_torque);
     take_number(c, "max_force_rate", "N/s", text->max_force_rate, POSITIVE, &limits->max_force_rate);

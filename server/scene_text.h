@@ -24,7 +24,7 @@ typedef struct {
 } contact_text;
 
 typedef struct {
-    char *max_force, *max_torque, *max_force_rate, *max_torque_rate, *max_speed, *max_turn_rate, *hold_time, *ramp_time;
+    char *profile, *max_stiffness, *max_force, *max_torque, *max_force_rate, *max_torque_rate, *max_speed, *max_turn_rate, *hold_time, *ramp_time;
 } device_text;
 
 typedef struct {

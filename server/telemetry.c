@@ -102,7 +102,8 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
         .poses_old = in->counts[POSE_OLD], .commands_refused = in->commands_refused,
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
-        .saturated_ticks = view->saturated_ticks,
+        .energy = view->energy, .energy_lowest = view->energy_lowest,
+        .coupling_stiffness = view->coupling_stiffness, .saturated_ticks = view->saturated_ticks,
         .scene = (char *)(uintptr_t)t->scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }

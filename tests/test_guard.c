@@ -1,4 +1,7 @@
 /* The guard, tick by tick, with a clock made by hand. */
+#define _GNU_SOURCE
+#include <string.h>
+
 #include "guard.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -156,6 +159,27 @@ static void limits_keep_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
+static void a_profile_sets_what_its_device_has(void **unused) {
+    (void)unused;
+    guard_limits limits = guard_defaults(), before = limits;
+    assert_false(guard_use_profile("nonsense", &limits));
+    assert_memory_equal(&limits, &before, sizeof limits);
+    assert_true(guard_use_profile("touch", &limits));
+    assert_true(limits.max_force == 3.3 && limits.max_stiffness == 1000);
+    assert_true(limits.max_torque == before.max_torque && limits.max_force_rate == before.max_force_rate);
+    char names[256], *rest = names;
+    strcpy(names, guard_profile_names());
+    int count = 0;
+    for (char *name; (name = strsep(&rest, " ,")) != NULL;) {
+        if (*name == '\0' || strcmp(name, "or") == 0) continue;
+        limits = before;
+        assert_true(guard_use_profile(name, &limits)); /* the message names what there is */
+        assert_true(limits.max_force > 0 && limits.max_torque > 0 && limits.max_stiffness > 0 && isfinite(limits.max_stiffness));
+        count++;
+    }
+    assert_int_equal(count, 7);
+}
+
 static void slew_is_limited(void **unused) {
     (void)unused;
     guard_limits limits = guard_defaults(); /* 2000 N/s: 2 N a tick */
@@ -229,6 +253,7 @@ int main(void) {
         cmocka_unit_test(a_return_from_far_away_begins_anew),
         cmocka_unit_test(a_new_engagement_begins_anew_and_a_release_ramps_out),
         cmocka_unit_test(limits_keep_the_direction),
+        cmocka_unit_test(a_profile_sets_what_its_device_has),
         cmocka_unit_test(slew_is_limited),
         cmocka_unit_test(a_wrench_that_is_not_finite_never_leaves),
         cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),

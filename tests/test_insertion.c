@@ -409,6 +409,30 @@ static void restored_state_goes_on_to_the_bit(void **unused) {
     lockstep_free(l);
 }
 
+/* A base on a spring is where a rigid one would feel the same wrench: held there, tick by tick, it does, but for the
+   tick in which a contact takes part, which finds one base where it was, the other where it will be. */
+static void a_base_on_a_spring_feels_what_a_rigid_one_there_feels(void **state) {
+    (void)state;
+    simulation_config config = lockstep_config();
+    lockstep *sprung = lockstep_create(&config, lockstep_start()), *rigid = lockstep_create(&config, lockstep_start());
+    sprung->state.base_compliance = 2e-3;
+    pose rest = lockstep_start();
+    double furthest = 0.0;
+    for (int i = 0; i < 600; i++) {
+        rest.position = v3_add(rest.position, i < 500 ? v3(0, 0, 0.1e-3) : v3(0.03e-3, 0, 0));
+        lockstep_tick(sprung, rest, 1e-3);
+        vec3 shift = sprung->state.base_shift, expected = v3_scale(2e-3, sprung->wrench.force);
+        assert_true(v3_norm(v3_sub(shift, expected)) < 1e-9);
+        lockstep_tick(rigid, (pose){v3_add(rest.position, shift), rest.orientation}, 1e-3);
+        assert_true(v3_norm(v3_sub(rigid->wrench.force, sprung->wrench.force)) < 5e-3 * v3_norm(rigid->wrench.force) + 1e-6);
+        assert_true(v3_norm(v3_sub(rigid->wrench.torque, sprung->wrench.torque)) < 5e-3 * v3_norm(rigid->wrench.torque) + 1e-6);
+        furthest = fmax(furthest, v3_norm(shift));
+    }
+    assert_true(sprung->wrench.contacts > 5 && furthest > 2e-3);
+    lockstep_free(sprung);
+    lockstep_free(rigid);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(axial_force_is_cutting_plus_friction_times_depth),
@@ -430,6 +454,7 @@ int main(void) {
         cmocka_unit_test(long_tick_takes_few_steps),
         cmocka_unit_test(needle_found_in_the_tissue_is_engaged_without_force),
         cmocka_unit_test(restored_state_goes_on_to_the_bit),
+        cmocka_unit_test(a_base_on_a_spring_feels_what_a_rigid_one_there_feels),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

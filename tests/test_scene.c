@@ -33,7 +33,7 @@ static const char GOOD[] =
     "         segments: 30}\n"                                     /* 18 */
     "contact: {spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
     "remeshing: woodbury\n"                                        /* 20 */
-    "device: {max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
+    "device: {profile: touch, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
 
 static char directory[] = "/tmp/test_scene.XXXXXX", path[64];
@@ -117,6 +117,7 @@ static void every_value_arrives(void **state) {
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
     const guard_limits *g = &s.guard;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
+    assert_true(g->max_stiffness == 1000); /* the profile's; its force is overruled */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
 }
 
@@ -274,6 +275,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
         {"woodbury", "sparse", ":20: remeshing: \"sparse\": expected nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked"},
         {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},
+        {"profile: touch", "profile: hand", ":21: device.profile: \"hand\": expected touch, "},
         {"ramp_time: 0.2", "ramp_time: 0", ":22: device.ramp_time: "},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)

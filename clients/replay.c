@@ -10,6 +10,7 @@
 #include "options.h"
 #include "output.h"
 #include "poselog.h"
+#include "pvd.h"
 #include "progress.h"
 #include "realtime.h"
 #include "scene.h"
@@ -19,7 +20,7 @@ const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *golden_path;
+    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
     int every;               /* of the wrenches, one goes to the log */
@@ -38,13 +39,14 @@ typedef struct {
     wrench_log golden;
     trocar_needle_wrench_t *replayed;  /* one a pose, to be compared; NULL without --compare */
     comparison comparison;
+    pvd_series series;
     int dump_tick;           /* whose state goes to --vtu */
     int gaps;                /* longer than POSE_LOG_GAP */
 } replay;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
 
-enum { OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE };
+enum { OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
@@ -53,6 +55,7 @@ static const struct argp_option option_list[] = {
     {"every", OPTION_EVERY, "N", 0, "Only every Nth of the wrenches in --out, and no poses: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row a tick: time, base force and torque, depth, contacts, events", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
+    {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states a second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "When --vtu takes its picture, from the first pose (default: the end)", 0},
     {"compare", OPTION_COMPARE, "GOLDEN", 0,
      "Compare with the wrenches of an LCM event log, one of --out or a recording; exit status 1 where they differ", 0},
@@ -70,6 +73,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_OUT: o->log_path = text; break;
     case OPTION_CSV: o->csv_path = text; break;
     case OPTION_VTU: o->vtu_prefix = text; break;
+    case OPTION_PVD: o->pvd_prefix = text; break;
     case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
     case OPTION_EVERY: o->every = (int)parse_number(state, "every", text, 1, 1e6); break;
     case OPTION_COMPARE: o->golden_path = text; break;
@@ -109,6 +113,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
+    if (status == TROCAR_OK && r->options->pvd_prefix) status = pvd_open(&r->series, r->options->pvd_prefix, why);
     if (r->csv_file.file)
         fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events\n");
     return status;
@@ -138,6 +143,7 @@ static trocar_status prepare(replay *r, report *why) {
 static void clean_up(replay *r) {
     output_abandon(&r->log_file);
     output_abandon(&r->csv_file);
+    pvd_abandon(&r->series);
     if (r->snapshot) simulation_free(&r->simulation);
     free(r->snapshot);
     free(r->replayed);
@@ -193,6 +199,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     if (r->log_file.file) status = log_tick(r, tick, &message, why);
     if (r->replayed) r->replayed[tick] = message;
     if (status == TROCAR_OK && r->options->vtu_prefix && tick == r->dump_tick) status = export_state(r, why);
+    if (status == TROCAR_OK) status = pvd_take(&r->series, &r->simulation, &r->state, &r->wrench, pose_log_time(&r->poses, tick), why);
     return status;
 }
 
@@ -207,6 +214,7 @@ static trocar_status run_all(replay *r, report *why) {
     }
     trocar_status status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
+    if (status == TROCAR_OK) status = pvd_close(&r->series, why);
     if (status != TROCAR_OK || !r->replayed) return status;
     return compare_wrenches(&r->golden, r->options->golden_path, r->replayed, r->poses.count, r->options->tolerance,
                             &r->comparison, why);

@@ -89,6 +89,25 @@ replay() {
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
 }
 
+# ParaView's time series: each file of the list is there, in order, and one of them is what --vtu writes at that time.
+series() {
+    local run=("$programs/trocar-replay" --scene "$scene" --poses "$source/tests/traces/figure8.log" --quiet)
+    mkdir part
+    "${run[@]}" --pvd part/series
+    /usr/bin/python3 - <<'EOF'
+import os, xml.etree.ElementTree as tree
+sets = tree.parse("part/series.pvd").getroot().findall("Collection/DataSet")
+assert len(sets) == 2 * 73, len(sets)  # 2.4 s at 30 a second, first and last
+assert all(os.path.getsize("part/" + s.get("file")) > 1000 for s in sets)
+times = [float(s.get("timestep")) for s in sets[::2]]
+assert all(0 <= t - k / 30 < 2e-3 for k, t in enumerate(times)), times
+EOF
+    "${run[@]}" --vtu single --at 1.3
+    cmp single-tissue.vtu part/series-0039-tissue.vtu
+    cmp single-needle.vtu part/series-0039-needle.vtu
+    "$source/tests/check_vtu.py" part/series-0039
+}
+
 # Recordings kept with their wrenches: the same bits twice, and what they were within a tolerance that a change of the
 # mechanics does not pass.
 golden() {

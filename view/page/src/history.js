@@ -6,7 +6,7 @@ const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute 
 
 /** Bits of insertion_event in core/insertion.h. `quiet`: drawn small and without a name. */
 export const EVENTS = [
-  { bit: 1 << 0, name: 'touched' }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
+  { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
   { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
   { bit: 1 << 9, name: 'buckled', alarm: true },

@@ -53,6 +53,7 @@ function takeScene(received) {
   echo.load(scene)
   listLayers()
   document.body.classList.toggle('log', !scene.live)
+  plots.resize()
   element('scene-name').textContent = scene.path.split('/').pop()
   element('scene-name').title = scene.path
   setSlice((echo.range.from + echo.range.to) / 2)

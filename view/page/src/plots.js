@@ -57,7 +57,8 @@ export class Plots {
   }
 
   resize() {
-    const width = this.container.clientWidth - 4, height = Math.max(64, Math.min(190, (this.container.clientHeight - 24) / this.plots.length - 21))
+    const shown = this.container.querySelectorAll('div:not(.log .live-only) > .uplot').length
+    const width = this.container.clientWidth - 4, height = Math.max(64, Math.min(190, (this.container.clientHeight - 24) / shown - 21))
     for (const { chart } of this.plots) chart.setSize({ width, height })
   }
 

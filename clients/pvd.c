@@ -1,0 +1,44 @@
+#include "pvd.h"
+
+#include <string.h>
+
+#include "vtu.h"
+
+trocar_status pvd_open(pvd_series *p, const char *prefix, report *why) {
+    char path[1024];
+    *p = (pvd_series){.prefix = prefix};
+    if (snprintf(path, sizeof path, "%s.pvd", prefix) >= (int)sizeof path)
+        return fail(why, TROCAR_BAD_INPUT, "%s: path too long", prefix);
+    trocar_status status = output_open(&p->list, path, why);
+    if (status != TROCAR_OK) return status;
+    fprintf(p->list.file, "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n");
+    return TROCAR_OK;
+}
+
+/* The list names files beside itself. */
+static void list_state(pvd_series *p, double time) {
+    static const char *const parts[] = {"tissue", "needle"};
+    const char *slash = strrchr(p->prefix, '/'), *name = slash ? slash + 1 : p->prefix;
+    for (int i = 0; i < 2; i++)
+        fprintf(p->list.file, "<DataSet timestep=\"%.6f\" part=\"%d\" file=\"%s-%04d-%s.vtu\"/>\n", time, i, name, p->count, parts[i]);
+}
+
+trocar_status pvd_take(pvd_series *p, simulation *s, const insertion_state *state, const insertion_wrench *wrench, double time,
+                       report *why) {
+    if (!p->list.file || time < (double)p->count / PVD_HZ - 1e-9) return TROCAR_OK;
+    char prefix[1024];
+    if (snprintf(prefix, sizeof prefix, "%s-%04d", p->prefix, p->count) >= (int)sizeof prefix)
+        return fail(why, TROCAR_BAD_INPUT, "%s: path too long", p->prefix);
+    trocar_status status = vtu_write_tissue(s, state, prefix, why);
+    if (status == TROCAR_OK) status = vtu_write_needle(s, state, wrench, prefix, why);
+    if (status == TROCAR_OK) list_state(p, time);
+    p->count++;
+    return status;
+}
+
+trocar_status pvd_close(pvd_series *p, report *why) {
+    if (p->list.file) fprintf(p->list.file, "</Collection>\n</VTKFile>\n");
+    return output_commit(&p->list, why);
+}
+
+void pvd_abandon(pvd_series *p) { output_abandon(&p->list); }

@@ -6,6 +6,7 @@ import { ramp } from './colours.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
 
+const SOFTWARE_RATIO = 0.66 // drawn pixels a pixel where the processor draws
 const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0, -1] } // camera's direction from the middle
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
@@ -52,6 +53,7 @@ export class Stage {
   constructor(canvas, fine) {
     this.canvas = canvas
     this.slow = drawsInSoftware()
+    this.ratio = !this.slow ? Math.min(devicePixelRatio, 2) : fine ? 1 : SOFTWARE_RATIO
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine || !this.slow, alpha: true })
     this.renderer.localClippingEnabled = true
     this.world = new THREE.Scene()
@@ -147,7 +149,7 @@ export class Stage {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement
-    this.renderer.setPixelRatio(this.slow ? 1 : Math.min(devicePixelRatio, 2))
+    this.renderer.setPixelRatio(this.ratio)
     this.renderer.setSize(clientWidth, clientHeight, false)
     this.camera.aspect = clientWidth / clientHeight
     this.camera.updateProjectionMatrix()

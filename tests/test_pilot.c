@@ -1,5 +1,8 @@
 /* What the pilot publishes, on its own clock (memq, no network). */
 #include "pilot.h"
+
+#include <pthread.h>
+
 #include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
@@ -18,6 +21,8 @@ static const pose HOME = {{0, 0, -0.2}, {1, 0, 0, 0}};
 typedef struct {
     pilot pilot;
     lcm_t *lcm;
+    trocar_needle_pose_t_subscription_t *on_pose;
+    trocar_command_t_subscription_t *on_command;
     int64_t now;             /* ns */
     int poses, commands;
     trocar_needle_pose_t pose;
@@ -46,14 +51,16 @@ static fixture *open_fixture(void) {
     report why;
     f = (fixture){.lcm = lcm_create("memq://"), .now = 1000 * MS};
     assert_non_null(f.lcm);
-    trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);
-    trocar_command_t_subscribe(f.lcm, "TROCAR_COMMAND", on_command, &f);
+    f.on_pose = trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);
+    f.on_command = trocar_command_t_subscribe(f.lcm, "TROCAR_COMMAND", on_command, &f);
     assert_int_equal(pilot_create(&f.pilot, f.lcm, HOME, 0.2, &why), TROCAR_OK);
     return &f;
 }
 
 static void close_fixture(fixture *f) {
     pilot_free(&f->pilot);
+    trocar_needle_pose_t_unsubscribe(f->lcm, f->on_pose);
+    trocar_command_t_unsubscribe(f->lcm, f->on_command);
     lcm_destroy(f->lcm);
 }
 
@@ -135,12 +142,28 @@ static void a_reset_begins_at_home(void **unused) {
     close_fixture(f);
 }
 
+/* The thread wakes for an order, publishes on its own clock, and ends when told. */
+static void the_thread_takes_orders(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, pilot_run, &f->pilot), 0);
+    tell(f, ORDER_TAKE, 0);
+    while (f->poses < 5) lcm_handle_timeout(f->lcm, 100);
+    tell(f, ORDER_END, 0);
+    pthread_join(thread, NULL);
+    while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RELEASE);
+    close_fixture(f);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_is_silent_until_it_takes_the_needle),
         cmocka_unit_test(it_stops_when_the_orders_stop),
         cmocka_unit_test(it_gives_the_needle_back),
         cmocka_unit_test(a_reset_begins_at_home),
+        cmocka_unit_test(the_thread_takes_orders),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

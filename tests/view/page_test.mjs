@@ -9,7 +9,7 @@ import path from 'node:path'
 const [programs, source, out] = process.argv.slice(2)
 const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
 const scene = path.join(source, 'meshes/figure8.yaml'), ADDRESS = 'http://127.0.0.1:8686/'
-const PATIENCE = 30000 // ms, for a busy machine; nothing here measures time
+const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
 
 /** Starts a program and waits for its line "ready". */
 async function start(name, ...options) {
@@ -32,6 +32,7 @@ const faults = []
 /** A page in a window of its own; what goes wrong in it fails the run. */
 async function open(size = { width: 1000, height: 640 }, query = '') {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
+  page.setDefaultTimeout(PATIENCE)
   page.on('pageerror', (error) => faults.push(error.stack))
   page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
   await page.goto(ADDRESS + query)

@@ -10,12 +10,12 @@ import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 
 const STRIP_SPAN = 60 // s, live
-const PLOT_PERIOD = 100 // ms between drawings of the plots
 const query = new URLSearchParams(location.search)
 const pictureTime = query.get('picture') // s: draw this, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
 const stage = new Stage(element('view'), pictureTime !== null || query.has('fine')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
+const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between drawings of the plots
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
@@ -268,6 +268,7 @@ element('slice').addEventListener('input', (event) => { element('follow').checke
 new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('stage'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
 
+document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1], ['tip', 'tip']]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
 let remembered = null

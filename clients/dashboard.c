@@ -113,8 +113,9 @@ static void add_counters(page *p, const dashboard *d) {
         s->poses_malformed, s->poses_not_finite, s->poses_not_unit);
     add(p, bad > 0, "            too fast %" PRId64 ", refused %" PRId64 ", repeated %" PRId64 ", last %s ago", s->poses_jumped,
         s->poses_refused, s->poses_old, duration_text(s->pose_age).text);
-    add(p, t->wrenches_dropped || s->energy_lowest < 0, "wrenches    dropped %" PRId64 ", limited %" PRId64 ", energy %.1f mJ, lowest %.1f mJ",
-        t->wrenches_dropped, s->saturated_ticks, 1e3 * s->energy, 1e3 * s->energy_lowest);
+    add(p, t->wrenches_dropped > 0, "wrenches    dropped %" PRId64 ", limited %" PRId64, t->wrenches_dropped, s->saturated_ticks);
+    add(p, s->energy_lowest < 0, "energy      %.1f mJ, lowest %.1f mJ, coupling %.0f N/m", 1e3 * s->energy, 1e3 * s->energy_lowest,
+        s->coupling_stiffness);
     if (d->message[0]) add(p, true, "last fault  %s", d->message);
 }
 

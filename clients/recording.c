@@ -133,7 +133,7 @@ static const struct { int32_t bit; const char *word; } flag_words[] = {
     {TROCAR_NEEDLE_WRENCH_T_STALE, "stale"},             {TROCAR_NEEDLE_WRENCH_T_SATURATED, "saturated"},
     {TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, "not_realtime"}, {TROCAR_NEEDLE_WRENCH_T_RAMPING, "ramping"},
     {TROCAR_NEEDLE_WRENCH_T_LATE_WORKER, "late_worker"}, {TROCAR_NEEDLE_WRENCH_T_UNSTABLE, "unstable"},
-    {TROCAR_NEEDLE_WRENCH_T_OVERRUN, "overrun"},
+    {TROCAR_NEEDLE_WRENCH_T_OVERRUN, "overrun"},         {TROCAR_NEEDLE_WRENCH_T_ACTIVE, "active"},
 };
 
 static void print_flags(int32_t flags, const char *quote, const char *separator, FILE *out) {

@@ -73,7 +73,8 @@ static void alarms_are_raised_for_what_must_not_be(void **state) {
     d.status.poses_jumped = 3;
     expect(&d, "            too fast", "too fast 3", true);
     d.status.energy_lowest = -2e-3;
-    expect(&d, "wrenches", "lowest -2.0 mJ", true);
+    expect(&d, "wrenches", "dropped 0", false);
+    expect(&d, "energy", "lowest -2.0 mJ", true);
     d.status.flags = TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_RAMPING;
     expect(&d, "needle", "stale, ramping", true);
     trocar_status_t status = {.scene = "", .message = "the worker failed"};

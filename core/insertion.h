@@ -11,7 +11,10 @@ typedef struct {
     double puncture_force;   /* N; INFINITY: never */
 } membrane;
 
+typedef enum { PLACE_INSIDE, PLACE_ON_FACES } contact_placement; /* half way through elements, or where the tip leaves them, as in the paper */
+
 typedef struct {
+    contact_placement placement; /* where contact nodes are added */
     double contact_spacing;      /* m, least distance between contact nodes along the track */
     double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */

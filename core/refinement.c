@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "patch.h"
+
 /* ---- the refined mesh -------------------------------------------------------------------------------------------- */
 
 static const double LEAST_WEIGHT = 0.02;  /* an added node keeps this far inside its leaf: no slivers, no zero volumes */
@@ -275,34 +277,112 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     return m3_inverse(&d);
 }
 
-static mat3 node_surplus(const tissue *t, const refinement *r, const added_node *node) {
-    leaf_point p;
-    memcpy(p.corners, node->corners, sizeof p.corners);
-    memcpy(p.weights, node->weights, sizeof p.weights);
-    return surplus_compliance(t, r, node->tet, &p);
+static bool is_on_face(const added_node *node) {
+    return fmin(fmin(node->weights[0], node->weights[1]), fmin(node->weights[2], node->weights[3])) == 0.0;
 }
 
-void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force,
-                             vec3 *nominal, vec3 *added) {
+static mat3 node_surplus(const tissue *t, const refinement *r, int index) {
+    leaf_point p = side_of(&r->nodes[index], 0);
+    if (!is_on_face(&r->nodes[index])) return surplus_compliance(t, r, r->nodes[index].tet, &p);
+    patch own;
+    mat3 d;
+    patch_create(t, r, index, &own);
+    for (int a = 0; a < 9; a++) d.m[a / 3][a % 3] = own.change[3 * own.count - 3 + a / 3][3 * own.count - 3 + a % 3];
+    return m3_inverse(&d);
+}
+
+/* ---- displacements ------------------------------------------------------------------------------------------------- */
+
+/* Displacements under forces on the nominal nodes and, behind them, the added ones, as if no surplus coupled to the old nodes: exact
+   where all lie inside elements. `loads`: the forces that the nominal mesh bears. */
+static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *force, vec3 *loads, vec3 *u) {
     const tissue *t = inverse_tissue(inv);
-    vec3 surplus_force[MAX_CONTACTS];
-    memcpy(surplus_force, added_force, (size_t)r->count * sizeof *surplus_force);
-    memcpy(nominal, nominal_force, (size_t)t->mesh->node_count * sizeof *nominal);
+    const size_t n = (size_t)t->mesh->node_count;
+    memcpy(loads, force, (n + (size_t)r->count) * sizeof *loads);
     for (int q = r->count - 1; q >= 0; q--) /* nodal forces -> forces on the hierarchical unknowns */
         for (int i = 0; i < 4; i++) {
             int corner = r->nodes[q].corners[i];
-            vec3 *at = corner >= 0 ? &nominal[corner] : &surplus_force[-1 - corner];
-            *at = v3_axpy(r->nodes[q].weights[i], surplus_force[q], *at);
+            vec3 *at = corner >= 0 ? &loads[corner] : &loads[n + (size_t)(-1 - corner)];
+            *at = v3_axpy(r->nodes[q].weights[i], loads[n + (size_t)q], *at);
         }
-    inverse_apply(inv, nominal, nominal);
+    inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
-        mat3 compliance = node_surplus(t, r, &r->nodes[q]);
-        added[q] = m3_apply(&compliance, surplus_force[q]);
+        mat3 compliance = node_surplus(t, r, q);
+        vec3 sum = m3_apply(&compliance, loads[n + (size_t)q]);
         for (int i = 0; i < 4; i++) {
             int corner = r->nodes[q].corners[i];
-            added[q] = v3_axpy(r->nodes[q].weights[i], corner >= 0 ? nominal[corner] : added[-1 - corner], added[q]);
+            sum = v3_axpy(r->nodes[q].weights[i], corner >= 0 ? u[corner] : u[n + (size_t)(-1 - corner)], sum);
         }
+        u[n + (size_t)q] = sum;
     }
+}
+
+/* Adds the forces of all changes of stiffness under displacements u. */
+static void add_changes(const tissue *t, const refinement *r, const vec3 *u, vec3 *force) {
+    const int n = t->mesh->node_count;
+    for (int q = 0; q < r->count; q++) {
+        patch p;
+        patch_create(t, r, q, &p);
+        for (int i = 0; i < 3 * p.count; i++)
+            for (int k = 0; k < 3 * p.count; k++) {
+                int node = p.nodes[i / 3], other = p.nodes[k / 3];
+                (&force[node < 0 ? n - 1 - node : node].x)[i % 3] += p.change[i][k] * (&u[other < 0 ? n - 1 - other : other].x)[k % 3];
+            }
+    }
+}
+
+static double dot(const vec3 *a, const vec3 *b, size_t count) {
+    double sum = 0.0;
+    for (size_t i = 0; i < count; i++) sum += v3_dot(a[i], b[i]);
+    return sum;
+}
+
+static void add_multiple(vec3 *to, double factor, const vec3 *what, size_t count) {
+    for (size_t i = 0; i < count; i++) to[i] = v3_axpy(factor, what[i], to[i]);
+}
+
+/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by the above. The nominal stiffness is never multiplied with: its
+   part of the direction's forces are the preconditioner's own loads. `force` becomes the residual. */
+static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec3 *u, vec3 *scratch) {
+    enum { MOST = 100 };
+    const tissue *t = inverse_tissue(inv);
+    const size_t n = (size_t)t->mesh->node_count, all = n + (size_t)r->count;
+    vec3 *direction = scratch, *borne = scratch + all, *answer = scratch + 2 * all, *loads = scratch + 3 * all, *resisted = scratch + 4 * all;
+    double first = 0.0, before = 0.0;
+    memset(u, 0, all * sizeof *u);
+    memset(direction, 0, 2 * all * sizeof *direction); /* and borne */
+    for (int step = 0; step < MOST; step++) {
+        for (size_t i = 0; i < n; i++)
+            if (t->fixed[i]) force[i] = v3(0, 0, 0);
+        displace_uncoupled(inv, r, force, loads, answer);
+        double now = dot(force, answer, all), ratio = step > 0 ? now / before : 0.0;
+        if (step == 0) first = now;
+        if (!(now > 1e-30 * first)) return;
+        for (size_t i = 0; i < all; i++) {
+            direction[i] = v3_axpy(ratio, direction[i], answer[i]);
+            borne[i] = i < n ? v3_axpy(ratio, borne[i], t->fixed[i] ? v3(0, 0, 0) : loads[i]) : v3(0, 0, 0);
+        }
+        memcpy(resisted, borne, all * sizeof *resisted);
+        add_changes(t, r, direction, resisted);
+        double length = now / dot(direction, resisted, all);
+        add_multiple(u, length, direction, all);
+        add_multiple(force, -length, resisted, all);
+        before = now;
+    }
+}
+
+void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
+                             vec3 *nominal, vec3 *added) {
+    const size_t n = (size_t)inverse_tissue(inv)->mesh->node_count, all = n + (size_t)r->count;
+    vec3 *force = scratch, *u = scratch + all;
+    memcpy(force, nominal_force, n * sizeof *force);
+    memcpy(force + n, added_force, (size_t)r->count * sizeof *force);
+    bool coupled = false;
+    for (int q = 0; q < r->count; q++) coupled |= is_on_face(&r->nodes[q]);
+    if (coupled) displace_coupled(inv, r, force, u, scratch + 2 * all);
+    else displace_uncoupled(inv, r, force, scratch + 2 * all, u);
+    memcpy(nominal, u, n * sizeof *nominal);
+    memcpy(added, u + n, (size_t)r->count * sizeof *added);
 }
 
 /* ---- the refined mesh written out -------------------------------------------------------------------------------- */

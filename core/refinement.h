@@ -78,9 +78,10 @@ typedef struct {
 trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why);
 void refined_mesh_free(refined_mesh *out);
 
-/* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each.
-   Exact: the added nodes' surplus is solved in closed form. For display and export. */
-void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force,
+/* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each, `scratch` 7 of
+   both. No node may be moved. Exact: inside elements the surplus is solved in closed form, on faces by conjugate gradients, with an
+   inverse_apply a step. For display and export. */
+void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
                              vec3 *nominal, vec3 *added);
 
 /* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. RT */

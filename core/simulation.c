@@ -138,7 +138,8 @@ static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
     s->workspace = calloc(1, sizeof *s->workspace);
-    if (!s->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    s->field_scratch = calloc(7 * ((size_t)s->mesh.node_count + MAX_CONTACTS), sizeof *s->field_scratch);
+    if (!s->workspace || !s->field_scratch) return fail(why, TROCAR_NO_MEMORY, "no memory");
     return insertion_model_create(&s->insertion, why);
 }
 
@@ -161,6 +162,7 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
 void simulation_free(simulation *s) {
     insertion_model_free(&s->insertion);
     free(s->workspace);
+    free(s->field_scratch);
     remesher_free(s->remesher);
     inverse_free(s->inverse);
     if (s->tissue.mesh) tissue_free(&s->tissue);
@@ -192,5 +194,5 @@ void simulation_displacement(simulation *s, const insertion_state *state, vec3 *
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    refinement_displacement(s->inverse, &refined, nominal, force, nominal, added);
+    refinement_displacement(s->inverse, &refined, nominal, force, s->field_scratch, nominal, added);
 }

@@ -43,6 +43,7 @@ typedef struct {
     remesher *remesher;
     needle_model needle;
     insertion_model insertion;
+    vec3 *field_scratch;                /* of whichever thread asks for displacements */
     insertion_workspace *workspace;     /* of whichever thread runs the ticks */
 } simulation;
 

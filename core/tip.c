@@ -47,7 +47,8 @@ static bool add_contact(const insertion_model *model, insertion_state *state, ve
         wrench->events |= EVENT_FULL;
         return false;
     }
-    int index = refinement_add(model->mesh, &state->refined, state->tip.tet, position, ++state->next_id);
+    bool on_face = model->settings.placement == PLACE_ON_FACES;
+    int index = (on_face ? refinement_add_on_face : refinement_add)(model->mesh, &state->refined, state->tip.tet, position, ++state->next_id);
     state->contacts[index] = (shaft_contact){.depth = depth};
     return true;
 }
@@ -58,15 +59,21 @@ static void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-/* On entering an element: its contact node is due half way through, but not closer to the last one than the spacing.
-   Asked for now, its row of the inverse is there when the tip is. */
+/* On entering an element: its contact node is due half way through (on faces: where the tip leaves it), but not closer to the last
+   one than the spacing. Asked for now, its row of the inverse is there when the tip is. */
 static void plan_contact(const insertion_model *model, insertion_state *state, vec3 direction, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     double chord;
     drop_plan(state);
     tip->next_contact = INFINITY;
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
-    double due = fmax(tip->depth + 0.5 * chord, last_contact_depth(state) + model->settings.contact_spacing);
+    double earliest = last_contact_depth(state) + model->settings.contact_spacing;
+    if (model->settings.placement == PLACE_ON_FACES) { /* left on crossing the face, not at a depth */
+        if (tip->depth + chord >= earliest)
+            tip->planned = add_contact(model, state, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, wrench);
+        return;
+    }
+    double due = fmax(tip->depth + 0.5 * chord, earliest);
     if (due >= tip->depth + 0.95 * chord) return;
     tip->next_contact = due;
     tip->planned = add_contact(model, state, v3_axpy(due - tip->depth, direction, tip->nominal), due, wrench);
@@ -141,6 +148,12 @@ static void exit_tissue(const insertion_model *model, insertion_state *state, in
     wrench->events |= EVENT_EXITED;
 }
 
+static void leave_contact_on_face(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    int passed = contacts_passed(state);
+    double last = passed > 0 ? state->contacts[passed - 1].depth : -INFINITY;
+    if (state->tip.depth >= last + model->settings.contact_spacing) leave_contact(model, state, wrench);
+}
+
 static void cross_face(const insertion_model *model, insertion_state *state, int face, vec3 direction, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     int next = model->mesh->neighbours[tip->tet][face];
@@ -148,6 +161,7 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
         exit_tissue(model, state, wrench);
         return;
     }
+    if (model->settings.placement == PLACE_ON_FACES) leave_contact_on_face(model, state, wrench);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
     enter_stratum(model->mesh, state);

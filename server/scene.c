@@ -100,6 +100,15 @@ static int list_length(checker *c, const char *key, unsigned count, int low, int
     return count > (unsigned)high ? 0 : (int)count;
 }
 
+/* One of a list of words ("a, b or c"), its place from 0; nothing given: the default stays. */
+static int take_word(checker *c, const char *key, const char *text, const char *const *words, const char *list, int given) {
+    if (!text) return given;
+    for (int i = 0; words[i]; i++)
+        if (strcmp(text, words[i]) == 0) return i;
+    reject(c, key, "\"%s\": expected %s", text, list);
+    return given;
+}
+
 /* ---- the sections ---- */
 
 static void take_region(checker *c, const region_text *text, region_material *m) {
@@ -171,6 +180,8 @@ static void take_needle(checker *c, const needle_text *text, needle_parameters *
 
 static void take_contact(checker *c, const contact_text *text, insertion_settings *s) {
     enter_section(c, "contact.");
+    static const char *const placements[] = {"inside", "faces", NULL};
+    s->placement = (contact_placement)take_word(c, "placement", text->placement, placements, "inside or faces", (int)s->placement);
     take_number(c, "spacing", "m", text->spacing, POSITIVE, &s->contact_spacing);
     take_number(c, "resolution", "", text->resolution, POSITIVE, &s->resolution);
     take_number(c, "weakening_distance", "m", text->weakening_distance, POSITIVE, &s->weakening_distance);
@@ -230,15 +241,6 @@ static void take_path(checker *c, const char *key, const char *what, const char 
     if (text[0] == '\0') reject(c, key, "expected the path of a %s", what);
     int length = snprintf(path, size, "%.*s%s", directory, c->file, text);
     if (length < 0 || (size_t)length >= size) reject(c, key, "path longer than %zu characters", size - 1);
-}
-
-/* One of a list of words ("a, b or c"), its place from 0; nothing given: the default stays. */
-static int take_word(checker *c, const char *key, const char *text, const char *const *words, const char *list, int given) {
-    if (!text) return given;
-    for (int i = 0; words[i]; i++)
-        if (strcmp(text, words[i]) == 0) return i;
-    reject(c, key, "\"%s\": expected %s", text, list);
-    return given;
 }
 
 static void take_methods(checker *c, const scene_text *text, simulation_config *s) {

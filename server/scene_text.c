@@ -35,7 +35,7 @@ static const cyaml_schema_field_t needle_fields[] = {
     TEXT(needle_text, bevel_slope), TEXT(needle_text, segments), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t contact_fields[] = {
-    TEXT(contact_text, spacing), TEXT(contact_text, resolution), TEXT(contact_text, weakening_distance),
+    TEXT(contact_text, placement), TEXT(contact_text, spacing), TEXT(contact_text, resolution), TEXT(contact_text, weakening_distance),
     TEXT(contact_text, prefetch_distance), TEXT(contact_text, max_passes), TEXT(contact_text, tolerance), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t device_fields[] = {

@@ -20,7 +20,7 @@ typedef struct {
 } needle_text;
 
 typedef struct {
-    char *spacing, *resolution, *weakening_distance, *prefetch_distance, *max_passes, *tolerance;
+    char *placement, *spacing, *resolution, *weakening_distance, *prefetch_distance, *max_passes, *tolerance;
 } contact_text;
 
 typedef struct {

@@ -175,6 +175,26 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     free(woodbury);
 }
 
+/* Contact nodes on faces, as in the paper: other places, so that forces are near those inside elements, but not the same. */
+static void contacts_on_faces_feel_alike(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    figure8_record *inside = figure8_run(&c, 1000, 1);
+    c.insertion.placement = PLACE_ON_FACES;
+    figure8_record *faces = figure8_run(&c, 1000, 1);
+    print_message("on faces: largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", faces->worst_jump);
+    assert_true(faces->worst_jump <= 1.0);
+    assert_int_equal(faces->punctures, inside->punctures);
+    assert_false(faces->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
+    assert_alike("on faces", 1, faces, inside, 20e-3, 0.1);
+    c.remeshing = REMESH_IMPLICIT;
+    figure8_record *implicit = figure8_run(&c, 1000, 1);
+    assert_alike("implicit, on faces", 1, implicit, faces, 0.0, 1e-6);
+    free(inside);
+    free(faces);
+    free(implicit);
+}
+
 /* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
 static void a_late_worker_does_little_harm(void **unused) {
     (void)unused;
@@ -443,6 +463,7 @@ int main(void) {
         cmocka_unit_test(forces_do_not_depend_on_the_passes),
         cmocka_unit_test(no_jump_away_from_punctures),
         cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
+        cmocka_unit_test(contacts_on_faces_feel_alike),
         cmocka_unit_test(a_late_worker_does_little_harm),
         cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
         cmocka_unit_test(withdrawn_needle_is_free_and_goes_in_again_alike),

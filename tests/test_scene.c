@@ -31,7 +31,7 @@ static const char GOOD[] =
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "contact: {placement: faces, spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
     "remeshing: woodbury\n"                                        /* 20 */
     "device: {profile: touch, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
@@ -113,6 +113,7 @@ static void every_value_arrives(void **state) {
     assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
     assert_true(i->contact_spacing == 3e-3 && i->resolution == 0.35 && i->weakening_distance == 2e-3);
+    assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
     const guard_limits *g = &s.guard;

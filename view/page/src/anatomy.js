@@ -1,8 +1,9 @@
 // The tissue in three.js: the translucent body, what lies inside, the cut, the shape at rest.
 import * as THREE from 'three'
-import { regionColour } from './colours.js'
+import { ramp, regionColour } from './colours.js'
 
 const OUTSIDE = 0xffffffff
+const colour = new THREE.Color(), mixed = new THREE.Color() // scratch
 
 const VERTEX = `
   attribute float moved;
@@ -71,6 +72,7 @@ export class Anatomy {
     this.planes = planes
     this.layers = new Map() // name -> objects
     this.smooth = []        // geometries whose normals follow the nodes
+    this.range = 1e-3       // m, full scale of the colours
     this.host = this.findHost()
     this.addBody()
     scene.regions.forEach((region, i) => { if (region.group !== this.host) this.addRegion(region, i) })
@@ -202,15 +204,25 @@ export class Anatomy {
     for (const object of this.layers.get('cut')) object.visible = normal !== null
     if (!normal) return
     const { slicer } = this, count = slicer.cut(this.place.array, normal, offset), colours = new Float32Array(3 * count)
-    for (let v = 0; v < count; v++) this.cutColours.get(slicer.region.array[v])?.toArray(colours, 3 * v)
+    for (let v = 0; v < count; v++) this.colourOfCut(v).toArray(colours, 3 * v)
     this.cutGeometry.setAttribute('position', new THREE.BufferAttribute(slicer.place.array.slice(0, 3 * count), 3))
     this.cutGeometry.setAttribute('color', new THREE.BufferAttribute(colours, 3))
     const edges = slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside)
     this.cutEdge.setAttribute('position', new THREE.BufferAttribute(new Float32Array(edges), 3))
   }
 
+  /** The region's colour, turned towards that of the displacement. */
+  colourOfCut(v) {
+    const { place, nominal, region } = this.slicer, i = 3 * v
+    const moved = Math.hypot(place.array[i] - nominal.array[i], place.array[i + 1] - nominal.array[i + 1], place.array[i + 2] - nominal.array[i + 2])
+    const part = Math.min(moved / this.range, 1)
+    colour.setRGB(...ramp(part), THREE.SRGBColorSpace)
+    return mixed.copy(this.cutColours.get(region.array[v]) ?? colour).lerp(colour, 0.75 * Math.min(part / 0.25, 1))
+  }
+
   /** Full scale of the displacement's colours, m. */
   setRange(range) {
+    this.range = range
     for (const mesh of this.group.children) if (mesh.material.uniforms) mesh.material.uniforms.range.value = range
   }
 

@@ -7,7 +7,7 @@ static _Thread_local int64_t calls;
 
 int64_t allocations_now(void) { return calls; }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if ALLOCATIONS_ARE_COUNTED
 /* These stand before the C library's own for the whole process, its shared libraries included. */
 void *__libc_malloc(size_t);
 void *__libc_calloc(size_t, size_t);

@@ -5,10 +5,13 @@
 
 #include <stdint.h>
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-enum { ALLOCATIONS_ARE_COUNTED = 0 };
+#ifndef __has_feature /* clang's way to say what gcc says by a macro */
+#define __has_feature(feature) 0
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || __has_feature(address_sanitizer)
+#define ALLOCATIONS_ARE_COUNTED 0
 #else
-enum { ALLOCATIONS_ARE_COUNTED = 1 };
+#define ALLOCATIONS_ARE_COUNTED 1
 #endif
 
 /* Allocated, resized and freed by the calling thread, since it began. RT */

@@ -1,0 +1,28 @@
+/* What the fuzzers share: the entry that libFuzzer calls, and files in memory for readers that want a path. */
+#ifndef TROCAR_TESTS_FUZZ_H
+#define TROCAR_TESTS_FUZZ_H
+
+#define _GNU_SOURCE
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+/* What must hold whatever comes in. */
+#define REQUIRE(condition) ((condition) ? (void)0 : (fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition), abort()))
+
+/* Path of a file in memory with these bytes, good until the next call. */
+static inline const char *file_of(const void *data, size_t size) {
+    static char path[32];
+    static int file = -1;
+    if (file < 0) file = memfd_create("input", 0);
+    REQUIRE(ftruncate(file, 0) == 0 && pwrite(file, data, size, 0) == (ssize_t)size);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", file);
+    return path;
+}
+
+#endif

@@ -1,0 +1,19 @@
+/* TROCAR_COMMAND, sent to an intake that somebody owns: the first byte tells whether as the owner. */
+#include "fuzz.h"
+
+#include "intake.h"
+#include "trocar_command_t.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    guard_limits limits = guard_defaults();
+    intake in;
+    intake_init(&in, &limits);
+    if (size == 0) return 0;
+    in.record.owner = data[0] % 2 ? 1 : 0;
+    bool shutdown = intake_command(&in, data + 1, size - 1);
+    trocar_command_t m;
+    bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
+    REQUIRE(whole || (!shutdown && in.record.commands_refused == 1 && in.record.owner == data[0] % 2));
+    REQUIRE(!shutdown || m.command == TROCAR_COMMAND_T_SHUTDOWN);
+    return 0;
+}

@@ -1,0 +1,26 @@
+/* A log of poses: refused with its name, or its poses are finite, of one session and in order of time. */
+#include "fuzz.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "guard.h"
+#include "poselog.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    pose_log log;
+    report why = {""};
+    const char *path = file_of(data, size);
+    if (pose_log_read(path, &log, &why) != TROCAR_OK) {
+        REQUIRE(strncmp(why.text, path, strlen(path)) == 0);
+        REQUIRE(log.count == 0 && log.poses == NULL);
+        return 0;
+    }
+    for (int i = 0; i < log.count; i++) {
+        pose p = pose_of_message(&log.poses[i]);
+        REQUIRE(guard_check_pose(&p) == POSE_ACCEPTED);
+        REQUIRE(i == 0 || (log.poses[i].session == log.poses[0].session && log.poses[i].utime > log.poses[i - 1].utime));
+    }
+    pose_log_free(&log);
+    return 0;
+}

@@ -1,0 +1,117 @@
+"""Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
+
+The first region is the gland: its surface is the membrane `capsule`. Regions that touch are kept apart by half an element,
+the smaller giving way. Outlines and surfaces are taken to be in DICOM's patient coordinates, millimetres.
+"""
+import argparse
+import os
+import sys
+
+from . import contours, meshing, picture, pipeline, quality, reading, scene
+
+
+class Help(argparse.RawDescriptionHelpFormatter):
+    pass
+
+
+def parse_arguments(arguments):
+    parser = argparse.ArgumentParser("anatomy", description=__doc__, formatter_class=Help)
+    parser.add_argument("input", nargs="+", help="one file of outlines (.dcm, .csv), or surfaces (.stl, .ply), one a region, named as the file")
+    parser.add_argument("--list", action="store_true", help="list the regions of interest and end")
+    parser.add_argument("--roi", action="append", default=[], metavar="NAME", help="soft region, the gland first; may be repeated")
+    parser.add_argument("--bone", action="append", default=[], metavar="NAME", help="region that no needle enters; may be repeated")
+    parser.add_argument("--output", default="patient", metavar="PREFIX", help="writes PREFIX.msh, .yaml, -quality.md, -quality.svg (default: patient)")
+    parser.add_argument("--nodes", type=int, default=570, help="number of nodes, hit within 10 %% (default 570)")
+    parser.add_argument("--corridor", type=float, nargs=3, metavar=("X", "Y", "RADIUS"),
+                        help="mm: elements of half the size around this line along z, in the mesh's frame")
+    parser.add_argument("--unit", choices=("mm", "m"), default="mm", help="of STL and PLY (default mm)")
+    parser.add_argument("--picture", metavar="FILE.svg", help="draws the outlines as they came and as they were understood, also when they cannot be used")
+    given = parser.parse_args(arguments)
+    if given.nodes < 200:
+        parser.error("--nodes must be at least 200")
+    if given.corridor and given.corridor[2] <= 0:
+        parser.error("--corridor: the radius must be positive")
+    return given
+
+
+def pick(name, available, path):
+    for key in available:
+        if key.strip().lower() == name.strip().lower():
+            return key
+    raise reading.BadFile(f"{path}: has no region \"{name}\"; it has: {', '.join(available)}")
+
+
+def read_all(given):
+    """ROI name -> rings or surface, in the files' order."""
+    kinds = {reading.kind_of(path) for path in given.input}
+    if kinds <= set(reading.SURFACES):
+        scale = 1.0 if given.unit == "mm" else 1e3
+        return {os.path.splitext(os.path.basename(path))[0]: reading.read_surface(path, scale) for path in given.input}
+    if len(given.input) > 1:
+        raise reading.BadFile("one file of outlines, or any number of surfaces, not both")
+    return reading.read_outlines(given.input[0])
+
+
+def organs_of(given, available):
+    soft, bones = ([pick(name, available, given.input[0]) for name in names] for names in (given.roi, given.bone))
+    if not soft:
+        soft = [name for name in available if name not in bones]
+        if len(soft) != 1:
+            raise reading.BadFile(f"{given.input[0]}: choose the gland with --roi; it has: {', '.join(available)}")
+    make = pipeline.organ_of_rings if isinstance(next(iter(available.values())), list) else pipeline.organ_of_surface
+    organs = [make(name, name in bones, available[name]) for name in [soft[0], *bones, *soft[1:]]]
+    return sorted(organs, key=lambda organ: (organ is not organs[0], not organ.bone, -organ.volume))
+
+
+def run(given):
+    available = read_all(given)
+    if given.list:
+        print("\n".join(available))
+        return
+    try:
+        organs = organs_of(given, available)
+    except contours.Unusable as error:
+        if given.picture:
+            picture.draw_problem(error, given.picture)
+        raise
+    if given.picture:
+        picture.draw([organ.stack for organ in organs if organ.stack], available, given.picture)
+    meshing.quiet()
+    domain, outlined = pipeline.domain_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor])
+    mesh = meshing.generate(domain, given.nodes, given.output + ".msh")
+    write_texts(given, organs, domain, mesh, outlined)
+
+
+def write_texts(given, organs, domain, mesh, outlined):
+    title = os.path.basename(given.output)
+    soft, bones = [organ.name for organ in organs if not organ.bone], any(organ.bone for organ in organs)
+    walls = sorted({body.surface for body in domain.bodies} - {"capsule", "bone"})
+    source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
+    rows = quality.table(mesh, outlined)
+    write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))
+    quality.draw(mesh, given.output + "-quality.svg")
+    notes = [note for organ in organs for note in organ.notes]
+    write(given.output + "-quality.md", quality.markdown(f"Quality of {title}.msh", rows, notes, title + "-quality.svg"))
+    for what, value, paper in rows:
+        print(f"{what:52} {value:40} {paper}".rstrip())
+    for note in notes:
+        print(f"anatomy: {note}", file=sys.stderr)
+    if mesh.badness() > 1:
+        print("anatomy: some dihedral angles are outside those of the mesh of 2006: another --nodes may do better", file=sys.stderr)
+
+
+def write(path, content):
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(content)
+
+
+def main():
+    try:
+        run(parse_arguments(sys.argv[1:]))
+    except (reading.BadFile, contours.Unusable, OSError) as error:
+        print(f"anatomy: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

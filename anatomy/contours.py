@@ -1,0 +1,163 @@
+"""Outlines on parallel slices: what they may look like when they come in, and what is made of them.
+
+Coordinates are DICOM's patient coordinates in millimetres: x to the patient's left, y backward, z toward the head.
+"""
+import dataclasses
+import itertools
+import math
+import statistics
+
+import numpy as np
+from shapely.geometry import MultiPolygon, Polygon
+from shapely.validation import make_valid
+
+SAME_SLICE = 0.1      # mm: outlines this close in z are on one slice
+OUT_OF_PLANE = 0.5    # mm by which the points of one outline may differ in z
+SPIKE = 0.5           # mm: what is narrower than twice this is a slip of the pen
+SPECK = 3.0           # mm^2: what is smaller was not meant
+SCRAMBLED = 0.8       # an outline with less than this share of the area that its points span in order of angle was not in order
+
+
+class Unusable(Exception):
+    """An input that no mesh can be made of. The text names region and slice; `rings` are what a picture shows."""
+
+    def __init__(self, roi, problem, z=None, rings=()):
+        place = f"region \"{roi}\"" + (f", slice z = {z:g} mm" if z is not None else "")
+        super().__init__(f"{place}: {problem}")
+        self.rings = [np.asarray(ring, float) for ring in rings]
+
+
+@dataclasses.dataclass
+class Slice:
+    z: float
+    outline: MultiPolygon      # valid, with holes where outlines lie inside each other
+
+
+@dataclasses.dataclass
+class Stack:
+    """One organ's outlines, ascending in z; at least two slices."""
+    name: str
+    slices: list
+    notes: list = dataclasses.field(default_factory=list)  # what was left out, in words
+
+    @property
+    def spacing(self):
+        """Thickness of a slice: the median distance, which missing slices do not change."""
+        return statistics.median(upper.z - lower.z for lower, upper in itertools.pairwise(self.slices))
+
+    def volume(self):
+        """Planimetry, mm^3: trapezia between slices, half a slice's thickness beyond the first and the last."""
+        between = sum((lower.outline.area + upper.outline.area) / 2 * (upper.z - lower.z)
+                      for lower, upper in itertools.pairwise(self.slices))
+        return between + (self.slices[0].outline.area + self.slices[-1].outline.area) / 2 * self.spacing
+
+    def is_tube(self):
+        """One outline without a hole on every slice."""
+        return all(len(s.outline.geoms) == 1 and not s.outline.geoms[0].interiors for s in self.slices)
+
+
+def polygons(shape):
+    """The areas in what shapely returned, without points and lines."""
+    if shape.geom_type == "Polygon":
+        return [shape] if not shape.is_empty else []
+    return [p for part in getattr(shape, "geoms", []) for p in polygons(part)]
+
+
+def in_order_of_angle(points):
+    middle = points.mean(axis=0)
+    return points[np.argsort(np.arctan2(*(points - middle).T[::-1]), kind="stable")]
+
+
+def clean_ring(points):
+    """The area inside one closed outline, whatever its direction and start; None if there is none."""
+    points = points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))]
+    if len(points) > 1 and np.array_equal(points[0], points[-1]):
+        points = points[:-1]
+    if len(points) < 3:
+        return None
+    area = Polygon(points)
+    if not area.is_valid:
+        area = make_valid(area)
+        ordered = Polygon(in_order_of_angle(points))
+        if area.area < SCRAMBLED * ordered.area and ordered.is_valid:
+            area = ordered
+    area = area.buffer(-SPIKE).buffer(SPIKE)
+    return MultiPolygon(polygons(area)) if area.area >= SPECK else None
+
+
+def merge(areas):
+    """Outlines inside others are holes in them; the same outline twice counts once."""
+    whole = None
+    for i, area in enumerate(areas):
+        if any(area.symmetric_difference(other).area < 0.02 * area.area for other in areas[:i]):
+            continue
+        whole = area if whole is None else whole.symmetric_difference(area)
+    return MultiPolygon([p for p in polygons(whole) if p.area >= SPECK])
+
+
+def clean_slice(roi, z, rings):
+    areas = [area for area in map(clean_ring, rings) if area is not None]
+    outline = merge(areas) if areas else MultiPolygon()
+    return Slice(z, outline)
+
+
+def build_stack(roi, rings):
+    """`rings`: arrays of points (x, y, z), in any order of slices."""
+    flat = []
+    for ring in rings:
+        ring = np.asarray(ring, float).reshape(-1, 3)
+        if len(ring) == 0:
+            continue
+        if not np.all(np.isfinite(ring)):
+            raise Unusable(roi, "a coordinate is not a number", rings=[ring])
+        z = float(np.median(ring[:, 2]))
+        if np.ptp(ring[:, 2]) > OUT_OF_PLANE:
+            raise Unusable(roi, f"the outline is not in a plane z = const (its z spans {np.ptp(ring[:, 2]):.1f} mm): "
+                           "export axial slices", z, [ring])
+        flat.append((z, ring[:, :2]))
+    flat.sort(key=lambda item: item[0])
+    slices, notes = [], []
+    while flat:
+        z = flat[0][0]
+        here = [ring for height, ring in flat if height - z <= SAME_SLICE]
+        flat = flat[len(here):]
+        made = clean_slice(roi, z, here)
+        if made.outline.is_empty:
+            notes.append(f"slice z = {z:g} mm left out: its outline encloses less than {SPECK:g} mm^2")
+        else:
+            slices.append(made)
+    if len(slices) < 2:
+        raise Unusable(roi, f"{len(slices)} usable slice{'s' * (len(slices) != 1)}: at least two are needed"
+                       + "".join(f"; {note}" for note in notes), rings=rings)
+    stack = Stack(roi, slices, notes)
+    stack.notes += [f"no slice between z = {lower.z:g} and {upper.z:g} mm: interpolated"
+                    for lower, upper in itertools.pairwise(slices) if upper.z - lower.z > 1.5 * stack.spacing]
+    return stack
+
+
+def even_points(polygon, count):
+    """`count` points along the outer outline at equal distances, counter-clockwise, from the one with the greatest y
+    over the centroid."""
+    ring = np.array(polygon.exterior.coords)[:-1]
+    if not polygon.exterior.is_ccw:
+        ring = ring[::-1]
+    closed = np.vstack([ring, ring[:1]])
+    along = np.append(0, np.cumsum(np.hypot(*np.diff(closed, axis=0).T)))
+    at = np.arange(count * 8) / (count * 8) * along[-1]
+    dense = np.column_stack([np.interp(at, along, closed[:, axis]) for axis in (0, 1)])
+    centre = np.array(polygon.centroid.coords[0])
+    angle = np.arctan2(dense[:, 0] - centre[0], dense[:, 1] - centre[1])
+    start = int(np.argmin(np.abs(angle)))
+    return np.roll(dense, -start, axis=0)[::8]
+
+
+def smooth_outline(polygon, count, harmonics):
+    """The outline through its first Fourier descriptors, with the polygon's area."""
+    points = even_points(polygon, 4 * count)
+    spectrum = np.fft.fft(points[:, 0] + 1j * points[:, 1])
+    frequency = np.fft.fftfreq(len(points), 1 / len(points))
+    spectrum[np.abs(frequency) > harmonics] = 0
+    curve = np.fft.ifft(spectrum)[::4]
+    area = abs(0.5 * np.sum((curve.conj() * np.roll(curve, -1)).imag))
+    curve = curve.mean() + (curve - curve.mean()) * math.sqrt(polygon.area / area)
+    return np.column_stack([curve.real, curve.imag])

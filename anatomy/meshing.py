@@ -1,0 +1,222 @@
+"""Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes."""
+import dataclasses
+import math
+
+import gmsh
+import numpy as np
+
+from . import quality
+from .contours import Unusable
+from .loft import mesh_shell
+from .shells import decimated, distances
+
+GROWTH = 3.0            # size of the elements at the box's corners over that in the gland
+CORRIDOR = 0.5          # and in the corridor
+MOST_GROWTH = 1.09      # by which a coarse surface is blown up to hold its volume again
+FINEST_SURFACE = 6000   # triangles that are enough for a surface to be remeshed
+TRIES = 16
+JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
+CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
+
+
+@dataclasses.dataclass
+class Body:
+    """One region, or a part of one."""
+    name: str               # of the region
+    surface: str            # name of its surface's group
+    shell: object           # fine, m, world frame
+    volume: float           # that its mesh is to have, m^3
+    longest: float          # m: longer triangles would not follow its shape
+    hollow: bool = False    # bone: no tetrahedra inside
+
+
+@dataclasses.dataclass
+class Domain:
+    """What is meshed: bodies that do not touch, in a box with the skin in front (z = 0)."""
+    bodies: list
+    low: np.ndarray
+    high: np.ndarray
+    middle: np.ndarray       # of the gland
+    reach: float             # m: half the gland's longest side
+    corridor: tuple = None   # x, y, radius, m
+
+    def parents(self):
+        """Index of the smallest body around each body, or None."""
+        found = []
+        for body in self.bodies:
+            around = [i for i, other in enumerate(self.bodies) if other is not body and other.shell.volume() > body.shell.volume()
+                      and distances(other.shell, body.shell.points[:1])[0] < 0]
+            found.append(min(around, key=lambda i: self.bodies[i].shell.volume(), default=None))
+        return found
+
+
+def quiet():
+    """Starts Gmsh so that the same input gives the same mesh."""
+    gmsh.initialize()
+    for option, value in (("General.Terminal", 0), ("General.NumThreads", 1), ("Mesh.MshFileVersion", 2.2), ("Geometry.Tolerance", 1e-9),
+                          ("Mesh.RandomSeed", 1), ("Mesh.MeshSizeExtendFromBoundary", 0), ("Mesh.MeshSizeFromPoints", 0),
+                          ("Mesh.MeshSizeFromCurvature", 0)):
+        gmsh.option.setNumber(option, value)
+
+
+def size_formula(domain, fine):
+    """Elements of size `fine` in the gland, growing to GROWTH times it at the corners of the box, smaller in the corridor."""
+    away = "Sqrt({})".format("+".join(f"({axis}-({c:.9g}))^2" for axis, c in zip("xyz", domain.middle)))
+    span = math.dist(domain.middle, domain.low) - domain.reach
+    growth = f"{fine:.9g}*(1+{GROWTH - 1:g}*Max(0,({away}-{domain.reach:.9g})/{span:.9g}))"
+    if not domain.corridor:
+        return growth
+    x, y, radius = domain.corridor
+    aside = f"Max(0,Sqrt((x-({x:.9g}))^2+(y-({y:.9g}))^2)-{radius:.9g})"
+    return f"Min({growth},{CORRIDOR * fine:.9g}+0.7*{aside})"
+
+
+def set_sizes(formula):
+    tag = gmsh.model.mesh.field.add("MathEval")
+    gmsh.model.mesh.field.setString(tag, "F", formula)
+    gmsh.model.mesh.field.setAsBackgroundMesh(tag)
+
+
+def add_discrete(shell):
+    """Tag of a surface of the current model with these triangles."""
+    tag = gmsh.model.addDiscreteEntity(2)
+    gmsh.model.mesh.addNodes(2, tag, [], shell.points.ravel())
+    numbers = gmsh.model.mesh.getNodes(2, tag)[0]
+    gmsh.model.mesh.addElementsByType(tag, 2, [], numbers[shell.triangles].ravel())
+    return tag
+
+
+def coarse(body, formula):
+    """The body's surface with triangles of the wanted size, or smaller ones if those would cut its ends off; it holds the
+    body's volume again, which facets cut short."""
+    longest = body.longest
+    while True:
+        shell = remeshed(body.shell, f"Min({longest:.9g},{formula})")
+        growth = (body.volume / shell.volume()) ** (1 / 3)
+        if growth < MOST_GROWTH or longest < body.longest / 4:
+            return shell.scaled(growth)
+        longest *= 0.85
+
+
+def remeshed(shell, formula):
+    gmsh.model.add("surface")
+    add_discrete(decimated(shell, FINEST_SURFACE))
+    gmsh.model.mesh.classifySurfaces(math.pi, True, True, math.pi)
+    gmsh.model.mesh.createGeometry()
+    set_sizes(formula)
+    gmsh.model.mesh.generate(2)
+    remeshed_shell = mesh_shell()
+    gmsh.model.remove()
+    return remeshed_shell
+
+
+def add_box(low, high):
+    """Plane faces {name: tag} of the box."""
+    geo = gmsh.model.geo
+    corner = {(i, j, k): geo.addPoint(*(high[a] if side else low[a] for a, side in enumerate((i, j, k))))
+              for i in (0, 1) for j in (0, 1) for k in (0, 1)}
+    lines = {}
+
+    def line(a, b):
+        if (b, a) in lines:
+            return -lines[b, a]
+        if (a, b) not in lines:
+            lines[a, b] = geo.addLine(corner[a], corner[b])
+        return lines[a, b]
+    faces = {}
+    for axis in range(3):
+        for side in (0, 1):
+            around = [(0, 0), (1, 0), (1, 1), (0, 1)][::1 if side else -1]
+            points = [tuple(np.insert(pair, axis, side).tolist()) for pair in around]
+            loop = geo.addCurveLoop([line(points[n], points[(n + 1) % 4]) for n in range(4)])
+            faces["xyz"[axis] + "-+"[side]] = geo.addPlaneSurface([loop])
+    return faces
+
+
+def build(domain, fine):
+    """Meshes the domain as Gmsh's current model, with its named groups."""
+    formula = size_formula(domain, fine)
+    shells = [coarse(body, formula) for body in domain.bodies]
+    gmsh.model.add("tissue")
+    surfaces = [add_discrete(shell) for shell in shells]
+    faces = add_box(domain.low, domain.high)
+    geo = gmsh.model.geo
+    loops = [geo.addSurfaceLoop([tag]) for tag in surfaces]
+    parents = domain.parents()
+
+    def holes(parent):
+        return [loop for loop, around in zip(loops, parents) if around == parent]
+    volumes = {i: geo.addVolume([loop, *holes(i)]) for i, loop in enumerate(loops) if not domain.bodies[i].hollow}
+    volumes["surrounding"] = geo.addVolume([geo.addSurfaceLoop(list(faces.values())), *holes(None)])
+    geo.synchronize()
+    name_groups(domain, volumes, surfaces, faces)
+    set_sizes(formula)
+    gmsh.model.mesh.generate(3)
+    for _ in range(3):
+        gmsh.model.mesh.optimize("")
+        gmsh.model.mesh.optimize("Relocate3D")
+
+
+def name_groups(domain, volumes, surfaces, faces):
+    """`volumes`: by index of the body, and around all of them."""
+    groups = {}
+    for i, volume in volumes.items():
+        groups.setdefault((3, i if i == "surrounding" else domain.bodies[i].name), []).append(volume)
+    groups[2, "skin"] = [faces["z-"]]
+    for body, surface in zip(domain.bodies, surfaces):
+        groups.setdefault((2, body.surface), []).append(surface)
+    groups[2, "fixed"] = [faces["z+"], faces["y-"]]
+    for number, ((dimension, name), tags) in enumerate(groups.items(), 1):
+        gmsh.model.addPhysicalGroup(dimension, tags, number)
+        gmsh.model.setPhysicalName(dimension, number, name)
+
+
+def current_mesh():
+    tags, flat, _ = gmsh.model.mesh.getNodes()
+    at = np.zeros(int(tags.max()) + 1, int)
+    at[tags] = np.arange(len(tags))
+    regions, tets, region = [], [], []
+    for _, group in gmsh.model.getPhysicalGroups(3):
+        for volume in gmsh.model.getEntitiesForPhysicalGroup(3, group):
+            corners = at[gmsh.model.mesh.getElementsByType(4, volume)[1]].reshape(-1, 4)
+            tets.append(corners)
+            region.append(np.full(len(corners), len(regions)))
+        regions.append(gmsh.model.getPhysicalName(3, group))
+    return quality.Mesh(flat.reshape(-1, 3), np.concatenate(tets), np.concatenate(region), regions)
+
+
+def first_size(extent, nodes):
+    """Of the elements in the gland, for about so many nodes in a box of this extent; in its unit."""
+    return 0.8 * (float(np.prod(extent)) / nodes) ** (1 / 3)
+
+
+def generate(domain, nodes, path):
+    """Writes the mesh of about so many nodes with the best angles that a few sizes of element give; returns it."""
+    fine = first_size(domain.high - domain.low, nodes)
+    best, best_rank, close_size = None, (2, math.inf), None
+    for attempt in range(TRIES):
+        try:
+            build(domain, fine)
+        except Exception as error:  # Gmsh raises no other class
+            failure = error
+            gmsh.clear()
+            fine *= 0.98
+            continue
+        mesh = current_mesh()
+        off = abs(len(mesh.points) / nodes - 1)
+        rank = (0, mesh.badness()) if off <= CLOSE else (1, off)
+        if rank < best_rank:
+            best, best_rank = mesh, rank
+            gmsh.write(path)
+        gmsh.model.remove()
+        if best_rank[0] == 0 and best_rank[1] <= 1:
+            break
+        centre = fine * (len(mesh.points) / nodes) ** (1 / 3)
+        if off > CLOSE:
+            fine = centre
+        else:  # look around it
+            close_size = close_size or centre
+            fine = close_size * (1 + JITTER * (0.618 * attempt % 1 - 0.5))
+    if best is None:
+        raise Unusable(domain.bodies[0].name, f"Gmsh cannot mesh around it: {failure}: try another --nodes, or fewer regions")
+    return best

@@ -1,0 +1,98 @@
+"""What a tetrahedral mesh is like, beside the mesh of Goksel, Salcudean and DiMaio (2006)."""
+import dataclasses
+import itertools
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("svg")
+matplotlib.rcParams["svg.fonttype"] = "none"      # text stays text
+matplotlib.rcParams["svg.hashsalt"] = "trocar"    # the same input gives the same file
+import matplotlib.pyplot as plt  # noqa: E402
+
+LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, of the paper's mesh: what a mesh should keep
+PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",
+         "tetrahedra around a node, at most": "40"}
+
+
+@dataclasses.dataclass
+class Mesh:
+    points: np.ndarray     # (n, 3) m
+    tets: np.ndarray       # (m, 4)
+    region: np.ndarray     # (m,) index into `regions`
+    regions: list          # names
+
+    def volumes(self):
+        a, b, c, d = (self.points[self.tets[:, k]] for k in range(4))
+        return np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))) / 6
+
+    def region_volume(self, name):
+        return float(self.volumes()[self.region == self.regions.index(name)].sum())
+
+    def edges(self):
+        pairs = np.concatenate([self.tets[:, pair] for pair in itertools.combinations(range(4), 2)])
+        pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+        return np.linalg.norm(self.points[pairs[:, 0]] - self.points[pairs[:, 1]], axis=1)
+
+    def dihedral_angles(self):
+        """(m, 6) deg."""
+        angles = []
+        for i, j in itertools.combinations(range(4), 2):
+            k, l = (n for n in range(4) if n not in (i, j))
+            edge = self.points[self.tets[:, j]] - self.points[self.tets[:, i]]
+            p = np.cross(edge, self.points[self.tets[:, k]] - self.points[self.tets[:, i]])
+            q = np.cross(edge, self.points[self.tets[:, l]] - self.points[self.tets[:, i]])
+            cosine = np.einsum("ij,ij->i", p, q) / np.sqrt(np.einsum("ij,ij->i", p, p) * np.einsum("ij,ij->i", q, q))
+            angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+        return np.column_stack(angles)
+
+    def valence(self):
+        return np.bincount(self.tets.ravel(), minlength=len(self.points))
+
+    def badness(self):
+        """Below 1 where all dihedral angles are within the paper's; the lower the better."""
+        angles = self.dihedral_angles()
+        return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
+
+
+def table(mesh, outlined):
+    """Rows (what, value, the paper's). `outlined`: name of a region -> volume of its outlines, m^3."""
+    edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
+    values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",
+              "dihedral angles, deg": f"{angles.min():.2f} to {angles.max():.2f}",
+              "tetrahedra around a node, at most": str(valence.max())}
+    rows = [(what, value, PAPER[what]) for what, value in values.items()]
+    rows.append(("tetrahedra with an angle below 15 or above 150 deg",
+                 str(np.count_nonzero((angles.min(axis=1) < 15) | (angles.max(axis=1) > 150))), ""))
+    for name in mesh.regions:
+        volume = mesh.region_volume(name)
+        text = f"{volume * 1e6:.2f}"
+        if name in outlined:
+            text += f", outlines {outlined[name] * 1e6:.2f} ({100 * (volume / outlined[name] - 1):+.1f} %)"
+        rows.append((f"volume of {name}, ml", text, ""))
+    return rows
+
+
+def markdown(title, rows, notes, histogram):
+    lines = [f"# {title}", "", "Beside the mesh of Goksel, Salcudean and DiMaio (2006).", "", "| | this mesh | 2006 |", "|---|---|---|"]
+    lines += [f"| {what} | {value} | {paper} |" for what, value, paper in rows]
+    lines += ["", f"![Dihedral angles, edges, tetrahedra around a node]({histogram})"]
+    if notes:
+        lines += ["", "Remarks on the outlines:", ""] + [f"- {note}" for note in notes]
+    return "\n".join(lines) + "\n"
+
+
+def draw(mesh, path):
+    figure, axes = plt.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
+    for axis, values, bins, label, limits in (
+            (axes[0], mesh.dihedral_angles().ravel(), np.arange(0, 181, 5), "dihedral angle (deg)", (LEAST_ANGLE, GREATEST_ANGLE)),
+            (axes[1], mesh.edges() * 1e3, 30, "edge (mm)", (3.06, 24.04)),
+            (axes[2], mesh.valence(), np.arange(0, mesh.valence().max() + 2) - 0.5, "tetrahedra around a node", (40,))):
+        axis.hist(values, bins=bins, color="#0072B2")
+        for limit in limits:
+            axis.axvline(limit, color="#D55E00", linewidth=0.8, linestyle="--")
+        axis.set_xlabel(label)
+    axes[0].set_ylabel("count")
+    figure.suptitle("dashed: extremes of the mesh of 2006", fontsize=8)
+    figure.savefig(path, metadata={"Date": None, "Title": "Quality of the mesh"})
+    plt.close(figure)

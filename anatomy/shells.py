@@ -1,0 +1,118 @@
+"""Closed surfaces of triangles, and what VTK does with them."""
+import dataclasses
+
+import numpy as np
+import vtk
+from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+
+SPLINTER = 0.01   # of the largest part's volume: what is smaller is dropped
+
+
+@dataclasses.dataclass
+class Shell:
+    points: np.ndarray       # (n, 3)
+    triangles: np.ndarray    # (m, 3)
+
+    def _normals(self):
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        return np.cross(b - a, c - a) / 2
+
+    def area(self):
+        return float(np.linalg.norm(self._normals(), axis=1).sum())
+
+    def signed_volume(self):
+        """Negative where the normals point inward."""
+        return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - self.points[0])) / 3
+
+    def volume(self):
+        return abs(self.signed_volume())
+
+    def centre(self):
+        return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+
+    def scaled(self, factor):
+        """About its centre."""
+        return Shell(self.centre() + factor * (self.points - self.centre()), self.triangles)
+
+
+def configured(filter_, **settings):
+    for name, value in settings.items():
+        getattr(filter_, "Set" + name)(value)
+    return filter_
+
+
+def pipe(source, *filters):
+    """Output of a chain of VTK filters."""
+    for each in filters:
+        each.SetInputData(source)
+        each.Update()
+        source = each.GetOutput()
+    return source
+
+
+def to_vtk(shell):
+    surface, points, cells = vtk.vtkPolyData(), vtk.vtkPoints(), vtk.vtkCellArray()
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(shell.points), deep=True))
+    table = np.column_stack([np.full(len(shell.triangles), 3), shell.triangles]).astype(np.int64)
+    cells.SetCells(len(table), numpy_to_vtkIdTypeArray(table.ravel(), deep=True))
+    surface.SetPoints(points)
+    surface.SetPolys(cells)
+    return surface
+
+
+def from_vtk(surface):
+    return Shell(vtk_to_numpy(surface.GetPoints().GetData()).astype(float), vtk_to_numpy(surface.GetPolys().GetData()).reshape(-1, 4)[:, 1:])
+
+
+def parts(shell):
+    """The connected parts, largest first, without splinters."""
+    pick = configured(vtk.vtkPolyDataConnectivityFilter(), ExtractionMode=vtk.VTK_EXTRACT_SPECIFIED_REGIONS)
+    source = to_vtk(shell)
+    pick.SetInputData(source)
+    pick.Update()
+    found = []
+    for region in range(pick.GetNumberOfExtractedRegions()):
+        pick.InitializeSpecifiedRegionList()
+        pick.AddSpecifiedRegion(region)
+        pick.Update()
+        found.append(oriented(from_vtk(pipe(pick.GetOutput(), vtk.vtkCleanPolyData()))))
+    found.sort(key=lambda part: -part.volume())
+    return [part for part in found if part.volume() > SPLINTER * found[0].volume()]
+
+
+def oriented(shell):
+    """All triangles' normals outward."""
+    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False)
+    alike = from_vtk(pipe(to_vtk(shell), normals))
+    return alike if alike.signed_volume() > 0 else Shell(alike.points, alike.triangles[:, ::-1])
+
+
+def decimated(shell, triangles):
+    """At most about so many triangles, the same volume."""
+    if len(shell.triangles) <= triangles:
+        return shell
+    return from_vtk(pipe(to_vtk(shell), configured(vtk.vtkQuadricDecimation(), TargetReduction=1 - triangles / len(shell.triangles),
+                                                   VolumePreservation=True)))
+
+
+def mended(surface):
+    """A surface as it comes from a file: points merged, holes filled, normals outward; triangles only."""
+    holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
+    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, AutoOrientNormals=True, Splitting=False)
+    triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
+    merge = configured(vtk.vtkCleanPolyData(), Tolerance=1e-5)
+    return pipe(surface, triangles, merge, holes, triangles.NewInstance(), normals)
+
+
+def open_edges(surface):
+    edges = configured(vtk.vtkFeatureEdges(), BoundaryEdges=True, FeatureEdges=False, ManifoldEdges=False, NonManifoldEdges=False)
+    return pipe(surface, edges).GetNumberOfCells()
+
+
+def distances(shell, points):
+    """Signed distance of points (n, 3) to a closed shell, negative inside."""
+    distance = vtk.vtkImplicitPolyDataDistance()
+    distance.SetInput(to_vtk(shell))
+    values = vtk.vtkDoubleArray()
+    distance.FunctionValue(numpy_to_vtk(np.ascontiguousarray(points, float), deep=True), values)
+    return vtk_to_numpy(values).copy()

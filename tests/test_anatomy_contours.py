@@ -1,0 +1,89 @@
+#!/usr/bin/python3
+"""Outlines in every state in which they come."""
+import unittest
+
+import numpy as np
+
+from anatomy_cases import ellipse, ellipsoid, ellipsoid_volume
+from anatomy import contours
+
+SQUARE = np.array([[0, 0, 5], [10, 0, 5], [20, 0, 5], [20, 10, 5], [20, 20, 5], [0, 20, 5], [0, 10, 5]], float)
+
+
+def area(*rings):
+    return contours.build_stack("x", [*rings, SQUARE + [0, 0, 5]]).slices[0].outline.area
+
+
+class Outlines(unittest.TestCase):
+    def setUp(self):
+        self.area = area(SQUARE)  # opening rounds the corners a little
+
+    def test_a_square(self):
+        self.assertAlmostEqual(self.area, 400, delta=1)
+
+    def test_direction_start_and_closing_points_do_not_matter(self):
+        for ring in (SQUARE[::-1], np.roll(SQUARE, 3, axis=0), np.vstack([SQUARE, SQUARE[:1]]), np.repeat(SQUARE, 3, axis=0)):
+            self.assertAlmostEqual(area(ring), self.area, places=9)
+
+    def test_a_spike_is_cut_off(self):
+        self.assertAlmostEqual(area(np.insert(SQUARE, 4, [[20, 10, 5], [45, 10.1, 5], [20, 10.2, 5]], axis=0)), self.area, delta=2)
+
+    def test_points_without_order_are_ordered_by_angle(self):
+        order = np.random.default_rng(3).permutation(60)
+        self.assertAlmostEqual(area(ellipse(20, 15, 5)[order]), area(ellipse(20, 15, 5)), places=6)
+
+    def test_an_outline_inside_another_is_a_hole(self):
+        self.assertAlmostEqual(area(SQUARE, ellipse(5, 5, 5, centre=(10, 10))), self.area - 78.4, delta=1)
+
+    def test_the_same_outline_twice_counts_once(self):
+        self.assertAlmostEqual(area(SQUARE, np.roll(SQUARE[::-1], 2, axis=0)), self.area, places=9)
+
+    def test_outlines_side_by_side_stay_apart(self):
+        slice_ = contours.build_stack("x", [SQUARE, SQUARE + [40, 0, 0.02], SQUARE + [0, 0, 5]]).slices[0]
+        self.assertEqual(len(slice_.outline.geoms), 2)
+
+    def test_a_crossed_outline_keeps_both_loops(self):
+        bow = np.array([[0, 0, 5], [20, 20, 5], [20, 0, 5], [0, 20, 5]], float)
+        self.assertGreater(area(bow), 180)
+
+
+class Stacks(unittest.TestCase):
+    def test_planimetry_of_an_ellipsoid(self):
+        for spacing in (3, 5, 7):
+            stack = contours.build_stack("x", ellipsoid(24, 17, 20, spacing))
+            self.assertAlmostEqual(stack.volume() / ellipsoid_volume(24, 17, 20), 1, delta=0.02)
+
+    def test_a_missing_slice_changes_little_and_is_told(self):
+        rings = ellipsoid(24, 17, 20, 4)
+        whole = contours.build_stack("x", rings)
+        gap = contours.build_stack("x", rings[:4] + rings[5:])
+        self.assertAlmostEqual(gap.volume() / whole.volume(), 1, delta=0.02)
+        self.assertIn("no slice between", gap.notes[0])
+        self.assertEqual(whole.notes, [])
+
+    def test_a_speck_is_left_out_and_told(self):
+        stack = contours.build_stack("x", [*ellipsoid(24, 17, 20, 4), ellipse(0.4, 0.4, 60)])
+        self.assertIn("z = 60 mm left out", stack.notes[0])
+        self.assertLess(stack.slices[-1].z, 20)
+
+    def test_what_cannot_be_used_names_region_and_slice(self):
+        tilted = SQUARE.copy()
+        tilted[0, 2] = 9
+        infinite = SQUARE.copy()
+        infinite[2, 0] = np.inf
+        for rings, words in (([tilted, SQUARE], ['"apex"', "z = 5 mm", "axial"]), ([SQUARE], ['"apex"', "1 usable slice"]),
+                             ([], ['"apex"', "0 usable slices"]), ([infinite, SQUARE], ['"apex"', "not a number"]),
+                             ([SQUARE[:2], SQUARE + [0, 0, 4]], ["z = 5 mm left out"])):
+            with self.assertRaises(contours.Unusable) as caught:
+                contours.build_stack("apex", rings)
+            for word in words:
+                self.assertIn(word, str(caught.exception))
+
+    def test_smooth_outline_keeps_the_area(self):
+        polygon = contours.build_stack("x", [SQUARE, SQUARE + [0, 0, 5]]).slices[0].outline.geoms[0]
+        x, y = contours.smooth_outline(polygon, 240, 6).T
+        self.assertAlmostEqual(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y), polygon.area, delta=0.005 * polygon.area)
+
+
+if __name__ == "__main__":
+    unittest.main()

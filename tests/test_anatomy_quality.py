@@ -1,0 +1,46 @@
+#!/usr/bin/python3
+"""Measures of a mesh against tetrahedra known from geometry."""
+import unittest
+
+import numpy as np
+
+import anatomy_cases  # noqa: F401  puts the sources on the path
+from anatomy import quality
+
+REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
+# A cube's corner and its mirror image, on one face.
+CORNERS = quality.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1.0]]), np.array([[0, 1, 2, 3], [0, 2, 1, 4]]),
+                       np.array([0, 1]), ["up", "down"])
+
+
+class Quality(unittest.TestCase):
+    def test_angles(self):
+        self.assertTrue(np.allclose(REGULAR.dihedral_angles(), np.degrees(np.arccos(1 / 3))))
+        self.assertTrue(np.allclose(np.sort(CORNERS.dihedral_angles()[0]), [54.7356103] * 3 + [90] * 3))
+
+    def test_volumes_edges_and_valence(self):
+        self.assertTrue(np.allclose(REGULAR.volumes(), 8 / 3))
+        self.assertAlmostEqual(CORNERS.region_volume("down"), 1 / 6)
+        self.assertTrue(np.allclose(REGULAR.edges(), 8 ** 0.5))
+        self.assertEqual(len(CORNERS.edges()), 9)
+        self.assertEqual(CORNERS.valence().tolist(), [2, 2, 2, 1, 1])
+
+    def test_badness_has_its_limit_at_the_papers_angles(self):
+        def wedge(angle):  # two faces meet at this angle
+            radians = np.radians(angle)
+            points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, np.cos(radians), np.sin(radians)]])
+            return quality.Mesh(points, np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
+        self.assertGreater(wedge(9.8).badness(), 1)
+        self.assertLess(wedge(10.1).badness(), 1)
+        self.assertGreater(wedge(160).badness(), 1)
+
+    def test_the_report_sets_the_papers_figures_beside(self):
+        rows = quality.table(CORNERS, {"up": 0.125})
+        text = quality.markdown("title", rows, ["a note"], "x.svg")
+        self.assertIn("| dihedral angles, deg | 54.74 to 90.00 | 9.94 to 159.49 |", text)
+        self.assertIn("(+33.3 %)", text)
+        self.assertIn("- a note", text)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -13,6 +13,7 @@
 #include "pvd.h"
 #include "progress.h"
 #include "realtime.h"
+#include "region_motion.h"
 #include "scene.h"
 #include "vtu.h"
 
@@ -20,7 +21,7 @@ const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path;
+    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
     int every;               /* of the wrenches, one goes to the log */
@@ -35,7 +36,8 @@ typedef struct {
     insertion_state state;
     compliance_snapshot *snapshot;
     insertion_wrench wrench;
-    output log_file, csv_file;
+    output log_file, csv_file, shift_file;
+    region_motion motion;
     wrench_log golden;
     trocar_needle_wrench_t *replayed;  /* one a pose, to be compared; NULL without --compare */
     comparison comparison;
@@ -46,7 +48,10 @@ typedef struct {
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
 
-enum { OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE };
+enum {
+    OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
+    OPTION_SHIFT, OPTION_REGION
+};
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
@@ -61,6 +66,8 @@ static const struct argp_option option_list[] = {
      "Compare with the wrenches of an LCM event log, one of --out or a recording; exit status 1 where they differ", 0},
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
      "Of each component's peak in GOLDEN, taken as 0.1 N or 2 mN m where that is more (default 1)", 0},
+    {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row a tick", 0},
+    {"region", OPTION_REGION, "NAME", 0, "That region (default prostate)", 0},
     {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
     {0},
 };
@@ -78,12 +85,15 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_EVERY: o->every = (int)parse_number(state, "every", text, 1, 1e6); break;
     case OPTION_COMPARE: o->golden_path = text; break;
     case OPTION_TOLERANCE: o->tolerance = 0.01 * parse_number(state, "tolerance", text, 0, 100); break;
+    case OPTION_SHIFT: o->shift_path = text; break;
+    case OPTION_REGION: o->region = text; break;
     case 'q': o->quiet = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (!o->scene_path) argp_error(state, "--scene is missing");
         if (!o->pose_path) argp_error(state, "--poses is missing");
         if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
+        if (o->region && !o->shift_path) argp_error(state, "--region needs --shift");
         if (o->every && !o->log_path) argp_error(state, "--every needs --out");
         if (!isnan(o->tolerance) && !o->golden_path) argp_error(state, "--tolerance needs --compare");
         break;
@@ -114,6 +124,9 @@ static trocar_status open_outputs(replay *r, report *why) {
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
     if (status == TROCAR_OK && r->options->pvd_prefix) status = pvd_open(&r->series, r->options->pvd_prefix, why);
+    if (status == TROCAR_OK && r->options->shift_path) status = output_open(&r->shift_file, r->options->shift_path, why);
+    if (r->shift_file.file)
+        fprintf(r->shift_file.file, "t [s],right [mm],anterior [mm],superior [mm],sagittal [deg],coronal [deg],axial [deg]\n");
     if (r->csv_file.file)
         fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events\n");
     return status;
@@ -137,13 +150,17 @@ static trocar_status prepare(replay *r, report *why) {
     if (status != TROCAR_OK) return status;
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
     r->snapshot = calloc(1, sizeof *r->snapshot);
-    return r->snapshot ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
+    if (!r->snapshot) return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
+    if (!r->options->shift_path) return TROCAR_OK;
+    return region_motion_create(&r->simulation, r->options->region ? r->options->region : "prostate", &r->motion, why);
 }
 
 static void clean_up(replay *r) {
     output_abandon(&r->log_file);
     output_abandon(&r->csv_file);
     pvd_abandon(&r->series);
+    output_abandon(&r->shift_file);
+    region_motion_free(&r->motion);
     if (r->snapshot) simulation_free(&r->simulation);
     free(r->snapshot);
     free(r->replayed);
@@ -183,6 +200,14 @@ static void csv_tick(const replay *r, int tick) {
             w->force.y, w->force.z, w->torque.x, w->torque.y, w->torque.z, w->depth, w->contacts, events);
 }
 
+/* Rotations in the sagittal, coronal and axial planes are those about the axes across them. */
+static void shift_tick(replay *r, int tick) {
+    rigid_motion m = region_motion_now(&r->simulation, &r->state, &r->motion);
+    const double mm = 1e3, degrees = 180 / M_PI;
+    fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", pose_log_time(&r->poses, tick), mm * m.shift.x, mm * m.shift.y,
+            mm * m.shift.z, degrees * m.turn.x, degrees * m.turn.y, degrees * m.turn.z);
+}
+
 static trocar_status export_state(replay *r, report *why) {
     trocar_status status = vtu_write_tissue(&r->simulation, &r->state, r->options->vtu_prefix, why);
     if (status != TROCAR_OK) return status;
@@ -195,6 +220,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_status status = simulation_step(&r->simulation, &r->state, r->snapshot, base, dt, &r->wrench, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
+    if (r->shift_file.file) shift_tick(r, tick);
     trocar_needle_wrench_t message = message_of_tick(r, tick);
     if (r->log_file.file) status = log_tick(r, tick, &message, why);
     if (r->replayed) r->replayed[tick] = message;
@@ -215,6 +241,7 @@ static trocar_status run_all(replay *r, report *why) {
     trocar_status status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
     if (status == TROCAR_OK) status = pvd_close(&r->series, why);
+    if (status == TROCAR_OK) status = output_commit(&r->shift_file, why);
     if (status != TROCAR_OK || !r->replayed) return status;
     return compare_wrenches(&r->golden, r->options->golden_path, r->replayed, r->poses.count, r->options->tolerance,
                             &r->comparison, why);

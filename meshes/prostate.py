@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Make a mesh of a prostate in surrounding tissue with Gmsh (Debian: python3-gmsh).
 
-The gland is an ellipsoid in a box. World frame, metres: x to the patient's left, y up (anterior), z along the needle
+The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
 from the skin (z = 0) into the body. Named: volumes `prostate`, `surrounding`; surfaces `skin` (z = 0), `capsule`
 (the gland's surface) and `fixed` (the far face and the face below, y least).
 """

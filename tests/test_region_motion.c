@@ -1,0 +1,96 @@
+/* The rigid motion of a region: known motions come back, and those of a uniformly strained body are its mean. */
+#include "lockstep.h"
+#include "region_motion.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+enum { POINTS = 50 };
+
+static void scatter(vec3 *points) {
+    unsigned seed = 7;
+    for (int i = 0; i < POINTS; i++) {
+        double x[3];
+        for (int k = 0; k < 3; k++) {
+            seed = seed * 1664525u + 1013904223u;
+            x[k] = 0.04 * (seed >> 8) / (1 << 24) + 0.1 * k;
+        }
+        points[i] = v3(x[0], 0.6 * x[1], x[2]);
+    }
+}
+
+static void known_motions_come_back(void **unused) {
+    (void)unused;
+    const vec3 shift = v3(0.003, -0.002, 0.005);
+    const vec3 turns[] = {v3(0, 0, 0), v3(1e-5, 0, 0), v3(0.1, -0.2, 0.05), v3(0, 0.24, 0), v3(0, 0, 3.0), v3(-1.5, 0.7, 0.9)};
+    vec3 from[POINTS], displacement[POINTS], centre = v3(0, 0, 0);
+    scatter(from);
+    for (int i = 0; i < POINTS; i++) centre = v3_axpy(1.0 / POINTS, from[i], centre);
+    for (size_t k = 0; k < sizeof turns / sizeof *turns; k++) {
+        for (int i = 0; i < POINTS; i++) {
+            vec3 arm = v3_sub(from[i], centre);
+            displacement[i] = v3_add(v3_sub(q_rotate(q_exp(turns[k]), arm), arm), shift);
+        }
+        rigid_motion motion = rigid_motion_fit(POINTS, from, displacement);
+        assert_true(v3_norm(v3_sub(motion.shift, shift)) < 1e-12);
+        assert_true(v3_norm(v3_sub(motion.turn, turns[k])) < 1e-9);
+    }
+}
+
+/* The eight corners of a box: symmetric, so that stretching does not turn it, and simple shear g turns it by about g/2. */
+static void strain_is_not_a_rotation(void **unused) {
+    (void)unused;
+    vec3 from[8], stretched[8], sheared[8];
+    for (int i = 0; i < 8; i++) {
+        from[i] = v3(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+        stretched[i] = v3(0.2 * from[i].x, -0.1 * from[i].y, 0.05 * from[i].z);
+        sheared[i] = v3(0.02 * from[i].z, 0, 0);
+    }
+    assert_true(v3_norm(rigid_motion_fit(8, from, stretched).turn) < 1e-12);
+    vec3 turn = rigid_motion_fit(8, from, sheared).turn;
+    assert_true(fabs(turn.y - 0.01) < 1e-5 && fabs(turn.x) < 1e-12 && fabs(turn.z) < 1e-12);
+}
+
+static void points_of_one_plane_have_no_rotation(void **unused) {
+    (void)unused;
+    vec3 from[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, displacement[4];
+    for (int i = 0; i < 4; i++) displacement[i] = v3(0, 0, 0.1 * i);
+    assert_true(v3_norm(rigid_motion_fit(4, from, displacement).turn) == 0.0);
+}
+
+/* Pushed in, the gland goes with the needle; pulled back, it comes back and past its place; at rest it does not move. */
+static void gland_goes_with_the_needle(void **unused) {
+    (void)unused;
+    simulation_config config = lockstep_config();
+    lockstep *l = lockstep_create(&config, lockstep_start());
+    region_motion motion;
+    report why;
+    assert_int_equal(region_motion_create(&l->simulation, "liver", &motion, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "liver"));
+    assert_int_equal(region_motion_create(&l->simulation, "prostate", &motion, &why), TROCAR_OK);
+    assert_true(v3_norm(region_motion_now(&l->simulation, &l->state, &motion).shift) == 0.0);
+    lockstep_move(l, v3(0, 0, 0.06), 1.2, 1e-3);
+    double pushed = region_motion_now(&l->simulation, &l->state, &motion).shift.z;
+    lockstep_move(l, v3(0, 0, -0.01), 0.2, 1e-3);
+    double pulled = region_motion_now(&l->simulation, &l->state, &motion).shift.z;
+    lockstep_move(l, v3(0.01, 0, 0), 0.2, 1e-3);
+    rigid_motion swept = region_motion_now(&l->simulation, &l->state, &motion);
+    print_message("pushed %.2f, pulled %.2f mm; swept 10 mm to x: %.2f mm, %.2f deg about y\n", 1e3 * pushed, 1e3 * pulled,
+                  1e3 * swept.shift.x, swept.turn.y * 180 / M_PI);
+    assert_true(pushed > 0.2e-3 && pulled < -0.2e-3);
+    assert_true(swept.shift.x > 0.2e-3);
+    region_motion_free(&motion);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(known_motions_come_back),
+        cmocka_unit_test(strain_is_not_a_rotation),
+        cmocka_unit_test(points_of_one_plane_have_no_rotation),
+        cmocka_unit_test(gland_goes_with_the_needle),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

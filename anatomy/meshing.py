@@ -152,6 +152,8 @@ def build(domain, fine):
     name_groups(domain, volumes, surfaces, faces)
     set_sizes(formula)
     gmsh.model.mesh.generate(3)
+    if any(len(gmsh.model.mesh.getElementsByType(4, volume)[0]) == 0 for volume in volumes.values()):
+        raise RuntimeError("a region stayed empty")
     for _ in range(3):
         gmsh.model.mesh.optimize("")
         gmsh.model.mesh.optimize("Relocate3D")
@@ -197,7 +199,7 @@ def generate(domain, nodes, path):
     for attempt in range(TRIES):
         try:
             build(domain, fine)
-        except Exception as error:  # Gmsh raises no other class
+        except Exception as error:  # Gmsh's own has no other class
             failure = error
             gmsh.clear()
             fine *= 0.98

@@ -19,15 +19,17 @@ typedef struct {
 /* Straight over the gland of the figure-8 scene, tip 1 mm before the skin. */
 static inline pose lockstep_start(void) { return (pose){v3(0.005, 0.003, -0.201), {1, 0, 0, 0}}; }
 
-static inline simulation_config lockstep_config(void) {
+static inline simulation_config lockstep_scene(const char *path) {
     scene s;
     report why;
-    if (scene_load(MESHES "/figure8.yaml", &s, &why) != TROCAR_OK) {
+    if (scene_load(path, &s, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }
     return s.simulation;
 }
+
+static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);

@@ -45,7 +45,7 @@ class Domain:
         found = []
         for body in self.bodies:
             around = [i for i, other in enumerate(self.bodies) if other is not body and other.shell.volume() > body.shell.volume()
-                      and distances(other.shell, body.shell.points[:1])[0] < 0]
+                      and np.median(distances(other.shell, body.shell.points[::50])) < 0]
             found.append(min(around, key=lambda i: self.bodies[i].shell.volume(), default=None))
         return found
 

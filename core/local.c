@@ -7,6 +7,7 @@ static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the me
    tests/verification, down to these multiples of it when it acts along the line, at a point, and at a point of the surface. */
 static const double AXIAL_RESOLUTION = 1.2, POINT_RESOLUTION = 2.2, SURFACE_RESOLUTION = 2.0;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
+static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than haptic devices render */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -23,6 +24,22 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
+}
+
+/* A surface that is never punctured is bone: what the tip comes to there yields as bone does, and the tissue in front of it
+   less and less on the way, so that the tip stops at the bone and not behind it. */
+static void harden_bone(insertion_model *model) {
+    const mesh *m = model->mesh;
+    double yielding = BONE_COMPLIANCE * model->needle->radius;
+    for (int i = 0; i < model->membrane_count; i++) {
+        if (!isinf(model->membranes[i].puncture_force)) continue;
+        for (int e = 0; e < m->tet_count; e++)
+            for (int k = 0; k < 16; k++) { /* faces, and their corners */
+                int face = k / 4, node = m->tets[e][k % 4];
+                if (k % 4 != face && m->face_groups[e][face] >> model->membranes[i].group & 1)
+                    model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
+            }
+    }
 }
 
 trocar_status local_create(insertion_model *model, report *why) {
@@ -46,6 +63,7 @@ trocar_status local_create(insertion_model *model, report *why) {
         }
     for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
     free(count);
+    harden_bone(model);
     return TROCAR_OK;
 }
 

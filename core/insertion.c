@@ -6,8 +6,7 @@
 #include "tip.h"
 #include "window.h"
 
-enum { MOST_STEPS = 4,                   /* of a tick: 250 Hz in milliseconds; a tick longer than that takes longer steps */
-       MOST_ELEMENTS = 64 };             /* looked through ahead of the tip */
+enum { MOST_ELEMENTS = 64 };             /* looked through ahead of the tip */
 static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
@@ -531,7 +530,7 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
     pose held = state->needle.base;
     held.position = v3_sub(held.position, state->base_shift);
     dt = fmax(dt, 1e-6);
-    int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), MOST_STEPS);
+    int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), model->settings.most_steps);
     for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
     step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);

@@ -20,7 +20,8 @@ typedef struct {
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */
     double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */
-    int max_passes;              /* Newton passes a tick, at most */
+    int most_steps;              /* that a tick takes; one that is longer than so many takes longer ones */
+    int max_passes;              /* Newton passes a step, at most */
     double tolerance;            /* m, error of the needle's shape at which the passes stop */
 } insertion_settings;
 

@@ -3,6 +3,7 @@
 
 #include <cblas.h>
 #include <errno.h>
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <signal.h>
@@ -44,6 +45,11 @@ struct server {
 
 /* --- creation --------------------------------------------------------------------------------------------------- */
 
+/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
+static void limit_steps(insertion_settings *settings, double rate_hz) {
+    settings->most_steps = (int)ceil(1.0 / (rate_hz * settings->longest_step) - 1e-6);
+}
+
 static trocar_status read_scene(server *s, report *why) {
     trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
     if (status != TROCAR_OK) return status;
@@ -51,6 +57,7 @@ static trocar_status read_scene(server *s, report *why) {
     if (!(rate >= SCENE_MIN_RATE && rate <= SCENE_MAX_RATE))
         return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", rate, SCENE_MIN_RATE, SCENE_MAX_RATE);
     s->scene.rate_hz = rate;
+    limit_steps(&s->scene.simulation.insertion, rate);
     return TROCAR_OK;
 }
 

@@ -38,6 +38,8 @@ typedef struct {
     atomic_llong wall_offset;        /* us, added to the wall clock */
     atomic_int worker_nap;           /* ms, that each request takes longer */
     atomic_int tick_nap;             /* us, that each tick takes longer */
+    atomic_int pass_nap;             /* us, that each Newton pass takes longer */
+    atomic_int stall;                /* us, that the next tick takes longer */
     _Atomic double spike;            /* N along x, added to the model's force */
 } injected;
 
@@ -67,7 +69,7 @@ void __wrap_insertion_tick(const insertion_model *model, insertion_state *state,
                            const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     __real_insertion_tick(model, state, scratch, snapshot, base, dt, wrench);
     wrench->force.x += atomic_load(&fault->spike);
-    int nap = atomic_load(&fault->tick_nap);
+    int nap = atomic_load(&fault->tick_nap) + wrench->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
     if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
 }
 
@@ -109,6 +111,7 @@ static int mend(void **state) {
     (void)state;
     atomic_store(&fault->worker_nap, 0);
     atomic_store(&fault->tick_nap, 0);
+    atomic_store(&fault->pass_nap, 0);
     atomic_store(&fault->spike, 0.0);
     return 0;
 }
@@ -370,6 +373,23 @@ static void overruns_in_a_row_ramp_down(void **state) {
     expect_health(c);
 }
 
+/* A tick that needs more than half of its period: one that took a second step to catch up would be late too, for ever. */
+static void a_stall_makes_no_other_tick_late(void **state) {
+    client *c = *state;
+    atomic_store(&fault->pass_nap, 600);
+    hear_news(c);
+    int64_t misses = c->timing.misses;
+    atomic_store(&fault->stall, 5000);
+    pass(c, 0.1);
+    hear_news(c);
+    assert_true(c->timing.misses - misses >= 4);
+    misses = c->timing.misses;
+    hear_news(c);
+    if (in_time()) assert_true(c->timing.misses - misses < 50);
+    atomic_store(&fault->pass_nap, 0);
+    expect_health(c);
+}
+
 /* ---- start and end ------------------------------------------------------------------------------------------------------ */
 
 static int start(void **state) {
@@ -406,6 +426,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(wall_clocks_may_jump, insert, mend),
         cmocka_unit_test_setup_teardown(a_late_worker_does_not_stop_the_loop, insert, mend),
         cmocka_unit_test_setup_teardown(overruns_in_a_row_ramp_down, insert, mend),
+        cmocka_unit_test_setup_teardown(a_stall_makes_no_other_tick_late, insert, mend),
     };
     return cmocka_run_group_tests(tests, start, stop);
 }

@@ -10,10 +10,10 @@ from .contours import Unusable
 from .loft import mesh_shell
 from .shells import decimated, distances
 
-GROWTH = 3.0            # size of the elements at the box's corners over that in the gland
+GROWTH = 4.0            # size of the elements at the box's corners over that in the gland
 CORRIDOR = 0.5          # and in the corridor
 MOST_GROWTH = 1.09      # by which a coarse surface is blown up to hold its volume again
-FINEST_SURFACE = 6000   # triangles that are enough for a surface to be remeshed
+FINEST_SURFACE = 2500   # triangles that are enough for a surface to be remeshed
 TRIES = 16
 JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
@@ -54,7 +54,7 @@ def quiet():
     """Starts Gmsh so that the same input gives the same mesh."""
     gmsh.initialize()
     for option, value in (("General.Terminal", 0), ("General.NumThreads", 1), ("Mesh.MshFileVersion", 2.2), ("Geometry.Tolerance", 1e-9),
-                          ("Mesh.RandomSeed", 1), ("Mesh.MeshSizeExtendFromBoundary", 0), ("Mesh.MeshSizeFromPoints", 0),
+                          ("Mesh.RandomSeed", 1), ("Mesh.OptimizeThreshold", 0.7), ("Mesh.MeshSizeExtendFromBoundary", 0), ("Mesh.MeshSizeFromPoints", 0),
                           ("Mesh.MeshSizeFromCurvature", 0)):
         gmsh.option.setNumber(option, value)
 

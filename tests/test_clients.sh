@@ -50,6 +50,8 @@ bad_input() {
     refuses "which was not replayed" "$replay" --scene "$scene" --poses poses.log --compare other.log
     refuses --compare "$replay" --scene "$scene" --poses poses.log --tolerance 2
     refuses --out "$replay" --scene "$scene" --poses poses.log --every 2
+    refuses --shift "$replay" --scene "$scene" --poses poses.log --region prostate
+    refuses liver "$replay" --scene "$scene" --poses poses.log --shift x.csv --region liver
     refuses "--at 99 s is after the last pose" "$replay" --scene "$scene" --poses poses.log --vtu x --at 99
     refuses "which benchmark" "$bench"
     refuses tock "$bench" tock
@@ -82,8 +84,11 @@ replay() {
     done
     [ "$(wc -l <a.csv)" -eq 2402 ] || fail "rows: $(wc -l <a.csv)"
     # the log's own poses replay to the same table: wrenches in it are passed over
-    "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --quiet
+    "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
+    # the gland is pushed along the needle, drawn back beyond its place, and at rest again when the needle is out
+    awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
+             END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
     grep -q 'puncture:capsule' a.csv || fail "no puncture of the capsule"
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"

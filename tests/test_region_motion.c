@@ -111,12 +111,72 @@ static void gland_goes_with_the_needle(void **unused) {
     lockstep_free(l);
 }
 
+/* ---- the loosely bedded gland of twist.yaml ------------------------------------------------------------------------------ */
+
+static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, in patients (Lagerburg et al. 2005) */
+
+typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; the surroundings' modulus and the gland's friction, of the scene's */
+
+typedef struct { double low, high, pushed, pulled; } twist; /* deg in the coronal plane; mm of shift along the needle */
+
+/* A needle parallel to the body's axis, 120 mm in and out again. */
+static twist insert_and_draw_back(const char *title, twist_case given) {
+    simulation_config c = lockstep_scene(MESHES "/twist.yaml");
+    for (int i = 0; i < c.region_count; i++) {
+        region_material *m = &c.regions[i].material;
+        if (strcmp(c.regions[i].name, "prostate") == 0) m->friction_static *= given.grip, m->friction_kinetic *= given.grip;
+        else m->youngs_modulus *= given.bedding;
+    }
+    assert_string_equal(c.fixed[c.fixed_count - 1], "bone");
+    c.fixed_count -= given.loose_arch;
+    lockstep *l = lockstep_create(&c, (pose){v3(given.x, -0.004, -1e-3 - c.needle.length), {1, 0, 0, 0}});
+    region_motion motion;
+    report why;
+    assert_int_equal(region_motion_create(&l->simulation, "prostate", &motion, &why), TROCAR_OK);
+    twist t = {0};
+    for (int i = 0; i < 2400; i++) {
+        pose base = l->base;
+        base.position.z += i < 1200 ? 1e-4 : -1e-4;
+        lockstep_tick(l, base, 2e-3);
+        rigid_motion now = region_motion_now(&l->simulation, &l->state, &motion);
+        double degrees = now.turn.y * 180 / M_PI, mm = 1e3 * now.shift.z;
+        t = (twist){fmin(t.low, degrees), fmax(t.high, degrees), fmax(t.pushed, mm), fmin(t.pulled, mm)};
+    }
+    print_message("| %s | %.1f to %.1f | %.1f, %.1f |\n", title, t.low, t.high, t.pushed, t.pulled);
+    region_motion_free(&motion);
+    lockstep_free(l);
+    return t;
+}
+
+static double largest(twist t) { return fmax(t.high, -t.low); }
+
+/* Within what was seen in patients, one way for a needle on the left and the other way on the right; more for one further out, in
+   softer surroundings, and with more friction. An arch that holds the tissue keeps the gland back. */
+static void needles_twist_the_gland(void **unused) {
+    (void)unused;
+    twist left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});
+    twist right = insert_and_draw_back("18 mm right", (twist_case){0.018, 1, 1, false});
+    twist inner = insert_and_draw_back("9 mm left", (twist_case){-0.009, 1, 1, false});
+    twist firm = insert_and_draw_back("surroundings of 6 kPa", (twist_case){-0.018, 2, 1, false});
+    twist weak = insert_and_draw_back("half the friction in the gland", (twist_case){-0.018, 1, 0.5, false});
+    twist loose = insert_and_draw_back("arch not held", (twist_case){-0.018, 1, 1, true});
+    for (int i = 0; i < 2; i++) {
+        twist t = i ? right : left;
+        assert_true(t.low > PUBLISHED[0] && t.high < PUBLISHED[1] && largest(t) > 5.0);
+        assert_true(t.pushed > 1.0 && t.pulled < -1.0);
+    }
+    assert_true(left.high > -left.low && right.high < -right.low);
+    assert_true(largest(inner) < largest(left) && largest(firm) < largest(left) && largest(weak) < largest(left));
+    assert_true(loose.pushed > left.pushed);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_motions_come_back),
         cmocka_unit_test(strain_is_not_a_rotation),
         cmocka_unit_test(points_of_one_plane_have_no_rotation),
         cmocka_unit_test(gland_goes_with_the_needle),
+        cmocka_unit_test(needles_twist_the_gland),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

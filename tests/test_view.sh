@@ -19,7 +19,7 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 node "$source/tests/view/page_test.mjs" "$build" "$source" "${out:-$work}"
 
 # A picture without a window, and what is wrong said with exit status 2 and no file.
-show=("$build/view/trocar-view" --scene "$source/meshes/figure8.yaml" --log "$source/tests/traces/figure8.log")
+show=("$build/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
 "${show[@]}" --png "$work/at.png" --at 0.5
 head -c 8 "$work/at.png" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"
 [ "$(stat -c %s "$work/at.png")" -gt 20000 ] || fail "an empty picture"

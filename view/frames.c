@@ -66,7 +66,8 @@ static void write_membranes(FILE *out, const scene *s, const mesh *m) {
     for (int i = 0; i < s->simulation.membrane_count; i++) {
         fprintf(out, "%s{\"name\":", i ? "," : "");
         json_string(s->simulation.membranes[i].name, out);
-        fprintf(out, ",\"group\":%d}", mesh_find_group(m, s->simulation.membranes[i].name, 2));
+        fprintf(out, ",\"group\":%d,\"bone\":%s}", mesh_find_group(m, s->simulation.membranes[i].name, 2),
+                isinf(s->simulation.membranes[i].puncture_force) ? "true" : "false");
     }
     fprintf(out, "],");
 }

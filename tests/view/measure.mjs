@@ -1,30 +1,16 @@
 // By hand: what browsers cost the haptic loop, and the time from a pose to its picture; in a private network:
 //   scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS]
-import { spawn } from 'node:child_process'
 import { once } from 'node:events'
-import { createRequire } from 'node:module'
-import path from 'node:path'
+import { launch, ready, run, scene } from './parts.mjs'
 
-const [programs, source, seconds = '20', most = '3'] = process.argv.slice(2)
-const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
-const scene = path.join(source, 'meshes/figure8.yaml')
-
-function run(name, ...options) {
-  const child = spawn(path.join(programs, name), options, { stdio: ['ignore', 'pipe', 'inherit'] })
-  child.said = ''
-  child.stdout.on('data', (piece) => { child.said += piece })
-  return child
-}
-
-async function ready(child) { while (!child.said.includes('ready\n')) await new Promise((done) => setTimeout(done, 20)) }
-
+const [seconds = '20', most = '3'] = process.argv.slice(4)
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(q * values.length))]
 
 /** The device plays the figure 8 while `count` browsers look on; prints what the server says of its loop. */
 async function measure(count) {
   const server = run('server/trocar-server', '--scene', scene), view = run('view/trocar-view', '--scene', scene)
   await Promise.all([ready(server), ready(view)])
-  const browser = count && await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'] })
+  const browser = count && await launch()
   const pages = []
   for (let i = 0; i < count; i++) {
     pages.push(await (await browser.newContext({ viewport: { width: 1280, height: 800 } })).newPage())

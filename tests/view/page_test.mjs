@@ -8,7 +8,7 @@ import path from 'node:path'
 
 const [programs, source, out] = process.argv.slice(2)
 const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
-const scene = path.join(source, 'meshes/figure8.yaml'), ADDRESS = 'http://127.0.0.1:8686/'
+const scene = path.join(source, 'meshes/prostate.yaml'), ADDRESS = 'http://127.0.0.1:8686/'
 const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
 
 /** Starts a program and waits for its line "ready". */
@@ -26,16 +26,16 @@ async function start(name, ...options) {
 
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 
-const browser = await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'] })
+const browser = await chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader'] })
 const faults = []
 
 /** A page in a window of its own; what goes wrong in it fails the run. */
-async function open(size = { width: 1000, height: 640 }, query = '') {
+async function open(size = { width: 1000, height: 640 }) {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
   page.setDefaultTimeout(PATIENCE)
   page.on('pageerror', (error) => faults.push(error.stack))
   page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
-  await page.goto(ADDRESS + query)
+  await page.goto(ADDRESS)
   return page
 }
 
@@ -60,8 +60,10 @@ try {
   first = await open()
   await check('the page shows the anatomy without a server', async () => {
     await until(first, badge('no server'))
-    assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), 572)
+    assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), 581)
+    for (const layer of ['body', 'prostate', 'capsule', 'bone']) assert(await first.evaluate(`trocar.stage.anatomy.layers.has('${layer}')`), layer)
     assert.equal(await first.evaluate('trocar.history.pictures.length'), 0)
+    assert(await tip(first) < 0, 'the needle waits outside')
   })
 
   await check('a server that starts is seen', async () => {
@@ -114,6 +116,40 @@ try {
     await until(first, 'document.documentElement.dataset.theme === "light" && !trocar.stage.dirty')
   })
 
+  await check('a gamepad and the lever on the page drive, too', async () => {
+    const back = await tip(first)
+    await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
+    await until(first, `trocar.stage.needle.tip.z < ${back} - 0.005`) // the left trigger pulls
+    await first.evaluate(() => { navigator.getGamepads = () => [] })
+    const lever = await first.locator('#lever').boundingBox(), out = await tip(first)
+    await first.mouse.move(lever.x + lever.width / 2, lever.y + lever.height / 2)
+    await first.mouse.down()
+    await first.mouse.move(lever.x + lever.width / 2, lever.y + 10)
+    await until(first, `trocar.stage.needle.tip.z > ${out} + 0.005`)
+    await first.mouse.up()
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+  })
+
+  await check('ten minutes take no more room than one', async () => {
+    const held = await first.evaluate(() => {
+      const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
+      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
+      for (let k = 1; k <= 60000; k++) {
+        kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
+        if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
+        if (k % 6000 === 0) sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+      }
+      return sizes
+    })
+    assert.equal(held.length, 10)
+    for (const size of held.slice(1)) size.forEach((value, i) => assert(value <= 1.02 * held[1][i], `${held}`))
+    const shapes = await first.evaluate('({ ...trocar.stage.renderer.info.memory })'), before = await first.evaluate('trocar.stage.renderer.info.render.frame')
+    await first.keyboard.down('s')
+    await until(first, `trocar.stage.renderer.info.render.frame > ${before + 20}`)
+    await first.keyboard.up('s')
+    assert.deepEqual(await first.evaluate('({ ...trocar.stage.renderer.info.memory })'), shapes)
+  })
+
   await check('the needle is released with its browser', async () => {
     await first.context().close()
     await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
@@ -152,14 +188,14 @@ try {
 
 /* ---- pictures of the recorded figure 8: before, deep with the gland displaced, retraction with the tissue sticking ---- */
 
-const MOMENTS = [['before', 0.05], ['deep', 0.85], ['retraction', 1.62]]
+const MOMENTS = [['before', 0.05, ''], ['deep', 1.3, 'x'], ['retraction', 1.45, 'x']] // s; cut
 const player = await start('view/trocar-view', '--log', path.join(source, 'tests/traces/figure8.log'))
 try {
-  const page = await open({ width: 1440, height: 900 }, '?fine')
+  const page = await open({ width: 1440, height: 900 })
   await until(page, 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011')
-  for (const [name, time] of MOMENTS) {
-    await page.evaluate(`trocar.seek(${time})`)
-    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.echo.dirty`)
+  for (const [name, time, cut] of MOMENTS) {
+    await page.evaluate(`trocar.setCut('${cut}', 0.55); trocar.seek(${time})`)
+    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
     await page.waitForTimeout(300) // the plots are drawn at their own pace
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)

@@ -3,6 +3,7 @@ import * as THREE from 'three'
 import { ramp, regionColour } from './colours.js'
 
 const OUTSIDE = 0xffffffff
+const SOLID = { opacity: 1, slant: 0, facets: false, material: { side: THREE.DoubleSide, transparent: false } }
 const colour = new THREE.Color(), mixed = new THREE.Color() // scratch
 
 const VERTEX = `
@@ -18,31 +19,41 @@ const VERTEX = `
     #include <clipping_planes_vertex>
   }`
 
-// Glass: more opaque where seen at a slant and where it has moved. `flat` takes the facet's own normal.
+// Glass: more opaque where seen at a slant and where it has moved. FACETS have their own normals, and no gloss.
 const FRAGMENT = `
-  uniform vec3 colour; uniform float opacity, slant, shown, range; uniform bool facets; uniform sampler2D ramp;
+  uniform vec3 colour; uniform float opacity, slant, shown, range; uniform sampler2D ramp;
   varying vec3 place; varying vec3 outward; varying float displaced;
   #include <clipping_planes_pars_fragment>
   void main() {
     #include <clipping_planes_fragment>
-    vec3 n = facets ? normalize(cross(dFdx(place), dFdy(place))) : normalize(outward);
     vec3 eye = normalize(-place);
-    float facing = abs(dot(n, eye));
+    #ifdef FACETS
+      vec3 n = normalize(cross(dFdx(place), dFdy(place)));
+    #else
+      vec3 n = normalize(outward);
+    #endif
+    float aslant = 1.0 - abs(dot(n, eye));
     if (dot(n, eye) < 0.0) n = -n;
     float light = 0.52 + 0.38 * max(dot(n, normalize(vec3(-0.35, 0.8, 0.55))), 0.0) + 0.14 * max(dot(n, normalize(vec3(0.7, -0.2, 0.4))), 0.0);
-    float gloss = pow(max(dot(reflect(-normalize(vec3(-0.35, 0.8, 0.55)), n), eye), 0.0), 28.0);
-    float part = clamp(displaced / range, 0.0, 1.0);
-    vec3 tone = mix(colour, texture2D(ramp, vec2(part, 0.5)).rgb, shown * smoothstep(0.02, 0.25, part));
-    float alpha = opacity + slant * pow(1.0 - facing, 2.5) + shown * 0.30 * smoothstep(0.02, 0.6, part);
-    gl_FragColor = vec4(tone * light + 0.16 * gloss, min(alpha, 1.0));
+    vec3 tone = colour;
+    float alpha = opacity + slant * aslant * aslant, part = clamp(displaced / range, 0.0, 1.0);
+    if (part > 0.02) {
+      tone = mix(colour, texture2D(ramp, vec2(part, 0.5)).rgb, shown * smoothstep(0.02, 0.25, part));
+      alpha += shown * 0.30 * smoothstep(0.02, 0.6, part);
+    }
+    tone *= light;
+    #ifndef FACETS
+      tone += 0.16 * pow(max(dot(reflect(-normalize(vec3(-0.35, 0.8, 0.55)), n), eye), 0.0), 28.0);
+    #endif
+    gl_FragColor = vec4(tone, min(alpha, 1.0));
     #include <colorspace_fragment>
   }`
 
 function glass(ramp, colour, look) {
   return new THREE.ShaderMaterial({
-    vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, clipping: true,
+    vertexShader: VERTEX, fragmentShader: FRAGMENT, defines: look.facets ? { FACETS: '' } : {}, transparent: true, clipping: true,
     uniforms: { colour: { value: new THREE.Color(colour) }, opacity: { value: look.opacity }, slant: { value: look.slant },
-                shown: { value: 1 }, range: { value: 1e-3 }, facets: { value: look.facets }, ramp: { value: ramp } },
+                shown: { value: 1 }, range: { value: 1e-3 }, ramp: { value: ramp } },
     ...look.material,
   })
 }
@@ -59,6 +70,9 @@ function edgesOf(triangles) {
     }
   return edges
 }
+
+/** Of the surfaces that nothing goes through. */
+export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
 export class Anatomy {
   /** `ramp`: texture of the displacement's colours; `slicer` fills the cut; `planes`: three.js clipping planes in force. */
@@ -129,8 +143,10 @@ export class Anatomy {
     return new THREE.LineSegments(this.geometry(indices, false), material)
   }
 
+  /** Without bone, whose surface the tissue may end at. */
   addBody() {
-    const outer = this.pick((inside, outside) => (outside === OUTSIDE ? 1 : 0)), geometry = this.geometry(outer, false)
+    const bone = bitsOfBone(this.scene)
+    const outer = this.pick((inside, outside, bits) => (outside === OUTSIDE && !(bits & bone) ? 1 : 0)), geometry = this.geometry(outer, false)
     const look = (side) => ({ opacity: 0.07, slant: 0.16, facets: true, material: { side, depthWrite: false } })
     this.body = [this.mesh(geometry, '#9fb3c8', look(THREE.BackSide)), this.mesh(geometry, '#9fb3c8', look(THREE.FrontSide))]
     this.add('body', this.body[0], 1)
@@ -141,8 +157,7 @@ export class Anatomy {
   addRegion(region, index) {
     const surface = this.pick((inside, outside) => (inside === region.group ? 1 : outside === region.group ? -1 : 0))
     const colour = regionColour(region, index), solid = region.bone
-    const look = solid ? { opacity: 1, slant: 0, facets: false, material: { side: THREE.DoubleSide } }
-                       : { opacity: 0.34, slant: 0.5, facets: false, material: { side: THREE.FrontSide, depthWrite: false } }
+    const look = solid ? SOLID : { opacity: 0.34, slant: 0.5, facets: false, material: { side: THREE.FrontSide, depthWrite: false } }
     const mesh = this.mesh(this.geometry(surface, true), colour, look)
     mesh.material.uniforms.shown.value = solid ? 0 : 0.7
     this.add(region.name, mesh, solid ? 2 : 10)
@@ -159,9 +174,11 @@ export class Anatomy {
     this.add('shape at rest', lines, 11)
   }
 
-  /** Named surfaces inside one region, and the lines of those that bound one. */
+  /** Bone; named surfaces inside one region, and the lines of those that bound one. */
   addMembrane(membrane) {
     const bit = 1 << membrane.group
+    if (membrane.bone) this.add(membrane.name, this.mesh(this.geometry(this.pick((inside, outside, bits) => (bits & bit ? -1 : 0)), true), regionColour(membrane), SOLID), 2)
+    if (membrane.bone) return
     const inner = this.pick((inside, outside, bits) => (bits & bit && outside !== OUTSIDE ? 1 : 0))
     if (inner.length === 0) return
     const alone = this.pick((inside, outside, bits) => (bits & bit && inside === outside ? 1 : 0))

@@ -19,5 +19,5 @@ export function regionColour(region, index) {
   return REGIONS.find(([name]) => region.name.toLowerCase().includes(name))?.[1] ?? OTHERS[index % OTHERS.length]
 }
 
-export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff', tip: '#ffffff' }
+export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticks, slides in, slides out
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z

@@ -38,6 +38,7 @@ export class Drive {
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
     this.roll = new Spring(elements.roll, true, false)
+    elements.tilt.addEventListener('change', () => { elements.does.textContent = elements.tilt.checked ? 'tilt' : 'move' })
     addEventListener('blur', () => this.pressed.clear())
     setInterval(() => { if (this.driving) link.steer(this.command()) }, PERIOD)
   }
@@ -82,8 +83,9 @@ export class Drive {
     this.driving = status.drives && status.alive
     controls.hidden = !this.driving
     take.textContent = this.driving ? 'Let go' : 'Drive the needle'
+    take.classList.toggle('held', this.driving)
     take.disabled = !this.driving && (!status.alive || status.driven || status.owned === 'elsewhere')
-    note.textContent = this.driving ? (status.owned === 'elsewhere' ? 'Another device holds the needle.' : '')
+    note.textContent = this.driving ? (status.owned === 'elsewhere' ? 'Another device holds the needle.' : 'W pushes in, S pulls out.')
       : !status.alive ? '' : status.driven ? 'Another window drives it.' : status.owned === 'elsewhere' ? 'A device holds it.' : ''
   }
 }

@@ -1,6 +1,7 @@
 // An axial slice as a transrectal ultrasound probe would show it: grey tissue whose speckle moves with it, the flash of
 // the needle with its tail, outlines over it. A likeness for orientation, not a simulation of ultrasound.
 import * as THREE from 'three'
+import { bitsOfBone } from './anatomy.js'
 import { Slicer } from './slicer.js'
 
 const VERTEX = `
@@ -53,6 +54,8 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
+const MOVING = 0.5 // drawn pixels a pixel, where the processor draws
+
 export class Echo {
   /** `canvas` for the tissue, `marks` over it for outlines and scales. */
   constructor(canvas, marks) {
@@ -100,7 +103,9 @@ export class Echo {
   addTissue(scene) {
     const host = this.hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread } }
     this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.name) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
+    const bone = bitsOfBone(scene)
     this.outlined = (inside, outside) => inside !== outside && outside !== 0xffffffff
+    this.bony = (inside, outside, bits) => (bits & bone) !== 0
     this.geometry = new THREE.BufferGeometry()
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
     this.flash = new THREE.Mesh(new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0),
@@ -126,7 +131,6 @@ export class Echo {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2))
     this.renderer.setSize(clientWidth, clientHeight, false)
     this.marks.width = clientWidth * devicePixelRatio
     this.marks.height = clientHeight * devicePixelRatio
@@ -146,9 +150,13 @@ export class Echo {
     return null
   }
 
-  draw() {
-    if (!this.dirty || !this.scene || this.canvas.clientWidth === 0) return
+  /** If anything has changed, or was `coarse` and need not be any more. */
+  draw(coarse) {
+    if (!this.dirty && this.coarse === coarse || !this.scene || this.canvas.clientWidth === 0) return
     this.dirty = false
+    this.coarse = coarse
+    const ratio = coarse ? MOVING : Math.min(devicePixelRatio, 2)
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     const count = this.slicer.cut(this.nodes, [0, 0, 1], this.place), greys = new Float32Array(count)
     const flat = this.slicer.place.array.slice(0, 3 * count)
     for (let v = 0; v < count; v++) {
@@ -184,8 +192,9 @@ export class Echo {
   drawMarks(needle) {
     const ink = this.marks.getContext('2d'), ratio = devicePixelRatio
     ink.clearRect(0, 0, this.marks.width, this.marks.height)
-    this.drawOutlines(ink, this.scene.nodes, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
-    this.drawOutlines(ink, this.nodes, '#ff8fa3', [], 1.6 * ratio)
+    this.drawOutlines(ink, this.scene.nodes, this.outlined, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
+    this.drawOutlines(ink, this.nodes, this.outlined, '#ff8fa3', [], 1.6 * ratio)
+    this.drawOutlines(ink, this.nodes, this.bony, '#e8dfc8', [], 2.5 * ratio)
     this.drawRulers(ink, ratio)
     if (needle) {
       const [x, y] = this.toPixel(needle.x, needle.y)
@@ -203,8 +212,8 @@ export class Echo {
     ink.fillText('seen along the needle', this.marks.width - 10 * ratio, 18 * ratio)
   }
 
-  drawOutlines(ink, nodes, colour, dash, width) {
-    const lines = this.slicer.outline(nodes, [0, 0, 1], this.place, this.outlined)
+  drawOutlines(ink, nodes, wanted, colour, dash, width) {
+    const lines = this.slicer.outline(nodes, [0, 0, 1], this.place, wanted)
     ink.strokeStyle = colour
     ink.lineWidth = width
     ink.setLineDash(dash)

@@ -5,23 +5,28 @@ import { Drive } from './drive.js'
 import { Echo } from './echo.js'
 import { History } from './history.js'
 import { Link } from './link.js'
+import { FORCE_SCALE } from './needle.js'
 import { compose, save } from './picture.js'
 import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 
 const STRIP_SPAN = 60 // s, live
-const query = new URLSearchParams(location.search)
-const pictureTime = query.get('picture') // s: draw this, send it back, and that is all
+const pictureTime = new URLSearchParams(location.search).get('picture') // s: draw this, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
-const stage = new Stage(element('view'), pictureTime !== null || query.has('fine')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
+if (!document.createElement('canvas').getContext('webgl2')) {
+  element('stage').innerHTML = '<p class="sorry">This browser has no WebGL 2. Allow it hardware acceleration; without a graphics card, start Chromium with --enable-unsafe-swiftshader.</p>'
+  throw new Error('no WebGL 2')
+}
+
+const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
 const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between drawings of the plots
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
 let shown = null                 // picture on the screen
 let clock = { following: true, playing: true, time: 0, at: 0 } // `time` counts when not following
-let connected = false, latency = [], plotsDrawn = 0, range = 1e-3
+let connected = false, latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
 
 /* ---- what comes in ---- */
 
@@ -41,7 +46,7 @@ const link = new Link({
   },
 })
 
-const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), take: element('take'), note: element('drive-note'), controls: element('controls') })
+const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), note: element('drive-note'), controls: element('controls') })
 
 function takeScene(received) {
   scene = received
@@ -117,10 +122,7 @@ function frame(now) {
   requestAnimationFrame(frame)
   if (!scene) return
   advanceClock(now)
-  showPicture()
-  const drawn = stage.draw()
-  echo.draw()
-  if (drawn) noteLatency()
+  if (stage.finished()) draw(now)
   if (now - plotsDrawn > PLOT_PERIOD) {
     plotsDrawn = now
     drawPlots()
@@ -128,31 +130,52 @@ function frame(now) {
   }
 }
 
+/** Only when the graphics have finished what was drawn before: what waits in a queue would be old when it is seen. */
+function draw(now) {
+  noteLatency()
+  showPicture()
+  const drawn = stage.draw(now)
+  echo.draw(stage.coarse)
+  if (!drawn || !shown?.fresh) return
+  shown.fresh = false
+  drawing = shown
+}
+
 function showPicture() {
   if (history.pictures.length === 0) return
   const picture = clock.following ? history.pictures.at(-1) : history.pictures[history.pictureIndex(clock.time)]
   if (picture === shown) return
+  const same = shown && looksSame(picture, shown)
   shown = picture
+  if (same) {
+    shown.fresh = false
+    return
+  }
   const largest = stage.show(picture)
-  if (largest > range || largest < range / 4) setRange(largest)
+  if (largest > range || largest < range / 3) setRange(largest)
   echo.show(stage.anatomy.place.array, stage.line)
   if (element('follow').checked) followTip()
 }
 
-/** The colours' full scale: 1, 2, 5, 10 ... mm. */
+/** A needle at rest sends the same picture over and over. */
+function looksSame(a, b) {
+  const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
+  return a.scale === b.scale && equal(a.joints, b.joints) && equal(a.contacts, b.contacts) && equal(a.orientation, b.orientation) && equal(a.displacement, b.displacement)
+}
+
+/** The colours' full scale: 0.2, 0.5, 1, 2, 5 ... mm. */
 function setRange(largest) {
-  const wanted = Math.max(largest, 1e-3), decade = 10 ** Math.floor(Math.log10(wanted))
+  const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
   stage.anatomy.setRange(range)
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
-/** From the device's pose to the picture, on one machine's clock; the median of the last second. */
+/** From the device's pose to the finished picture, on one machine's clock; of the last pictures. */
 function noteLatency() {
-  if (!shown?.fresh || !shown.poseTime) return
-  shown.fresh = false
-  latency.push(performance.timeOrigin + performance.now() - shown.poseTime)
+  if (drawing?.poseTime) latency.push(performance.timeOrigin + performance.now() - drawing.poseTime)
   if (latency.length > 30) latency.shift()
+  drawing = null
 }
 
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
@@ -164,6 +187,7 @@ function drawPlots() {
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
   element('clock').textContent = `${clock.following ? '' : (time - (scene.live ? now : 0)).toFixed(2)}${clock.following ? 'now' : ' s'}`
+  element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
   element('play').textContent = clock.playing ? 'Pause' : 'Play'
   element('live').disabled = clock.following
 }
@@ -183,7 +207,7 @@ function showNumbers() {
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
-  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(2)} N`
 }
 
 /* ---- slices and layers ---- */
@@ -233,25 +257,27 @@ function setTheme(theme) {
   document.documentElement.dataset.theme = theme
   element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
   try { localStorage.setItem('theme', theme) } catch { /* a private window: next time the default again */ }
-  stage.anatomy?.setTheme(theme !== 'light')
-  stage.dirty = true
+  if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = () => { stage.dirty = echo.dirty = true; stage.draw(); echo.draw(); return compose({ stage, echo, scene, history, time: timeShown(), range }) }
+const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: timeShown(), range }) }
 const savePicture = async () => save(await takePicture(), `trocar-${timeShown().toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
-                  KeyT: () => drive.toggle(), KeyR: () => { if (drive.driving) link.reset() }, Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4) }
+                  KeyT: () => drive.toggle(), KeyR: () => { if (drive.driving) link.reset() }, Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // where they do not move the needle
+
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these go on while they are held
 
 addEventListener('keydown', (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
+  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
-  else if (ACTIONS[event.code] && !event.repeat && scene && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
+  else if (ACTIONS[event.code] && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
 })
 addEventListener('keyup', (event) => drive.key(event, false))
 
@@ -270,11 +296,11 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
-for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1], ['tip', 'tip']]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-if (matchMedia('(max-width: 700px)').matches) element('layers').open = false
+if (matchMedia('(max-width: 860px)').matches) element('layers').open = false
 requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
@@ -289,4 +315,4 @@ if (pictureTime !== null) {
     link.sendPicture(await (await takePicture()).arrayBuffer())
   }, 50)
 }
-window.trocar = { stage, echo, plots, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get shown() { return shown }, get latency() { return latency } }

@@ -6,8 +6,9 @@ const RINGS = 180, SIDES = 14
 const BEVEL = 4          // length of the tip's slope, diameters
 const MARK = 0.01        // m between the marks on the shaft
 const MAX_CONTACTS = 65
-const FORCE_SCALE = 0.1  // m of arrow per N
-const LONGEST = 0.03     // m
+const ARROW_HEAD = 0.003 // m
+
+export const FORCE_SCALE = 0.04 // m of arrow per N
 
 /** Points and directions along the centreline at equal steps, through the joints. */
 function trace(joints, count) {
@@ -22,11 +23,23 @@ function trace(joints, count) {
   return { places, tangents }
 }
 
+/** Copies of one shape, one for each contact. */
+function instances(geometry) {
+  const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial(), MAX_CONTACTS)
+  mesh.frustumCulled = false
+  mesh.count = 0
+  mesh.setColorAt(0, new THREE.Color())
+  return mesh
+}
+
 export class Needle {
   constructor(scene) {
     this.length = scene.needle.length
     this.radius = scene.needle.diameter / 2
+    this.tipColour = '#ffffff'
     this.group = new THREE.Group()
+    this.body = new THREE.Group()
+    this.group.add(this.body)
     this.addShaft()
     this.addHub()
     this.addContacts()
@@ -42,17 +55,17 @@ export class Needle {
       for (let side = 0; side < SIDES; side++) colours.fill(dark ? 0.2 : 0.86, 3 * (ring * SIDES + side), 3 * (ring * SIDES + side + 1))
       for (let side = 0; side < SIDES && ring < RINGS - 1; side++) {
         const a = ring * SIDES + side, b = ring * SIDES + (side + 1) % SIDES
-        indices.push(a, b, a + SIDES, b, b + SIDES, a + SIDES)
+        indices.push(a, a + SIDES, b, b, a + SIDES, b + SIDES)
       }
     }
-    for (let side = 0; side < SIDES; side++) indices.push((RINGS - 1) * SIDES + side, (RINGS - 1) * SIDES + (side + 1) % SIDES, count - 1)
+    for (let side = 0; side < SIDES; side++) indices.push((RINGS - 1) * SIDES + side, count - 1, (RINGS - 1) * SIDES + (side + 1) % SIDES)
     geometry.setAttribute('position', this.place)
     geometry.setAttribute('normal', this.normal)
     geometry.setAttribute('color', new THREE.BufferAttribute(colours, 3))
     geometry.setIndex(indices)
-    this.shaft = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({ vertexColors: true, specular: '#ffffff', shininess: 60, side: THREE.DoubleSide }))
-    this.shaft.frustumCulled = false
-    this.group.add(this.shaft)
+    const shaft = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({ vertexColors: true, specular: '#ffffff', shininess: 60 }))
+    shaft.frustumCulled = false
+    this.body.add(shaft)
   }
 
   addHub() {
@@ -61,22 +74,15 @@ export class Needle {
     this.hub = new THREE.Group()
     this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: '#2c7fb8', specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
-    this.group.add(this.hub)
+    this.body.add(this.hub)
   }
 
   addContacts() {
-    this.dots = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 16, 12), new THREE.MeshLambertMaterial(), MAX_CONTACTS)
-    this.dots.frustumCulled = false
-    this.dots.setColorAt(0, new THREE.Color())
-    this.group.add(this.dots)
-    const geometry = new THREE.BufferGeometry()
-    this.arrowPlace = new THREE.BufferAttribute(new Float32Array(6 * MAX_CONTACTS), 3).setUsage(THREE.DynamicDrawUsage)
-    this.arrowColour = new THREE.BufferAttribute(new Float32Array(6 * MAX_CONTACTS), 3).setUsage(THREE.DynamicDrawUsage)
-    geometry.setAttribute('position', this.arrowPlace)
-    geometry.setAttribute('color', this.arrowColour)
-    this.arrows = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true }))
-    this.arrows.frustumCulled = false
-    this.group.add(this.arrows)
+    this.dots = instances(new THREE.SphereGeometry(1, 16, 12))
+    this.stems = instances(new THREE.CylinderGeometry(0.00025, 0.00025, 1, 8).translate(0, 0.5, 0))
+    this.heads = instances(new THREE.ConeGeometry(0.0008, ARROW_HEAD, 12).translate(0, -ARROW_HEAD / 2, 0))
+    this.arrows = new THREE.Group().add(this.stems, this.heads)
+    this.group.add(this.dots, this.arrows)
   }
 
   show(picture) {
@@ -111,23 +117,24 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** The last contact is the tip if its arc is the needle's length. */
+  /** A dot for each contact, an arrow for its force on the tissue. The last contact is the tip if its arc is the needle's length. */
   touch(contacts) {
-    const count = contacts.length / 8, matrix = new THREE.Matrix4(), colour = new THREE.Color()
-    this.dots.count = count
-    this.arrows.geometry.setDrawRange(0, 2 * count)
+    const count = contacts.length / 8, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
+    const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()
     for (let i = 0; i < count; i++) {
-      const [x, y, z, fx, fy, fz, arc, state] = contacts.subarray(8 * i, 8 * i + 8)
-      const tip = arc > this.length - 1e-6, force = Math.hypot(fx, fy, fz), length = force > 0 ? Math.min(FORCE_SCALE, LONGEST / force) : 0
-      const size = tip ? 0.0014 : 0.001
-      this.dots.setMatrixAt(i, matrix.makeScale(size, size, size).setPosition(x, y, z))
-      colour.set(tip ? CONTACT.tip : CONTACT[state])
-      this.dots.setColorAt(i, colour)
-      this.arrowPlace.array.set([x, y, z, x + length * fx, y + length * fy, z + length * fz], 6 * i)
-      colour.toArray(this.arrowColour.array, 6 * i)
-      colour.toArray(this.arrowColour.array, 6 * i + 3)
+      const [arc, state] = contacts.subarray(8 * i + 6, 8 * i + 8), tip = arc > this.length - 1e-6
+      place.fromArray(contacts, 8 * i)
+      force.fromArray(contacts, 8 * i + 3)
+      const length = FORCE_SCALE * force.length(), head = Math.min(1, length / ARROW_HEAD)
+      turn.setFromUnitVectors(up, force.clone().normalize())
+      this.dots.setMatrixAt(i, matrix.makeScale(...Array(3).fill(tip ? 0.0014 : 0.001)).setPosition(place))
+      this.stems.setMatrixAt(i, matrix.compose(place, turn, size.set(1, Math.max(length - 0.5 * head * ARROW_HEAD, 1e-6), 1)))
+      this.heads.setMatrixAt(i, matrix.compose(place.addScaledVector(force, FORCE_SCALE), turn, size.setScalar(Math.max(head, 1e-6))))
+      for (const part of [this.dots, this.stems, this.heads]) part.setColorAt(i, colour.set(tip ? this.tipColour : CONTACT[state]))
     }
-    this.dots.instanceMatrix.needsUpdate = this.dots.instanceColor.needsUpdate = true
-    this.arrowPlace.needsUpdate = this.arrowColour.needsUpdate = true
+    for (const part of [this.dots, this.stems, this.heads]) {
+      part.count = count
+      part.instanceMatrix.needsUpdate = part.instanceColor.needsUpdate = true
+    }
   }
 }

@@ -1,5 +1,6 @@
 // One picture of the view for papers: the needle in the tissue, the slice beside it, scale and numbers.
 import { rampCss } from './colours.js'
+import { FORCE_SCALE } from './needle.js'
 
 const SLICE = 0.36 // of the picture's height
 
@@ -52,7 +53,7 @@ function drawScales(ink, stage, range, height, unit) {
   ink.fillText(`displacement 0 – ${+(1e3 * range).toPrecision(2)} mm`, 24 * unit, y - 8 * unit)
   const length = 0.02 / stage.metresPerPixel() * (stage.renderer.domElement.height / stage.canvas.clientHeight), left = 230 * unit
   ink.fillRect(left, y + 3 * unit, length, 2 * unit)
-  ink.fillText('20 mm', left, y - 8 * unit)
+  ink.fillText(`20 mm, ${0.02 / FORCE_SCALE} N`, left, y - 8 * unit)
 }
 
 export function save(blob, name) {

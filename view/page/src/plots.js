@@ -3,6 +3,7 @@ import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
 
+const TITLE = 18 // px above a plot, as in style.css
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -12,6 +13,9 @@ const PLOTS = [
   { title: 'Timing', unit: 'µs', live: true, columns: [10, 11, 8, 9], names: ['tick', 'max', 'late', 'max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
+
+/** Without the sign of a zero. */
+const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
@@ -27,7 +31,8 @@ export class Plots {
 
   build(plot) {
     const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
-    const number = (value) => (value === null || value === undefined ? '–' : (plot.scale * value).toFixed(plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
+    const number = (value) => (value === null || value === undefined ? '–' : fixed(plot.scale * value, plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
+    const decades = (u, splits) => splits.map((v) => (Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null))
     const holder = document.createElement('div')
     if (plot.live) holder.className = 'live-only'
     this.container.append(holder)
@@ -36,14 +41,14 @@ export class Plots {
       padding: [4, 8, 2, 0],
       scales: { x: { time: false }, y: plot.logarithmic ? { distr: 3, range: (u, low, high) => [1e-6, Math.max(2 * this.budget, high * 1.2)] } : { range: (u, low, high) => this.range(plot, low, high) } },
       axes: [
-        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)), show: plot === PLOTS.at(-1) || plot === PLOTS.at(-2) },
-        { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: (u, splits) => splits.map((v) => ([1e-6, 1e-5, 1e-4, 1e-3, 1e-2].some((w) => Math.abs(v / w - 1) < 1e-6) ? v : null)) } : { space: 22 }) },
+        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)) },
+        { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: decades, grid: { ...axis.grid, filter: decades } } : { space: 22 }) },
       ],
       series: [{ label: 's', value: (u, v) => (v === null || v === undefined ? '–' : v.toFixed(2)) },
                ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], points: { show: false }, value: (u, v) => number(v) }))],
       hooks: { draw: [(u) => this.drawMarks(u, plot)] },
     }
-    const built = { ...plot, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
+    const built = { ...plot, holder, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
     const title = document.createElement('h3')
     title.innerHTML = `${plot.title} <small>${plot.unit}</small>`
     holder.prepend(title)
@@ -56,10 +61,14 @@ export class Plots {
     return [plot.fromZero ? 0 : Math.min(low - margin, -plot.least / plot.scale), Math.max(high + margin, plot.least / plot.scale)]
   }
 
+  /** All as high as there is room for; the last one that is shown has the time below it. */
   resize() {
-    const shown = this.container.querySelectorAll('div:not(.log .live-only) > .uplot').length
-    const width = this.container.clientWidth - 4, height = Math.max(64, Math.min(190, (this.container.clientHeight - 24) / shown - 21))
-    for (const { chart } of this.plots) chart.setSize({ width, height })
+    const shown = this.plots.filter(({ holder }) => holder.clientHeight > 0), last = shown.at(-1)
+    for (const plot of shown) plot.holder.classList.toggle('last', plot === last)
+    for (const plot of shown) {
+      plot.chart.axes[0].show = plot === last
+      plot.chart.setSize({ width: plot.holder.clientWidth, height: plot.holder.clientHeight - TITLE })
+    }
   }
 
   /** Shows `from` .. `to` (s); `time` is where the picture is, or null at the end. */
@@ -97,7 +106,7 @@ export class Plots {
       this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
       if (plot === PLOTS[0] && x >= free) {
         ink.font = `${10 * ratio}px system-ui, sans-serif`
-        ink.fillText(mark.name, x + 3 * ratio, top + 10 * ratio)
+        this.label(ink, mark.name, x + 3 * ratio, top + 10 * ratio, ratio)
         free = x + ink.measureText(mark.name).width + 8 * ratio
       }
     }
@@ -106,13 +115,25 @@ export class Plots {
       ink.strokeStyle = ink.fillStyle = css('--alarm')
       this.line(ink, left, y, left + width, y, [], ratio)
       ink.font = `${9 * ratio}px system-ui, sans-serif`
-      ink.fillText('budget', left + 4 * ratio, y - 3 * ratio)
+      this.label(ink, 'budget', left + 4 * ratio, y + (y - top < 14 * ratio ? 10 : -3) * ratio, ratio)
     }
     if (this.time !== null) {
       const x = u.valToPos(this.time, 'x', true)
       ink.strokeStyle = css('--accent')
       this.line(ink, x, top, x, top + height, [], 1.5 * ratio)
     }
+    ink.restore()
+  }
+
+  /** Readable on top of curves. */
+  label(ink, text, x, y, ratio) {
+    ink.save()
+    ink.strokeStyle = css('--panel')
+    ink.lineWidth = 3 * ratio
+    ink.lineJoin = 'round'
+    ink.setLineDash([])
+    ink.strokeText(text, x, y)
+    ink.fillText(text, x, y)
     ink.restore()
   }
 

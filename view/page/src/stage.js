@@ -6,8 +6,9 @@ import { ramp } from './colours.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
 
-const SOFTWARE_RATIO = 0.66 // drawn pixels a pixel where the processor draws
-const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0, -1] } // camera's direction from the middle
+const MOVING = 0.5, STILL = 1.5 // drawn pixels a pixel where the processor draws: while something moves, and once nothing does
+const REST = 250 // ms without a change after which nothing moves
+const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // camera's direction from the middle
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
 function rampTexture() {
@@ -23,6 +24,12 @@ function rampTexture() {
 function drawsInSoftware() {
   const graphics = document.createElement('canvas').getContext('webgl2'), info = graphics?.getExtension('WEBGL_debug_renderer_info')
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
+}
+
+/** The needle where driving by hand begins, the tissue at rest. */
+function pictureAtHome({ home, needle, nodes }) {
+  const [x, y, z] = home
+  return { orientation: [1, 0, 0, 0], scale: 0, joints: new Float32Array([x, y, z, x, y, z + needle.length]), contacts: new Float32Array(0), displacement: new Int16Array(nodes.length) }
 }
 
 /** A frame of four lines across the body, normal to an axis; dragged along it. */
@@ -49,12 +56,10 @@ class Plane {
 }
 
 export class Stage {
-  /** `fine`: smooth edges even where the processor has to draw them. */
-  constructor(canvas, fine) {
+  constructor(canvas) {
     this.canvas = canvas
     this.slow = drawsInSoftware()
-    this.ratio = !this.slow ? Math.min(devicePixelRatio, 2) : fine ? 1 : SOFTWARE_RATIO
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine || !this.slow, alpha: true })
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.slow, alpha: true })
     this.renderer.localClippingEnabled = true
     this.world = new THREE.Scene()
     this.camera = new THREE.PerspectiveCamera(32, 1, 0.005, 3)
@@ -65,7 +70,10 @@ export class Stage {
     this.clipping = []
     this.addLights()
     this.addDragging()
-    this.dirty = true
+    this.dirty = true   // something has changed since it was drawn
+    this.end = null     // of what was drawn last, for the graphics
+    this.coarse = false // what is drawn is not as fine as it could be
+    this.changed = 0    // ms, of performance.now()
     this.onSlice = () => {}
     this.onCut = () => {}
   }
@@ -86,9 +94,9 @@ export class Stage {
     this.box = box
     this.slice = new Plane('z', '#37d0ff', box)
     this.content = new THREE.Group().add(this.anatomy.group, this.needle.group, this.slice.frame)
-    this.needle.group.visible = false
     this.world.add(this.content)
     this.setCut('')
+    this.show(pictureAtHome(scene))
     this.look(1)
   }
 
@@ -133,7 +141,7 @@ export class Stage {
 
   /** Returns the largest displacement, m. */
   show(picture) {
-    this.needle.group.visible = true
+    this.picture = picture
     this.line = this.needle.show(picture)
     const largest = this.anatomy.deform(picture)
     if (this.cutPlane) this.recut()
@@ -141,28 +149,57 @@ export class Stage {
     return largest
   }
 
+  setTheme(dark) {
+    this.anatomy.setTheme(dark)
+    this.needle.tipColour = dark ? '#ffffff' : '#17212b'
+    this.needle.touch(this.picture.contacts)
+    this.dirty = true
+  }
+
   setLayer(name, visible) {
-    const own = { needle: this.needle.shaft, contacts: this.needle.dots, forces: this.needle.arrows, 'slice frame': this.slice.frame }
+    const own = { needle: this.needle.body, contacts: this.needle.dots, forces: this.needle.arrows, 'slice frame': this.slice.frame }
     for (const object of own[name] ? [own[name]] : this.anatomy.layers.get(name) ?? []) object.visible = visible
     this.dirty = true
   }
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement
-    this.renderer.setPixelRatio(this.ratio)
     this.renderer.setSize(clientWidth, clientHeight, false)
     this.camera.aspect = clientWidth / clientHeight
     this.camera.updateProjectionMatrix()
     this.dirty = true
   }
 
-  /** Draws if anything has changed; returns whether it did. */
-  draw() {
+  /** Draws if anything has changed, and finely once nothing changes any more; returns whether it did. */
+  draw(now) {
     this.controls.update()
-    if (!this.dirty || !this.scene) return false
+    if (!this.scene) return false
+    if (this.dirty) this.changed = now
+    if (!this.dirty && !(this.coarse && now - this.changed > REST)) return false
+    this.render(this.slow && this.dirty)
+    return true
+  }
+
+  /** `coarse`: with fewer pixels. */
+  render(coarse) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
+    const ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.renderer.render(this.world, this.camera)
+    this.coarse = coarse
     this.dirty = false
+    const gl = this.renderer.getContext()
+    gl.deleteSync(this.end)
+    this.end = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0)
+    gl.flush()
+  }
+
+  /** Whether the graphics have finished what was drawn. */
+  finished() {
+    const gl = this.renderer.getContext()
+    if (this.end && gl.getSyncParameter(this.end, gl.SYNC_STATUS) === gl.UNSIGNALED) return false
+    gl.deleteSync(this.end)
+    this.end = null
     return true
   }
 

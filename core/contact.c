@@ -32,8 +32,8 @@ static void turn(const principal *to, double *x, double *y) {
    axial rows is the Schur complement: the compliance along the needle with all sideways gaps closed. The sideways rows
    keep the factors for close_sideways(), in principal directions; the diagonal blocks keep the rotations. */
 static void eliminate_sideways(contact_problem *p) {
-    int sideways = 2 * p->count, all = 3 * p->count;
-    double v0[3 * MAX_POINTS], v1[3 * MAX_POINTS];
+    int sideways = 2 * p->count, all = sideways + p->axial_count;
+    double v0[MAX_UNKNOWNS], v1[MAX_UNKNOWNS];
     for (int c = 0; c < sideways; c += 2) {
         double (*a)[CONTACT_LD] = p->compliance;
         principal axes = diagonalise(a[c][c], a[c + 1][c], a[c + 1][c + 1], p->scale[c / 2]);
@@ -64,12 +64,12 @@ static double axial(const contact_problem *p, int i, int j) {
 
 static double slip_at(const contact_problem *p, int i) {
     double slip = p->gap[2 * p->count + i];
-    for (int j = 0; j < p->count; j++) slip -= axial(p, i, j) * p->force[2 * p->count + j];
+    for (int j = 0; j < p->axial_count; j++) slip -= axial(p, i, j) * p->force[2 * p->count + j];
     return slip;
 }
 
 /* Cholesky factorisation and solution in place; false if not positive definite. */
-static bool solve_definite(int n, double a[MAX_POINTS][MAX_POINTS], double *x) {
+static bool solve_definite(int n, double a[MAX_AXIAL][MAX_AXIAL], double *x) {
     for (int i = 0; i < n; i++) {
         for (int j = 0; j <= i; j++) {
             double sum = a[i][j];
@@ -93,10 +93,10 @@ static double viscosity(const contact_problem *p, int i) { return p->viscosity[i
 
 /* Axial forces for a given set of sticking and slipping contacts. */
 static bool solve_axial(contact_problem *p) {
-    int unknown[MAX_POINTS], count = 0;
-    double system[MAX_POINTS][MAX_POINTS], x[MAX_POINTS];
+    int unknown[MAX_AXIAL], count = 0;
+    double system[MAX_AXIAL][MAX_AXIAL], x[MAX_AXIAL];
     double *force = p->force + 2 * p->count;
-    for (int i = 0; i < p->count; i++) {
+    for (int i = 0; i < p->axial_count; i++) {
         bool free_force = p->state[i] == STICK || viscosity(p, i) > 0.0;
         force[i] = free_force ? 0.0 : bound(p, i);
         if (free_force) unknown[count++] = i;
@@ -130,13 +130,13 @@ static friction_state consistent_state(contact_problem *p, int i) {
 /* Active-set search: all inconsistent contacts switch at once, as a rule twice or so; if that cycles, one at a time in
    least-index order, which is finite for positive definite problems (Murty 1974). */
 static bool search_states(contact_problem *p) {
-    int together = 10, limit = together + 4 * p->count;
-    for (int i = 0; i < p->count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
+    int together = 10, limit = together + 4 * p->axial_count;
+    for (int i = 0; i < p->axial_count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
         if (!solve_axial(p)) return false;
         bool consistent = true;
-        for (int i = 0; i < p->count; i++) {
+        for (int i = 0; i < p->axial_count; i++) {
             friction_state next = consistent_state(p, i);
             if (next == p->state[i] || (!consistent && round >= together)) continue;
             p->state[i] = next;
@@ -150,7 +150,7 @@ static bool search_states(contact_problem *p) {
 
 /* Back substitution: sideways forces from the axial ones. */
 static void close_sideways(contact_problem *p) {
-    int sideways = 2 * p->count, all = 3 * p->count;
+    int sideways = 2 * p->count, all = sideways + p->axial_count;
     memcpy(p->force, p->gap, (size_t)sideways * sizeof *p->force);
     for (int i = all - 1; i >= 0; i--) {
         if (i < sideways && i % 2 == 1) { /* both forces of a contact are known: back from its principal directions */

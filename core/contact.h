@@ -5,22 +5,23 @@
 
 #include "remesh.h"
 
-enum { MAX_POINTS = MAX_CONTACTS + 1, CONTACT_LD = 200 }; /* contacts and the tip */
+enum { MAX_POINTS = MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 200 };
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 
 /* Find the forces (on the tissue, local frames): A force = gap sideways; along the axis
    slip = gap - A force, with force in [lower, upper] where slip = 0, upper + viscosity[1] * slip where slip > 0 and
-   lower + viscosity[0] * slip where slip < 0. Unknowns are ordered: 2 n sideways, then n axial. */
+   lower + viscosity[0] * slip where slip < 0. Unknowns are ordered: 2 n sideways, then m axial: a point may bear more than one
+   force along the needle. */
 typedef struct {
-    int count;                           /* n */
-    double compliance[3 * MAX_POINTS][CONTACT_LD]; /* A, m/N: lower triangle; destroyed by the solve */
-    double gap[3 * MAX_POINTS];          /* m */
-    double lower[MAX_POINTS], upper[MAX_POINTS];   /* N, lower <= upper; may be infinite */
-    double viscosity[MAX_POINTS][2];     /* N/m (viscous friction over the tick), >= 0: backward, forward */
-    friction_state state[MAX_POINTS];    /* in: warm start; out: solution */
-    double force[3 * MAX_POINTS];        /* N, out */
-    double slip[MAX_POINTS];             /* m, out: how far the needle slid forward past the tissue in this tick */
+    int count, axial_count;              /* n, m: contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
+    double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: lower triangle; destroyed by the solve */
+    double gap[MAX_UNKNOWNS];            /* m */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
+    double viscosity[MAX_AXIAL][2];      /* N/m (viscous friction over the tick), >= 0: backward, forward */
+    friction_state state[MAX_AXIAL];     /* in: warm start; out: solution */
+    double force[MAX_UNKNOWNS];          /* N, out */
+    double slip[MAX_AXIAL];              /* m, out: how far the needle slid forward past the tissue in this tick */
     double scale[MAX_POINTS];            /* m/N, size of each contact's own sideways compliance (scratch) */
     int switches;                        /* out: changes of the active set */
 } contact_problem;

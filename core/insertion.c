@@ -123,7 +123,7 @@ static void slide_shaft(insertion_state *state) {
     }
     double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;
     for (int i = state->active; i < contacts_passed(state); i++) state->contacts[i].arc -= neighbour;
-    state->tip.slid = slid_on(state->tip.slid, state->tip.slip, state->tip.friction);
+    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
 }
 
 /* ---- contacts ----------------------------------------------------------------------------------------------------------- */
@@ -134,18 +134,32 @@ static double friction_density(const region_material *material, double slid, dou
     return material->friction_kinetic + excess * exp(-slid / weakening_distance);
 }
 
+/* Shaft that a contact stands for, m: half way to its neighbours. */
+static double share_of(const insertion_state *state, int index) {
+    double depth = state->contacts[index].depth, from = index > 0 ? 0.5 * (state->contacts[index - 1].depth + depth) : 0.0;
+    double next = index + 1 < state->active ? state->contacts[index + 1].depth : state->tip.depth;
+    return fmax(0.5 * (depth + next) - from, LEAST_SHARE);
+}
+
+/* How far the shaft at a contact that slides is ahead of the tissue, which follows it elastically up to the friction limit, m. */
+static double elastic_slip(const insertion_model *model, const insertion_state *state, int index, double dt) {
+    const shaft_contact *contact = &state->contacts[index];
+    const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[index].tet]];
+    double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
+    double share = share_of(state, index), stiffness = share / local_line_force(material).axial;
+    return local_of_share(contact->log_axial, stiffness, contact->surplus) * share * (dry + material->friction_viscous * contact->slip / dt);
+}
+
 /* A contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
    tip that left it there. */
 static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index, double dt) {
     shaft_contact *contact = &state->contacts[index];
     const added_node *node = &state->refined.nodes[index];
-    const region_material *material = &model->materials[model->mesh->region[node->tet]];
     local_compliance logarithm = local_logarithm(model, node->tet, node->position);
     contact->log_lateral = logarithm.lateral;
     contact->log_axial = logarithm.axial;
-    double limit = friction_density(material, contact->slid, model->settings.weakening_distance);
-    /* (local compliance / share) * (friction density * share), and what it slides in this tick, as the tip did */
-    double ahead = local_line_force(material).axial * logarithm.axial * (contact->friction * limit + material->friction_viscous * contact->slip / dt) + contact->slip;
+    contact->surplus = local_surplus(model, node->tet, node->position);
+    double ahead = elastic_slip(model, state, index, dt) + contact->slip; /* it slides on in this tick, as the tip did */
     vec3 tissue = v3_add(node->position, displacement_of(model, state, snapshot, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(tangent_of(&p), v3_sub(p.position, tissue));
@@ -203,7 +217,7 @@ static void share_length(const insertion_state *state, bool tip, insertion_works
         w->from[i] = from;
         from = w->to[i] = fmax(to, from + LEAST_SHARE);
     }
-    if (tip) w->from[state->active] = from, w->to[state->active] = fmax(end, from);
+    if (tip) w->from[state->active] = from, w->to[state->active] = fmax(end, from + LEAST_SHARE);
 }
 
 /* What a part of the shaft meets in the regions that it lies in. */
@@ -228,27 +242,35 @@ static shaft_resistance resistance_between(const insertion_model *model, const i
     return sum;
 }
 
-static void bound_contacts(const insertion_model *model, insertion_state *state, bool tip, double dt, insertion_workspace *w) {
+static void bound_friction(const insertion_model *model, const insertion_state *state, int i, int share, double slid, friction_state last,
+                           double dt, insertion_workspace *w) {
     contact_problem *p = &w->problem;
+    shaft_resistance friction = resistance_between(model, state, w->from[share], w->to[share], slid);
+    p->upper[i] = friction.dry;
+    p->lower[i] = -friction.dry;
+    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / dt;
+    p->state[i] = last;
+}
+
+/* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
+static void bound_tip(const insertion_model *model, const insertion_state *state, double dt, insertion_workspace *w) {
+    contact_problem *p = &w->problem;
+    const needle_tip *tip = &state->tip;
+    int t = state->active;
+    p->upper[t] = tip_resistance(model, tip);
+    p->lower[t] = 0.0;
+    p->viscosity[t][0] = 0.0;
+    p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / dt;
+    p->state[t] = tip->friction;
+    bound_friction(model, state, t + 1, t, tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction, dt, w);
+}
+
+static void bound_contacts(const insertion_model *model, const insertion_state *state, bool tip, double dt, insertion_workspace *w) {
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
-        shaft_resistance friction = resistance_between(model, state, w->from[i], w->to[i], contact->slid + fabs(contact->slip));
-        p->upper[i] = friction.dry;
-        p->lower[i] = -friction.dry;
-        p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / dt;
-        p->state[i] = contact->friction;
+        bound_friction(model, state, i, i, contact->slid + fabs(contact->slip), contact->friction, dt, w);
     }
-    if (!tip) return;
-    int t = state->active;
-    shaft_resistance friction = resistance_between(model, state, w->from[t], w->to[t], state->tip.slid + fabs(state->tip.slip));
-    bool blocked = state->tip.blocked_by != NOT_BLOCKED;
-    state->tip.shaft_force = fmin(fmax(state->tip.shaft_force, -friction.dry), friction.dry); /* a contact left behind took its part along */
-    w->tip_friction = state->tip.shaft_force + friction.viscous * state->tip.speed;
-    p->upper[t] = friction.dry + tip_resistance(model, &state->tip);
-    p->lower[t] = -friction.dry;
-    p->viscosity[t][0] = friction.viscous / dt;
-    p->viscosity[t][1] = blocked ? 0.0 : p->viscosity[t][0] + model->materials[model->mesh->region[state->tip.tet]].cutting_viscosity / dt;
-    p->state[t] = state->tip.friction;
+    if (tip) bound_tip(model, state, dt, w);
 }
 
 static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
@@ -263,7 +285,7 @@ static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, c
     return sum;
 }
 
-/* Unknowns: two sideways for each point, then one along the needle for each. */
+/* Unknowns: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. */
 static int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
 
 static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, const mat3 *frame_i, const mat3 *frame_j) {
@@ -277,6 +299,13 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
         }
 }
 
+/* The shaft next to the tip pulls at the same point along the same line: as yet a copy of the tip's last row and column. */
+static void repeat_tip(contact_problem *p) {
+    int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
+    memcpy(p->compliance[shaft], p->compliance[tip], (size_t)shaft * sizeof **p->compliance);
+    p->compliance[shaft][shaft] = p->compliance[tip][tip];
+}
+
 /* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
 static void assemble(insertion_workspace *w, const insertion_state *state, const compliance_snapshot *snapshot, bool tip) {
     contact_problem *p = &w->problem;
@@ -288,6 +317,7 @@ static void assemble(insertion_workspace *w, const insertion_state *state, const
                 for (int b = 0; b < 3; b++) tissue.m[a][b] += needle.m[a][b] + (a == b ? state->base_compliance : 0.0);
             put_block(p, i, j, &tissue, &w->points[i].frame, &w->points[j].frame);
         }
+    if (tip) repeat_tip(p);
     for (int i = 0; i < p->count; i++) {
         for (int a = 0; a < 3; a++) p->compliance[unknown(p->count, i, a)][unknown(p->count, i, a)] += a < 2 ? w->lateral[i] : w->axial[i];
         const needle_point *at = &w->points[i];
@@ -298,17 +328,21 @@ static void assemble(insertion_workspace *w, const insertion_state *state, const
         p->gap[unknown(p->count, i, 1)] = gap.y;
         p->gap[unknown(p->count, i, 2)] = gap.z;
     }
-    if (tip) p->gap[unknown(p->count, p->count - 1, 2)] += w->axial[p->count - 1] * w->tip_friction;
+    if (!tip) return;
+    int shaft = unknown(p->count, p->count, 2);
+    p->compliance[shaft][shaft] += w->axial[p->count];
+    p->gap[shaft] = p->gap[shaft - 1] + state->tip.stretch;
 }
 
 /* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
-   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force. */
+   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force, beside
+   the shaft next to it. */
 static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w, bool tip) {
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
         shaft_resistance shaft = resistance_between(model, state, w->from[i], w->to[i], 0.0);
-        w->lateral[i] = contact->log_lateral / shaft.lateral;
-        w->axial[i] = contact->log_axial / shaft.axial;
+        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus);
+        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus);
     }
     if (!tip) return;
     int t = state->active;
@@ -316,17 +350,8 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     local_compliance local = local_at(model, state->tip.known_tet, state->tip.nominal);
     w->lateral[t] = local.lateral / fmax(hold * (w->to[t] - w->from[t] + radius), 1e-9);
     w->axial[t] = local_at_tip(model, state->tip.known_tet, state->tip.nominal, state->tip.depth);
-}
-
-/* The part of the tip's force that is friction follows its limit over the shaft's elastic distance of sliding. */
-static void follow_friction(const insertion_model *model, insertion_state *state, const insertion_workspace *w, double dt) {
-    needle_tip *tip = &state->tip;
-    int t = state->active;
-    tip->speed = tip->slip / dt;
-    double limit = resistance_between(model, state, w->from[t], w->to[t], tip->slid).dry;
-    double stretch = limit / fmax(w->to[t] - w->from[t], LEAST_SHARE) * local_at(model, tip->tet, tip->nominal).axial;
-    tip->shaft_force += (tip->friction * limit - tip->shaft_force) * (stretch > 0.0 ? -expm1(-fabs(tip->slip) / stretch) : 1.0);
-    tip->shaft_force = fmin(fmax(tip->shaft_force, -limit), limit);
+    shaft_resistance shaft = resistance_between(model, state, w->from[t], w->to[t], 0.0);
+    w->axial[t + 1] = local_logarithm(model, state->tip.known_tet, state->tip.nominal).axial / shaft.axial;
 }
 
 static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
@@ -368,12 +393,15 @@ static void shift_base(const insertion_model *model, insertion_state *state, con
 static void take_forces(insertion_state *state, const insertion_workspace *w, bool tip) {
     const contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
-        vec3 local = v3(p->force[2 * i], p->force[2 * i + 1], p->force[2 * p->count + i]);
-        vec3 force = m3_apply(&w->points[i].frame, local);
-        if (tip && i == p->count - 1) {
+        bool at_tip = tip && i == p->count - 1;
+        double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
+        vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
+        if (at_tip) {
             state->tip.force = force;
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
+            state->tip.shaft_slip = p->slip[i + 1];
+            state->tip.shaft_friction = p->state[i + 1];
         } else {
             state->contacts[i].force = force;
             state->contacts[i].slip = p->slip[i];
@@ -389,7 +417,7 @@ static void give_up(insertion_state *state, insertion_wrench *wrench) {
         state->contacts[i].slip = 0.0;
     }
     state->tip.force = v3(0, 0, 0);
-    state->tip.slip = state->tip.speed = 0.0;
+    state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
     state->base_shift = v3(0, 0, 0);
     state->buckled = true;
     wrench->events |= EVENT_UNSTABLE;
@@ -410,6 +438,7 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
     int segments = model->needle->given.segments;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     p->count = state->active + tip;
+    p->axial_count = p->count + tip;
     share_length(state, tip, w);
     if (tip) {
         const double *weights = state->tip.known_weights;
@@ -486,6 +515,18 @@ static void sum_wrench(const insertion_state *state, const insertion_workspace *
     wrench->contacts = state->active;
 }
 
+/* The tip goes on in the tissue and the shaft next to it slides, each as the last solve said: not always equally far. */
+static void move_tip(const insertion_model *model, insertion_state *state, vec3 gradient, double dt, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    double before = tip->depth, slid = tip->shaft_slip;
+    bool beyond = tip->phase == TIP_BEYOND;
+    tip_move(model, state, gradient, wrench);
+    if (tip->phase != TIP_INSIDE) return;
+    tip->stretch += tip->depth - before - slid;
+    int last = contacts_passed(state) - 1;
+    if (beyond) tip->stretch = last < 0 ? 0.0 : elastic_slip(model, state, last, dt);
+}
+
 static void step(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                  const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     if (state->buckled) {
@@ -500,7 +541,7 @@ static void step(const insertion_model *model, insertion_state *state, insertion
         vec3 gradient = track_gradient(model, state, snapshot);
         pose shifted = {v3_add(base.position, state->base_shift), base.orientation};
         needle_hold(model->needle, shifted, &state->needle);
-        tip_move(model, state, gradient, wrench);
+        move_tip(model, state, gradient, dt, wrench);
         if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) glide_on_surface(model, state, wrench);
     }
     accept_snapshot(model, state, snapshot, dt, wrench);
@@ -508,10 +549,7 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     bool tip = tip_known(model, state, snapshot, handles, wrench);
     if (state->active + tip > 0) find_equilibrium(model, state, scratch, snapshot, tip, handles, dt, wrench);
     else state->base_shift = v3(0, 0, 0);
-    if (tip) {
-        follow_friction(model, state, scratch, dt);
-        follow_pressing(&state->tip, &scratch->points[state->active], dt);
-    }
+    if (tip) follow_pressing(&state->tip, &scratch->points[state->active], dt);
     tip_puncture(model, state, wrench);
     sum_wrench(state, scratch, tip, wrench);
 }

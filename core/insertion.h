@@ -65,6 +65,7 @@ typedef struct {
     friction_state friction;
     double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
     double log_axial;        /* the same along the needle */
+    double surplus;          /* m/N, what its node yields already by being in the mesh */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -75,11 +76,12 @@ typedef struct {
     vec3 nominal;            /* m, the tissue's material point at the tip */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
-    double slid;             /* m, as in shaft_contact */
-    friction_state friction;
+    friction_state friction; /* forward while it cuts */
+    double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
+    double shaft_slid;       /* m, and friction: as in shaft_contact */
+    friction_state shaft_friction;
+    double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
-    double shaft_force;      /* N, the part of it along the needle that is dry shaft friction, not cutting */
-    double speed;            /* m/s, slip of the last solve over its time: viscous shaft friction */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`, that what blocks lies on */
@@ -131,8 +133,7 @@ typedef struct {
     needle_point points[MAX_POINTS];
     vec3 nominal[MAX_POINTS];
     double from[MAX_POINTS], to[MAX_POINTS]; /* m of depth between which each point stands for the shaft */
-    double lateral[MAX_POINTS], axial[MAX_POINTS]; /* local compliance, m/N */
-    double tip_friction;                     /* N, the part of the tip's force that is shaft friction, from the last tick */
+    double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

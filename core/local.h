@@ -17,6 +17,12 @@ local_compliance local_at(const insertion_model *model, int tet, vec3 x);
 local_compliance local_line_force(const region_material *material);
 local_compliance local_logarithm(const insertion_model *model, int tet, vec3 x);
 
+/* What a contact node yields already by being in the mesh, on average, m/N. */
+double local_surplus(const insertion_model *model, int tet, vec3 x);
+
+/* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. */
+double local_of_share(double logarithm, double stiffness, double surplus);
+
 /* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface. */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth);
 

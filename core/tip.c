@@ -87,8 +87,8 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     if (!met) drop_plan(state);
     if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
         shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = model->needle->given.length, .depth = tip->depth, .slip = tip->slip, .slid = tip->slid,
-                                   .friction = tip->friction};
+        *contact = (shaft_contact){.arc = model->needle->given.length, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
+                                   .friction = tip->shaft_friction};
     }
     tip->planned = false;
     tip->next_contact = INFINITY;
@@ -106,15 +106,14 @@ static void leave_strata(insertion_state *state) {
 }
 
 /* The tip has come back to its last contact node and takes its place. */
-static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+static void take_up_contact(insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
     tip->nominal = node->position;
     tip->tet = node->tet;
     tip->depth = state->contacts[last].depth;
-    tip->slid = state->contacts[last].slid;
-    tip->shaft_force = v3_dot(state->contacts[last].force, v3_unit(needle_direction(model, state)));
+    tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;
     leave_strata(state);
     if (state->active > last) state->active = last;
@@ -143,7 +142,7 @@ static void exit_tissue(const insertion_model *model, insertion_state *state, in
     if (state->tip.depth - last_contact_depth(state) > 0.5 * model->settings.contact_spacing) leave_contact(model, state, wrench);
     state->tip.phase = TIP_BEYOND;
     state->tip.force = v3(0, 0, 0);
-    state->tip.slip = 0.0;
+    state->tip.slip = state->tip.shaft_slip = 0.0;
     state->tip.blocked_by = NOT_BLOCKED;
     wrench->events |= EVENT_EXITED;
 }
@@ -206,7 +205,7 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
         if (distance >= length) {
             distance -= fmax(length, 0.0);
             if (last >= 0) {
-                take_up_contact(model, state, wrench);
+                take_up_contact(state, wrench);
                 continue;
             }
             leave_tissue(tip, wrench);
@@ -299,7 +298,7 @@ void tip_move(const insertion_model *model, insertion_state *state, vec3 track_g
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0
            && state->contacts[contacts_passed(state) - 1].arc > model->needle->given.length) {
         drop_plan(state);
-        take_up_contact(model, state, wrench);
+        take_up_contact(state, wrench);
     }
 }
 

@@ -13,7 +13,7 @@
 
 #include "check.h"
 
-enum { MOST = 3 * MAX_POINTS };
+enum { MOST = MAX_UNKNOWNS };
 
 static contact_problem given, solved; /* large: not on the stack */
 
@@ -21,12 +21,15 @@ static double uniform(double low, double high) { return low + (high - low) * ran
 
 /* ---- problems ---- */
 
+static int unknowns(const contact_problem *p) { return 2 * p->count + p->axial_count; }
+
 /* A = G G^T / size + diagonal: positive definite, well enough conditioned for Gauss-Seidel. */
-static void make_compliance(contact_problem *p, int count, double diagonal) {
+static void make_compliance(contact_problem *p, int count, int axial_count, double diagonal) {
     static double g[MOST][MOST];
-    int size = 3 * count;
     memset(p, 0, sizeof *p);
     p->count = count;
+    p->axial_count = axial_count;
+    int size = unknowns(p);
     for (int i = 0; i < size; i++)
         for (int j = 0; j < size; j++) g[i][j] = uniform(-1, 1);
     for (int i = 0; i < size; i++)
@@ -38,8 +41,8 @@ static void make_compliance(contact_problem *p, int count, double diagonal) {
 
 /* Bounds of either sign, some infinite, some of width zero; viscosity in half of the contacts. */
 static void make_friction(contact_problem *p) {
-    for (int i = 0; i < 3 * p->count; i++) p->gap[i] = uniform(-2, 2);
-    for (int i = 0; i < p->count; i++) {
+    for (int i = 0; i < unknowns(p); i++) p->gap[i] = uniform(-2, 2);
+    for (int i = 0; i < p->axial_count; i++) {
         double middle = uniform(-0.3, 0.3), width = rand() % 6 == 0 ? 0.0 : uniform(0.0, 1.5);
         p->lower[i] = rand() % 8 == 0 ? -INFINITY : middle - width;
         p->upper[i] = rand() % 8 == 0 ? INFINITY : middle + width;
@@ -58,13 +61,13 @@ static void solve(void) {
 
 static double remaining_gap(int row) {
     double gap = given.gap[row];
-    for (int j = 0; j < 3 * given.count; j++) gap -= given.compliance[row][j] * solved.force[j];
+    for (int j = 0; j < unknowns(&given); j++) gap -= given.compliance[row][j] * solved.force[j];
     return gap;
 }
 
 static void assert_solution(double tolerance) {
     for (int i = 0; i < 2 * given.count; i++) assert_close(remaining_gap(i), 0.0, tolerance);
-    for (int i = 0; i < given.count; i++) {
+    for (int i = 0; i < given.axial_count; i++) {
         double force = solved.force[2 * given.count + i], slip = solved.slip[i];
         assert_close(remaining_gap(2 * given.count + i), slip, tolerance);
         switch (solved.state[i]) {
@@ -99,9 +102,9 @@ static void gauss_seidel(double force[MOST]) {
     memset(force, 0, MOST * sizeof *force);
     for (int sweep = 0; sweep < 200000 && change > 1e-13; sweep++) {
         change = 0.0;
-        for (int i = 0; i < 3 * given.count; i++) {
+        for (int i = 0; i < unknowns(&given); i++) {
             double gap = given.gap[i], a = given.compliance[i][i];
-            for (int j = 0; j < 3 * given.count; j++)
+            for (int j = 0; j < unknowns(&given); j++)
                 if (j != i) gap -= given.compliance[i][j] * force[j];
             double next = i < 2 * given.count ? gap / a : own_force(i - 2 * given.count, gap, a);
             change = fmax(change, fabs(next - force[i]));
@@ -116,7 +119,7 @@ static void gauss_seidel(double force[MOST]) {
 static void random_problems_satisfy_their_conditions(void **state) {
     (void)state;
     for (int n = 0; n < 400; n++) {
-        make_compliance(&given, 1 + n % 30, 0.05);
+        make_compliance(&given, 1 + n % 30, 1 + n % 30 + n % 2, 0.05);
         make_friction(&given);
         solve();
         assert_solution(1e-9);
@@ -125,7 +128,7 @@ static void random_problems_satisfy_their_conditions(void **state) {
 
 static void the_largest_problem_is_solved(void **state) {
     (void)state;
-    make_compliance(&given, MAX_POINTS, 0.05);
+    make_compliance(&given, MAX_POINTS, MAX_AXIAL, 0.05);
     make_friction(&given);
     solve();
     assert_solution(1e-9);
@@ -135,11 +138,11 @@ static void solutions_equal_projected_gauss_seidel(void **state) {
     (void)state;
     double expected[MOST];
     for (int n = 0; n < 40; n++) {
-        make_compliance(&given, 1 + n % 12, 0.2);
+        make_compliance(&given, 1 + n % 12, 1 + n % 12 + n % 2, 0.2);
         make_friction(&given);
         solve();
         gauss_seidel(expected);
-        for (int i = 0; i < 3 * given.count; i++) assert_close(solved.force[i], expected[i], 1e-9);
+        for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], expected[i], 1e-9);
     }
 }
 
@@ -147,13 +150,13 @@ static void any_start_leads_to_the_same_solution(void **state) {
     (void)state;
     double first[MOST];
     for (int n = 0; n < 40; n++) {
-        make_compliance(&given, 1 + n % 20, 0.05);
+        make_compliance(&given, 1 + n % 20, 1 + n % 20 + n % 2, 0.05);
         make_friction(&given);
         for (int start = 0; start < 10; start++) {
-            for (int i = 0; i < given.count; i++) given.state[i] = start < 3 ? start - 1 : rand() % 3 - 1;
+            for (int i = 0; i < given.axial_count; i++) given.state[i] = start < 3 ? start - 1 : rand() % 3 - 1;
             solve();
             if (start == 0) memcpy(first, solved.force, sizeof first);
-            for (int i = 0; i < 3 * given.count; i++) assert_close(solved.force[i], first[i], 1e-9);
+            for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], first[i], 1e-9);
         }
         memcpy(given.state, solved.state, sizeof given.state); /* from the solution itself: nothing to switch */
         solve();
@@ -166,7 +169,7 @@ static void infinite_bounds_stick_like_a_linear_system(void **state) {
     static double a[MOST][CONTACT_LD];
     double x[MOST];
     lapack_int pivots[MOST];
-    make_compliance(&given, 20, 0.05);
+    make_compliance(&given, 20, 20, 0.05);
     make_friction(&given);
     for (int i = 0; i < 20; i++) {
         given.lower[i] = -INFINITY;
@@ -182,7 +185,7 @@ static void infinite_bounds_stick_like_a_linear_system(void **state) {
 
 static void without_friction_nothing_pulls_along_the_needle(void **state) {
     (void)state;
-    make_compliance(&given, 20, 0.05);
+    make_compliance(&given, 20, 20, 0.05);
     make_friction(&given);
     for (int i = 0; i < 20; i++) given.lower[i] = given.upper[i] = given.viscosity[i][0] = given.viscosity[i][1] = 0.0;
     solve();
@@ -201,7 +204,7 @@ static void one_contact_by_hand(void **state) {
     };
     for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
         memset(&given, 0, sizeof given);
-        given.count = 1;
+        given.count = given.axial_count = 1;
         for (int i = 0; i < 9; i++) given.compliance[i / 3][i % 3] = a[i / 3][i % 3];
         memcpy(given.gap, (double[3]){2, 4, cases[c].gap}, 3 * sizeof(double));
         given.lower[0] = -1.0;
@@ -233,7 +236,7 @@ static void a_buckled_needle_in_tissue_that_holds_it(void **state) {
     for (int n = 0; n < 40; n++) {
         int count = 2 + n % 15;
         double v[MOST], square = 0.0;
-        make_compliance(&given, count, 0.05);
+        make_compliance(&given, count, count, 0.05);
         make_friction(&given);
         for (int i = 0; i < 2 * count; i++) {
             v[i] = uniform(-1, 1);
@@ -255,7 +258,7 @@ static void a_contact_whose_own_block_is_singular(void **state) {
     (void)state;
     for (int n = 0; n < 400; n++) {
         double weak = (n % 2 ? 1.0 : -1.0) * pow(10.0, -n / 20.0), angle = uniform(0, M_PI), c = cos(angle), s = sin(angle);
-        make_compliance(&given, 2 + n % 6, 0.5);
+        make_compliance(&given, 2 + n % 6, 2 + n % 6, 0.5);
         make_friction(&given);
         given.compliance[0][0] = c * c + weak * s * s; /* eigenvalues 1 and weak, turned by the angle */
         given.compliance[1][1] = s * s + weak * c * c;
@@ -272,13 +275,13 @@ static void a_contact_whose_own_block_is_singular(void **state) {
 static void assert_refused(void) {
     solved = given;
     assert_int_equal(contact_solve(&solved), TROCAR_NUMERIC);
-    for (int i = 0; i < 3 * given.count; i++) assert_true(solved.force[i] == 0.0);
+    for (int i = 0; i < unknowns(&given); i++) assert_true(solved.force[i] == 0.0);
 }
 
 static void singular_and_unstable_problems_are_refused(void **state) {
     (void)state;
     for (int value = -1; value <= 0; value++) { /* along the needle: it runs away, or nothing yields */
-        make_compliance(&given, 3, 0.05);
+        make_compliance(&given, 3, 3, 0.05);
         make_friction(&given);
         for (int i = 0; i < 3; i++) {
             given.lower[i] = -INFINITY;

@@ -39,16 +39,16 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
     return TROCAR_OK;
 }
 
-/* Local compliance of the contact that stands for the shaft between two depths: the regions that it lies in, side by side. */
-static double local_between(const insertion_model *model, const insertion_state *s, int contact, double from, double to, bool along) {
-    local_compliance logarithm = local_logarithm(model, s->refined.nodes[contact].tet, s->refined.nodes[contact].position);
+/* Local compliance at a point that stands for the shaft between two depths: the regions that it lies in, side by side. */
+static double local_between(const insertion_model *model, const insertion_state *s, int tet, vec3 x, double from, double to, bool along, double surplus) {
+    local_compliance logarithm = local_logarithm(model, tet, x);
     double stiffness = 0.0;
     for (int k = 0; k < s->stratum_count; k++) {
         double top = fmax(from, s->strata[k].depth), bottom = k + 1 < s->stratum_count ? fmin(to, s->strata[k + 1].depth) : to;
         local_compliance line = local_line_force(&model->materials[s->strata[k].region]);
         stiffness += fmax(bottom - top, 0.0) / (along ? line.axial : line.lateral);
     }
-    return (along ? logarithm.axial : logarithm.lateral) / stiffness;
+    return local_of_share(along ? logarithm.axial : logarithm.lateral, stiffness, surplus);
 }
 
 /* Compliance of the points (contacts, then the tip) along one axis of the world, local parts included. */
@@ -64,13 +64,15 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
         double to = 0.5 * (s->contacts[i].depth + (i + 1 < contacts ? s->contacts[i + 1].depth : whole));
-        a[i * n + i] += local_between(model, s, i, from, to, axis == 2);
+        const added_node *node = &s->refined.nodes[i];
+        a[i * n + i] += local_between(model, s, node->tet, node->position, from, to, axis == 2, local_surplus(model, node->tet, node->position));
         from = to;
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole);
     double share = local_at(model, s->tip.tet, s->tip.nominal).lateral / (whole - from + model->needle->radius);
-    a[contacts * n + contacts] = own + (axis == 2 ? disc : share);
+    double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, from, whole, true, 0.0);
+    a[contacts * n + contacts] = own + (axis == 2 ? 1.0 / (1.0 / disc + 1.0 / shaft) : share); /* disc and shaft side by side */
     *tip_alone = 1e-3 / (own + disc);
     return n;
 }

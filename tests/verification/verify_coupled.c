@@ -136,7 +136,7 @@ static void check_bending(rows *r) {
 static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     for (int k = 0; k < l->state.active; k++)
         if (l->state.contacts[k].friction != way) return false;
-    return l->state.active > 0 && l->state.tip.friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
+    return l->state.active > 0 && l->state.tip.friction == way && l->state.tip.shaft_friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
 }
 
 /* Largest error of the force along the needle over a move, where the whole shaft slides: against friction times the depth

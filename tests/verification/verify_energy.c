@@ -2,7 +2,8 @@
 
    Between two ticks, with the mean f of a point's forces before and after:
    - the shaft slides past a contact node by the slip of the later solve: friction takes f.t slip;
-   - the tip's nominal point moves by dX and its axial gap by dg: cutting, puncture and the tip's friction take f.(dX + dg t);
+   - the tip's nominal point moves by dX and its axial gap by dg: cutting and puncture take f.(dX + dg t);
+   - the shaft next to the tip bears a force of its own at the tip's point: friction takes it as at a contact node;
    - the points of the tissue move by du and the local compliances stretch by de: of the work f.(du + de), what is not stored
      is lost because the compliance itself has changed, 1/2 f dC f: the tip feels another part of the tissue, or lengths of
      shaft are shared out anew. Like the energy release rate of a crack, this part belongs to cutting.
@@ -10,12 +11,12 @@
 #include "lockstep.h"
 #include "rows.h"
 
-enum { POINTS = MAX_CONTACTS + 1 };
-static const uint64_t TIP = UINT64_MAX;
+enum { POINTS = MAX_CONTACTS + 2 };
+static const uint64_t TIP = UINT64_MAX, TIP_SHAFT = UINT64_MAX - 1;
 
 /* One force on the tissue. */
 typedef struct {
-    uint64_t id;             /* of the contact node, or TIP */
+    uint64_t id;             /* of the contact node, TIP or TIP_SHAFT */
     int tet;                 /* nominal element */
     vec3 nominal;            /* m */
     vec3 force;              /* N */
@@ -37,16 +38,16 @@ typedef struct {
 
 typedef struct { double work, friction, cutting, configuration; } energies; /* J, so far */
 
-static void add_local(picture *s, point *p, double lateral, double axial, double shaft_friction) {
-    double along = v3_dot(p->force, p->tangent), elastic = along - shaft_friction;
+static void add_local(picture *s, point *p, double lateral, double axial) {
+    double along = v3_dot(p->force, p->tangent);
     vec3 across = v3_axpy(-along, p->tangent, p->force);
-    p->moved = v3_axpy(lateral, across, v3_axpy(axial * elastic, p->tangent, p->moved));
-    s->local += 0.5 * (lateral * v3_dot(across, across) + axial * elastic * elastic);
+    p->moved = v3_axpy(lateral, across, v3_axpy(axial * along, p->tangent, p->moved));
+    s->local += 0.5 * (lateral * v3_dot(across, across) + axial * along * along);
 }
 
 /* Displacement at a nominal point in this state: of the refined mesh; of the nominal one under the tip, where its force acts. */
 static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
-    leaf_point leaf = refinement_locate(m, &s->refined, p->id == TIP ? 0 : s->refined.count, p->tet, p->nominal);
+    leaf_point leaf = refinement_locate(m, &s->refined, p->id >= TIP_SHAFT ? 0 : s->refined.count, p->tet, p->nominal);
     vec3 u = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) u = v3_axpy(leaf.weights[c], leaf.corners[c] >= 0 ? s->nominal[leaf.corners[c]] : s->added[-1 - leaf.corners[c]], u);
     return u;
@@ -57,19 +58,24 @@ static void take_picture(lockstep *l, picture *s) {
     bool tip = l->state.tip.phase == TIP_INSIDE && w->problem.count == l->state.active + 1 && !(l->wrench.events & EVENT_TOUCHED);
     insertion_refinement(&l->state, &s->refined);
     simulation_displacement(&l->simulation, &l->state, s->nominal, s->added);
-    s->count = l->state.active + tip;
+    s->count = l->state.active + 2 * tip;
     s->tissue = s->local = 0.0;
     for (int i = 0; i < s->count; i++) {
-        bool at_tip = i == l->state.active;
-        const added_node *node = &s->refined.nodes[i];
+        bool at_tip = i >= l->state.active;
+        int at = i < l->state.active ? i : l->state.active;
+        const added_node *node = &s->refined.nodes[at];
         point *p = &s->points[i];
-        *p = at_tip ? (point){.id = TIP, .tet = l->state.tip.tet, .nominal = l->state.tip.nominal, .force = l->state.tip.force}
+        *p = at_tip ? (point){.id = i == at ? TIP : TIP_SHAFT, .tet = l->state.tip.tet, .nominal = l->state.tip.nominal}
                     : (point){.id = node->id, .tet = node->tet, .nominal = node->position, .force = l->state.contacts[i].force};
         p->slip = w->problem.slip[i];
-        p->tangent = v3(w->points[i].frame.m[0][2], w->points[i].frame.m[1][2], w->points[i].frame.m[2][2]);
+        p->tangent = v3(w->points[at].frame.m[0][2], w->points[at].frame.m[1][2], w->points[at].frame.m[2][2]);
+        if (at_tip) {
+            vec3 friction = v3_scale(w->problem.force[2 * w->problem.count + l->state.active + 1], p->tangent);
+            p->force = i == at ? v3_sub(l->state.tip.force, friction) : friction;
+        }
         p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(p->force, p->moved);
-        add_local(s, p, w->lateral[i], w->axial[i], at_tip ? w->tip_friction : 0.0);
+        add_local(s, p, i == at ? w->lateral[at] : 0.0, w->axial[i]);
     }
     s->needle = needle_energy(&l->simulation.needle, &l->state.needle);
     s->base = l->base;

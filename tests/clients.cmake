@@ -4,6 +4,7 @@ foreach(case bad_input replay series golden balance figure hand bench)
         COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_clients.sh $<TARGET_FILE_DIR:trocar-replay> ${PROJECT_SOURCE_DIR} ${case})
     set_tests_properties(clients_${case} PROPERTIES TIMEOUT 240)
 endforeach()
+set_tests_properties(clients_bench PROPERTIES RUN_SERIAL TRUE)
 set_tests_properties(clients_hand PROPERTIES SKIP_RETURN_CODE 77 RUN_SERIAL TRUE LABELS release_only)
 if(TROCAR_SANITIZE) # the simulation is many times slower then, the matrix product is not
     set_tests_properties(clients_bench PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=no")

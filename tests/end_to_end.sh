@@ -65,12 +65,19 @@ start_server --rate 500
 end_server INT
 
 # What is wrong is said, with exit status 2.
-status=0
-"$server" --scene "$work/none.yaml" >"$work/bad.out" 2>&1 || status=$?
-[ "$status" = 2 ] || die "a missing scene: exit status $status"
-grep -q none.yaml "$work/bad.out" || die "the message does not name the scene"
-status=0
-"$server" >"$work/bad.out" 2>&1 || status=$?
-[ "$status" = 2 ] || die "no scene given: exit status $status"
+refuses() {
+    text=$1 status=0
+    shift
+    "$server" "$@" >"$work/bad.out" 2>&1 || status=$?
+    [ "$status" = 2 ] || die "exit status $status, not 2: $*"
+    grep -qF -- "$text" "$work/bad.out" || die "no '$text' in: $(cat "$work/bad.out")"
+}
+refuses none.yaml --scene "$work/none.yaml"
+refuses --scene
+sed "s|^rate_hz:|rat_hz:|" "$scene" >"$work/key.yaml"
+refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key" --scene "$work/key.yaml"
+head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
+sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
+refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
 "$server" --version | grep -q '^trocar-server [0-9]' || die "--version"
 echo passed

@@ -49,7 +49,7 @@ end_server() {
 }
 
 start_server
-"$device" --script figure8 --report "$work/report.json" >"$work/device.out" 2>&1 || die "the device failed"
+"$device" --script figure8 --realtime --report "$work/report.json" >"$work/device.out" 2>&1 || die "the device failed"
 end_server TERM
 cat "$work/device.out" "$work/server.out"
 

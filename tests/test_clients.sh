@@ -169,7 +169,7 @@ hand_inside() {
         kill -0 $server || fail "$(cat server.txt)"
         sleep 0.05
     done
-    "$programs/trocar-device" --script insert --hand 0.3,15,400 --csv hand.csv --report hand.json
+    "$programs/trocar-device" --script insert --realtime --hand 0.3,15,400 --csv hand.csv --report hand.json
     kill $server
     wait $server
     # from 1.5 s to 1.6 s the script rests at z = -0.135 m

@@ -50,7 +50,7 @@ plug_in monitor 3
 
 on server "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --lcm-url "$url" --allow-non-rt >server 2>&1 &
 until grep -qx ready server; do kill -0 $! || fail "the server ended"; sleep 0.05; done
-play() { on_wrong device "$1" "$build/clients/trocar-device" --lcm-url "$url" --report report.json >device || fail "$(cat device)"; }
+play() { on_wrong device "$1" "$build/clients/trocar-device" --lcm-url "$url" --realtime --report report.json >device || fail "$(cat device)"; }
 
 play +3h
 holds "$(value puncture_count) == 2"

@@ -83,6 +83,7 @@ static const struct argp parser = {
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
 static const pose start = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
+static const double APPROACH = 0.02; /* m, from further away: the needle's line is known before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
     trocar_status status = scene_load(path, &m->scene, why);
@@ -102,7 +103,8 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
         pose aside = start; /* other nodes for each speed: none is at hand already */
         aside.position.y += 4e-3 * (i - 1);
-        scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth, .dt = dt};
+        aside.position.z -= APPROACH;
+        scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
         status = scale_timing_measure(&m->simulation, &wanted, &m->speeds[i], why);
     }
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {

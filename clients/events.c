@@ -8,7 +8,7 @@ static const struct { unsigned bit; const char *word; } words[] = {
     {EVENT_TOUCHED, "touched"},     {EVENT_PUNCTURED, "puncture"},   {EVENT_ADDED, "added"},
     {EVENT_REMOVED, "removed"},     {EVENT_EXITED, "exited"},        {EVENT_REENTERED, "reentered"},
     {EVENT_WITHDRAWN, "withdrawn"}, {EVENT_LATE, "late"},            {EVENT_FULL, "full"},
-    {EVENT_UNSTABLE, "unstable"},
+    {EVENT_UNSTABLE, "unstable"},   {EVENT_KEPT, "kept"},
 };
 
 void events_text(unsigned events, const char *membrane, char *text, size_t size) {

@@ -10,12 +10,15 @@ typedef struct {
     simulation *simulation;
     insertion_state state;
     compliance_snapshot *snapshot, *next; /* in force; being made */
+    double speed;            /* m/s, of the hand */
     double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
     double idle;             /* s: up to where the worker's idle time is used */
     uint64_t crossed;        /* request of the last crossing, 0: answered */
     double crossed_at;       /* s */
-    int tet;
-    bool waiting;            /* contact nodes that the tip has passed are not active yet */
+    int tet;                 /* that the tip is in, */
+    double entered_at, entered_depth; /* s, m: since when and from where */
+    int left;                /* contact nodes in elements that the tip has left, */
+    double due[MAX_CONTACTS];         /* s: when each of them should be active; INFINITY once it has been counted */
     scale_timing *result;
 } scale_run;
 
@@ -33,7 +36,7 @@ static void look_ahead(scale_run *run) {
         more = remesher_look_ahead(run->simulation->remesher);
         run->idle += 1e-9 * (double)(processor_ns() - start);
     }
-    if (!more) run->idle = run->now;
+    if (!more) run->idle = fmax(run->idle, run->now);
 }
 
 /* The worker takes the newest request when it is done with the last one. */
@@ -49,30 +52,48 @@ static trocar_status work(scale_run *run, report *why) {
         look_ahead(run);
         return TROCAR_OK;
     }
-    run->idle = run->now;
+    double begin = fmax(run->now, run->idle); /* a slice of idle work that has begun comes to its end */
     int64_t start = processor_ns();
     trocar_status status = remesher_serve(run->simulation->remesher, &run->state.request, run->next, why);
     int64_t taken = processor_ns() - start;
     histogram_add(&run->result->serve, taken);
-    run->ready = run->now + 1e-9 * (double)taken;
+    run->ready = run->idle = begin + 1e-9 * (double)taken;
     return status;
 }
 
+static void note_answer(scale_run *run) {
+    if (!run->crossed || run->snapshot->serial < run->crossed) return;
+    histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - run->crossed_at)));
+    run->crossed = 0;
+}
+
+/* The contact node of an element should be active when the tip leaves it; where the tip leapt (a membrane gave way), when the hand
+   would have taken it through. */
+static void leave_element(scale_run *run) {
+    double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
+    for (; run->left < contacts_passed(&run->state); run->left++) run->due[run->left] = due;
+    run->entered_at = run->now;
+    run->entered_depth = depth;
+    run->result->crossings++;
+    run->crossed = run->state.request.serial;
+    run->crossed_at = run->now;
+}
+
+static void count_late(scale_run *run) {
+    for (int i = run->state.active; i < run->left; i++)
+        if (run->now >= run->due[i]) {
+            run->due[i] = INFINITY;
+            run->result->late_crossings++;
+        }
+}
+
 static void note_crossing(scale_run *run) {
-    scale_timing *r = run->result;
-    if (run->crossed && run->snapshot->serial >= run->crossed) {
-        histogram_add(&r->crossing, (int64_t)(1e9 * (run->now - run->crossed_at)));
-        run->crossed = 0;
-    }
     bool inside = run->state.tip.phase == TIP_INSIDE;
-    if (inside && run->tet >= 0 && run->state.tip.tet != run->tet) {
-        r->late_crossings += run->waiting;
-        r->crossings++;
-        run->crossed = run->state.request.serial;
-        run->crossed_at = run->now;
-    }
+    note_answer(run);
+    if (inside && run->tet >= 0 && run->state.tip.tet != run->tet) leave_element(run);
+    else if (inside && run->tet < 0) run->entered_at = run->now;
+    count_late(run);
     run->tet = inside ? run->state.tip.tet : -1;
-    run->waiting = contacts_passed(&run->state) > run->state.active;
 }
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
@@ -92,7 +113,7 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
 trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why) {
     memset(result, 0, sizeof *result);
     scale_run *run = calloc(1, sizeof *run);
-    if (run) *run = (scale_run){.simulation = s, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
+    if (run) *run = (scale_run){.simulation = s, .result = result, .speed = wanted->speed, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
                                 .next = calloc(1, sizeof *run->next)};
     trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
     if (status == TROCAR_OK) insertion_reset(&s->insertion, wanted->start, &run->state);

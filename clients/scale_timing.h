@@ -19,7 +19,7 @@ typedef struct {
     histogram serve;         /* of each answer, processor time */
     histogram crossing;      /* from crossing a face to the snapshot that answers what was asked for then */
     int crossings;           /* of faces between elements */
-    int late_crossings;      /* with a contact node behind the tip that was not active yet: it took longer than one element */
+    int late_crossings;      /* whose contact node was not active yet when the tip had crossed the element (at the hand's speed) */
     int late_ticks;          /* whose snapshot did not cover the tip */
 } scale_timing;
 

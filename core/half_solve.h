@@ -6,7 +6,7 @@
 
 #include "tissue.h"
 
-enum { HALF_BLOCK = 16, PRODUCT_BLOCK = 64 }; /* nodes solved for at once; nodes on either side of a product at once */
+enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes solved for at once; nodes on either side of a product at once */
 
 typedef struct half_solver half_solver;
 

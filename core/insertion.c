@@ -13,7 +13,6 @@ static const double TIP_BITE = 0.05;     /* N, or the force along the needle wit
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
 static const double LOOK_BACK = 5e-3;    /* m behind the tip of a free needle: it may have come free below a dented surface */
 static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
-static const double HALF_SPAN = 5e-3;    /* m before and behind the tip, between which the tissue's displacement gradient is taken */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
 /* ---- model ------------------------------------------------------------------------------------------------------------ */
@@ -66,10 +65,10 @@ static vec3 carried(const insertion_model *model, const insertion_state *state, 
     return v3_sub(p.position, state->refined.nodes[index].position);
 }
 
-/* Displacement of the tissue by which the shaft carries it HALF_SPAN behind the tip, m. */
+/* Displacement of the tissue by which the shaft carries it WINDOW_SPAN behind the tip, m. */
 static vec3 displacement_behind(const insertion_model *model, const insertion_state *state, vec3 at_tip) {
     vec3 ahead = at_tip;
-    double ahead_depth = state->tip.depth, sought = ahead_depth - HALF_SPAN;
+    double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
     for (int i = state->active - 1; i >= 0; i--) {
         double depth = state->contacts[i].depth;
         vec3 here = carried(model, state, i);
@@ -80,10 +79,10 @@ static vec3 displacement_behind(const insertion_model *model, const insertion_st
     return ahead;
 }
 
-/* The same of the point up to HALF_SPAN ahead of the tip in the tissue; the tip's own where the snapshot does not cover it. */
+/* The same of the point up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own where the snapshot does not cover it. */
 static vec3 displacement_ahead(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, vec3 direction, vec3 at_tip) {
     const mesh *m = model->mesh;
-    double left = HALF_SPAN, chord;
+    double left = WINDOW_SPAN, chord;
     vec3 x = state->tip.nominal;
     int tet = state->tip.tet;
     for (int step = 0; step < MOST_ELEMENTS; step++) {
@@ -95,7 +94,7 @@ static vec3 displacement_ahead(const insertion_model *model, const insertion_sta
     }
     int handles[4];
     double weights[4];
-    mesh_barycentric(m, tet, x, weights);
+    tet = refinement_element(m, &state->refined, window_known_contacts(snapshot, &state->refined), tet, x, weights);
     if (!window_covers(snapshot, m->tets[tet], handles)) return at_tip;
     vec3 u = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displacement_of(model, state, snapshot, handles[c]), u);
@@ -109,7 +108,7 @@ static vec3 track_gradient(const insertion_model *model, const insertion_state *
     needle_point end = needle_at(model->needle, &state->needle, model->needle->given.length - state->tip.slip);
     vec3 at_tip = v3_sub(end.position, state->tip.nominal);
     vec3 ahead = displacement_ahead(model, state, snapshot, tangent_of(&end), at_tip);
-    return v3_scale(0.5 / HALF_SPAN, v3_sub(ahead, displacement_behind(model, state, at_tip)));
+    return v3_scale(0.5 / WINDOW_SPAN, v3_sub(ahead, displacement_behind(model, state, at_tip)));
 }
 
 static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
@@ -182,9 +181,13 @@ static void accept_snapshot(const insertion_model *model, insertion_state *state
 static bool tip_known(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int handles[4], insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     if (tip->phase != TIP_INSIDE) return false;
-    if (window_covers(snapshot, model->mesh->tets[tip->tet], handles)) {
-        tip->known_tet = tip->tet;
-        mesh_barycentric(model->mesh, tip->tet, tip->nominal, tip->known_weights);
+    double weights[4];
+    int tet = refinement_element(model->mesh, &state->refined, window_known_contacts(snapshot, &state->refined), tip->tet, tip->nominal, weights);
+    if (tet != tip->tet && !window_covers(snapshot, model->mesh->tets[tet], handles)) /* the window follows the nominal mesh */
+        mesh_barycentric(model->mesh, tet = tip->tet, tip->nominal, weights);
+    if (window_covers(snapshot, model->mesh->tets[tet], handles)) {
+        tip->known_tet = tet;
+        memcpy(tip->known_weights, weights, sizeof weights);
         return true;
     }
     wrench->events |= EVENT_LATE;
@@ -347,11 +350,11 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     if (!tip) return;
     int t = state->active;
     double radius = model->needle->radius, hold = fmin(1.0, state->tip.depth / TIP_FADE + state->tip.pressing / TIP_BITE);
-    local_compliance local = local_at(model, state->tip.known_tet, state->tip.nominal);
+    local_compliance local = local_at(model, state->tip.tet, state->tip.nominal);
     w->lateral[t] = local.lateral / fmax(hold * (w->to[t] - w->from[t] + radius), 1e-9);
-    w->axial[t] = local_at_tip(model, state->tip.known_tet, state->tip.nominal, state->tip.depth);
+    w->axial[t] = local_at_tip(model, state->tip.tet, state->tip.nominal, state->tip.depth);
     shaft_resistance shaft = resistance_between(model, state, w->from[t], w->to[t], 0.0);
-    w->axial[t + 1] = local_logarithm(model, state->tip.known_tet, state->tip.nominal).axial / shaft.axial;
+    w->axial[t + 1] = local_logarithm(model, state->tip.tet, state->tip.nominal).axial / shaft.axial;
 }
 
 static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {

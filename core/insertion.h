@@ -11,10 +11,11 @@ typedef struct {
     double puncture_force;   /* N; INFINITY: never */
 } membrane;
 
-typedef enum { PLACE_INSIDE, PLACE_ON_FACES } contact_placement; /* half way through elements, or where the tip leaves them, as in the paper */
+/* Added half way through elements; or, as in the paper, where the tip leaves them: added on the face, or its closest corner moved there. */
+typedef enum { PLACE_INSIDE, PLACE_ON_FACES, PLACE_MOVED } contact_placement;
 
 typedef struct {
-    contact_placement placement; /* where contact nodes are added */
+    contact_placement placement; /* where contact nodes are, and how they get there */
     double contact_spacing;      /* m, least distance between contact nodes along the track */
     double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
@@ -50,6 +51,7 @@ typedef enum {
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
+    EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
 } insertion_event;
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };

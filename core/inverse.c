@@ -28,6 +28,8 @@ trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report
     return inv->owner->prefetch ? inv->owner->prefetch(inv, count, nodes, why) : TROCAR_OK;
 }
 
+bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
+
 bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches; }
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }

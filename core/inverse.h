@@ -28,6 +28,9 @@ const char *inverse_name(const inverse *inv);
 trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why);
 bool inverse_prefetches(const inverse *inv); /* it pays to do so in idle time */
 
+/* False where the first such node makes the owner factor the whole matrix: only for what can't be done without. */
+bool inverse_holds(const inverse *inv, int node);
+
 /* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
    out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. */
 void inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns,

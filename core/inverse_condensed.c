@@ -88,7 +88,9 @@ static void condensed_release(inverse *inv) {
     free(c->matrix);
 }
 
-static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prefetch, condensed_release, false};
+static bool condensed_holds(const inverse *inv, int node) { return is_inside((const condensed_inverse *)inv, 1, &node); }
+
+static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prefetch, condensed_release, false, condensed_holds};
 
 /* ---- condensation ----------------------------------------------------------------------------------------------------- */
 

@@ -11,6 +11,7 @@ typedef struct {
     trocar_status (*prefetch)(inverse *, int, const int *, report *);     /* NULL: everything is at hand */
     void (*release)(inverse *);                                           /* all but the shared part */
     bool prefetches;                                                      /* prefetch pays in idle time */
+    bool (*holds)(const inverse *, int node);                             /* NULL: all nodes */
 } inverse_owner;
 
 /* First member of every owner's struct. */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "block_cache.h"
 #include "half_solve.h"
 
 /* Workspace of cholmod_solve2, kept between solves: no allocation after the first. One to a thread. */
@@ -12,7 +13,7 @@ typedef struct {
     cholmod_dense *right, *solution, *y, *e;
 } solver;
 
-/* Half-solves of nodes on demand, and a cache of those asked for, the least recently used go first. */
+/* Half-solves of nodes on demand; they and the blocks made of them are kept, the least recently used go first. */
 typedef struct {
     inverse shared;
     half_solver *half;
@@ -23,7 +24,8 @@ typedef struct {
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
     double *halves;          /* slot_count x slot_size */
-    double *block;           /* 3 PRODUCT_BLOCK square: scratch of gather */
+    double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
+    block_cache blocks;
     solver field_solver;     /* of the thread that asks for whole fields: it may be another one */
 } sparse_inverse;
 
@@ -112,11 +114,50 @@ static void gather_block(sparse_inverse *s, int row_count, const int *rows, int 
                 memcpy(out + (size_t)(3 * left.place[i] + a) * (size_t)ld + 3 * right.place[j], s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *out);
 }
 
-static void sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+static int least(int a, int b) { return a < b ? a : b; }
+
+/* Without the blocks that are kept. */
+static void gather_afresh(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
     for (int i = 0; i < row_count; i += PRODUCT_BLOCK)
         for (int j = 0; j < column_count; j += PRODUCT_BLOCK)
-            gather_block((sparse_inverse *)inv, row_count - i < PRODUCT_BLOCK ? row_count - i : PRODUCT_BLOCK, rows + i,
-                         column_count - j < PRODUCT_BLOCK ? column_count - j : PRODUCT_BLOCK, columns + j, out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+            gather_block(s, least(row_count - i, PRODUCT_BLOCK), rows + i, least(column_count - j, PRODUCT_BLOCK), columns + j,
+                         out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+}
+
+/* Lists those of `nodes` that some block with `others` is missing for. */
+static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
+    int found = 0;
+    for (int i = 0; i < count; i++) {
+        bool all = true;
+        for (int j = 0; j < other_count && all; j++) all = block_cache_knows(c, nodes[i], others[j]);
+        if (!all) missing[found++] = nodes[i];
+    }
+    return found;
+}
+
+static void compute_missing(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns) {
+    int missing_rows[BLOCK_CACHE_NODES], missing_columns[BLOCK_CACHE_NODES];
+    int row_end = list_missing(&s->blocks, row_count, rows, column_count, columns, missing_rows);
+    int column_end = list_missing(&s->blocks, column_count, columns, row_end, missing_rows, missing_columns);
+    for (int i = 0; i < row_end; i += PRODUCT_BLOCK)
+        for (int j = 0; j < column_end; j += PRODUCT_BLOCK) {
+            int high = least(row_end - i, PRODUCT_BLOCK), wide = least(column_end - j, PRODUCT_BLOCK);
+            gather_block(s, high, missing_rows + i, wide, missing_columns + j, s->tile, 3 * PRODUCT_BLOCK);
+            for (int k = 0; k < high * wide; k++)
+                block_cache_put(&s->blocks, missing_rows[i + k / wide], missing_columns[j + k % wide],
+                                s->tile + 3 * (k / wide) * 3 * PRODUCT_BLOCK + 3 * (k % wide), 3 * PRODUCT_BLOCK);
+        }
+}
+
+static void sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+    sparse_inverse *s = (sparse_inverse *)inv;
+    if (!block_cache_take(&s->blocks, row_count, rows, column_count, columns)) {
+        gather_afresh(s, row_count, rows, column_count, columns, out, ld);
+        return;
+    }
+    compute_missing(s, row_count, rows, column_count, columns);
+    for (int i = 0; i < row_count; i++)
+        for (int j = 0; j < column_count; j++) block_cache_get(&s->blocks, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
 }
 
 static bool solver_create(solver *w, size_t n, size_t columns) {
@@ -159,9 +200,11 @@ static void sparse_release(inverse *inv) {
     free(s->used);
     free(s->halves);
     free(s->block);
+    free(s->tile);
+    block_cache_free(&s->blocks);
 }
 
-static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release, true};
+static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release, true, NULL};
 
 static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;
@@ -173,7 +216,8 @@ static bool create_cache(sparse_inverse *s, double bytes) {
     s->used = calloc(slots, sizeof *s->used);
     s->halves = malloc(slots * s->slot_size * sizeof *s->halves);
     s->block = malloc(sizeof(double[9 * PRODUCT_BLOCK * PRODUCT_BLOCK]));
-    if (!s->slot || !s->node || !s->used || !s->halves || !s->block) return false;
+    s->tile = malloc(sizeof(double[9 * PRODUCT_BLOCK * PRODUCT_BLOCK]));
+    if (!s->slot || !s->node || !s->used || !s->halves || !s->block || !s->tile || !block_cache_create(&s->blocks, (int)nodes)) return false;
     for (size_t i = 0; i < nodes; i++) s->slot[i] = -1;
     for (size_t i = 0; i < slots; i++) s->node[i] = -1;
     return true;

@@ -94,6 +94,13 @@ static leaf_point point_in(const mesh *m, const refinement *r, int active, const
     return p;
 }
 
+static int closest_face(const leaf_point *p) {
+    int face = 0;
+    for (int i = 1; i < 4; i++)
+        if (p->weights[i] < p->weights[face]) face = i;
+    return face;
+}
+
 static double least_weight(const leaf_point *p) { return fmin(fmin(p->weights[0], p->weights[1]), fmin(p->weights[2], p->weights[3])); }
 
 /* If added node `index` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
@@ -135,6 +142,18 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     return p;
 }
 
+int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
+    enum { MOST = 32 };
+    static const double INSIDE = -1e-9;
+    for (int step = 0;; step++) {
+        leaf_point p = point_in(m, r, active, m->tets[near], x);
+        memcpy(weights, p.weights, sizeof p.weights);
+        int face = closest_face(&p), next = m->neighbours[near][face];
+        if (p.weights[face] >= INSIDE || next < 0 || step == MOST) return near;
+        near = next;
+    }
+}
+
 /* ---- changes of the mesh ----------------------------------------------------------------------------------------- */
 
 /* Weights of at least LEAST_WEIGHT, but for the corner `zero` (none if -1), which has none. */
@@ -161,13 +180,6 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
     keep_inside(&p, -1);
     append(m, r, tet, &p, id);
     return r->count - 1;
-}
-
-static int closest_face(const leaf_point *p) {
-    int face = 0;
-    for (int i = 1; i < 4; i++)
-        if (p->weights[i] < p->weights[face]) face = i;
-    return face;
 }
 
 /* The leaf on the other side of the face opposite corner `face`: in the same element or one beside it. */
@@ -307,6 +319,10 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
+        if (r->nodes[q].moved >= 0) { /* has no unknown of its own */
+            u[n + (size_t)q] = v3(0, 0, 0);
+            continue;
+        }
         mat3 compliance = node_surplus(t, r, q);
         vec3 sum = m3_apply(&compliance, loads[n + (size_t)q]);
         for (int i = 0; i < 4; i++) {
@@ -378,11 +394,19 @@ void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nomi
     memcpy(force, nominal_force, n * sizeof *force);
     memcpy(force + n, added_force, (size_t)r->count * sizeof *force);
     bool coupled = false;
-    for (int q = 0; q < r->count; q++) coupled |= is_on_face(&r->nodes[q]);
+    for (int q = 0; q < r->count; q++) {
+        int moved = r->nodes[q].moved;
+        coupled |= moved >= 0 || is_on_face(&r->nodes[q]);
+        if (moved < 0) continue;
+        force[moved] = v3_add(force[moved], force[n + (size_t)q]);
+        force[n + (size_t)q] = v3(0, 0, 0);
+    }
     if (coupled) displace_coupled(inv, r, force, u, scratch + 2 * all);
     else displace_uncoupled(inv, r, force, scratch + 2 * all, u);
     memcpy(nominal, u, n * sizeof *nominal);
     memcpy(added, u + n, (size_t)r->count * sizeof *added);
+    for (int q = 0; q < r->count; q++)
+        if (r->nodes[q].moved >= 0) added[q] = u[r->nodes[q].moved];
 }
 
 /* ---- the refined mesh written out -------------------------------------------------------------------------------- */

@@ -51,6 +51,10 @@ vec3 refinement_position(const mesh *m, const refinement *r, int active, int cor
 /* The leaf of nominal element `tet` that contains x, counting only the first `active` contact nodes. RT */
 leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x);
 
+/* The nominal element, its moved corners (of the first `active` contact nodes) where they are now, that contains x, and the weights of its
+   corners there: walking from `near`, nominally around x. RT */
+int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]);
+
 /* All leaves of nominal element `tet`. Returns how many. RT */
 int refinement_leaves(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]);
 
@@ -79,7 +83,7 @@ trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_me
 void refined_mesh_free(refined_mesh *out);
 
 /* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each, `scratch` 7 of
-   both. No node may be moved. Exact: inside elements the surplus is solved in closed form, on faces by conjugate gradients, with an
+   both. Exact: inside elements the surplus is solved in closed form, with nodes on faces or moved all by conjugate gradients, with an
    inverse_apply a step. For display and export. */
 void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
                              vec3 *nominal, vec3 *added);

@@ -162,9 +162,10 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
         if (!wanted) r->window[k] = -1;
     }
     for (int i = 0; i < request->window_count; i++) {
-        if (window_place(r->window, request->window[i]) >= 0) continue;
+        int node = request->window[i];
+        if (window_place(r->window, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
         int place = window_place(r->window, -1);
-        r->window[place] = request->window[i];
+        r->window[place] = node;
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
@@ -197,7 +198,8 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
 
 /* ---- looking ahead --------------------------------------------------------------------------------------------------- */
 
-static void list_ahead(remesher *r, const int nodes[4]) {
+static void list_ahead(remesher *r, int tet) {
+    const int *nodes = r->tissue->mesh->tets[tet];
     for (int c = 0; c < 4; c++) {
         bool there = r->ahead_count == MAX_AHEAD;
         for (int i = 0; i < r->ahead_count && !there; i++) there = r->ahead[i] == nodes[c];
@@ -205,10 +207,12 @@ static void list_ahead(remesher *r, const int nodes[4]) {
     }
 }
 
-/* Lists the nodes of all elements on the line, from the tip or from where it enters the body to where it leaves it. */
-static void follow_line(remesher *r, vec3 tip, vec3 direction) {
+/* Lists the nodes of all elements on the line and beside it, from the tip or from where it enters the body to where it leaves it. */
+static void follow_line(remesher *r) {
     static const double REACH = 1.0; /* m: beyond any body */
     const mesh *m = r->tissue->mesh;
+    vec3 tip = r->line_tip, direction = r->line_direction;
+    r->line_new = false;
     r->ahead_count = r->ahead_done = 0;
     if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
     surface_hit hit = mesh_enter(m, tip, v3_axpy(REACH, direction, tip));
@@ -216,7 +220,9 @@ static void follow_line(remesher *r, vec3 tip, vec3 direction) {
     if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;
     for (int step = 0; step < MAX_AHEAD && tet >= 0; step++) {
         double chord;
-        list_ahead(r, m->tets[tet]);
+        list_ahead(r, tet);
+        for (int f = 0; f < 4; f++)
+            if (m->neighbours[tet][f] >= 0) list_ahead(r, m->neighbours[tet][f]);
         int face = mesh_exit(m, tet, tip, direction, &chord);
         if (face < 0) return;
         tip = v3_axpy(chord, direction, tip);
@@ -224,13 +230,23 @@ static void follow_line(remesher *r, vec3 tip, vec3 direction) {
     }
 }
 
+/* The blocks between a slice of these nodes and all that they may meet: those before them, the window's and the contacts'. */
 bool remesher_look_ahead(remesher *r) {
-    enum { SLICE = 8 };
+    enum { LARGE = 32, SMALL = 8 };
+    int slice = r->refined.count > 0 ? SMALL : LARGE; /* once the needle is in, requests must not wait for long */
     report why; /* who needs these nodes will be told */
-    int left = r->ahead_count - r->ahead_done, count = left < SLICE ? left : SLICE;
-    if (count == 0) return false;
-    inverse_prefetch(r->inverse, count, r->ahead + r->ahead_done, &why);
-    r->ahead_done += count;
+    if (r->line_new) follow_line(r);
+    int first = r->ahead_done, left = r->ahead_count - first;
+    if (left == 0) return false;
+    r->ahead_done += left < slice ? left : slice;
+    gather_start(r);
+    for (int i = first; i < r->ahead_done; i++) gather_row(r, r->ahead[i]);
+    for (int i = 0; i < r->ahead_done; i++) gather_column(r, r->ahead[i]);
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (r->window[k] >= 0) gather_column(r, r->window[k]);
+    for (int i = 0; i < r->refined.count; i++)
+        for (int c = 0; c < 4; c++) gather_column(r, r->tissue->mesh->tets[r->refined.nodes[i].tet][c]);
+    gather_finish(r, &why);
     return r->ahead_done < r->ahead_count;
 }
 
@@ -249,7 +265,9 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     copy_rows(r, snapshot);
-    follow_line(r, request->tip, request->direction);
+    r->line_tip = request->tip;
+    r->line_direction = request->direction;
+    r->line_new = true;
     return TROCAR_OK;
 }
 

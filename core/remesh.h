@@ -17,6 +17,7 @@ typedef struct {
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
+    int needed;              /* so many at the window's front; the others may be left out where they are costly (inverse_holds) */
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
 

@@ -5,7 +5,7 @@
 #include "patch.h"
 #include "remesh.h"
 
-enum { MAX_AHEAD = 512 };           /* nodes that are made ready in idle time */
+enum { MAX_AHEAD = 640 };           /* nodes that are made ready in idle time */
 enum { MAX_ROWS = MAX_WINDOW, MAX_COLUMNS = MAX_WINDOW + MAX_MOVED_PATCHES + 8 * MAX_CONTACTS };
 
 /* Blocks of the nominal inverse that one step needs, fetched from its owner together. */
@@ -31,7 +31,9 @@ struct remesher {
     refinement refined;              /* what is in the inverse now */
     int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
     double *handles;                 /* as compliance_snapshot.compliance */
-    int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line of the last request; made ready so far */
+    vec3 line_tip, line_direction;   /* of the last request */
+    bool line_new;                   /* not followed yet */
+    int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; made ready so far */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };

@@ -145,6 +145,8 @@ static trocar_status build_insertion(simulation *s, report *why) {
 
 trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
+    if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
     s->config = *config;
     trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
     if (status != TROCAR_OK) return status;

@@ -41,14 +41,35 @@ static double last_contact_depth(const insertion_state *state) {
     return count > 0 ? state->contacts[count - 1].depth : -INFINITY;
 }
 
+/* Added on the face, or inside where moved nodes have taken the face elsewhere. */
+static int add_instead(const mesh *m, refinement *r, int tet, vec3 position, uint64_t id) {
+    int index = refinement_add_on_face(m, r, tet, position, id);
+    if (v3_norm(v3_sub(r->nodes[index].position, position)) < PLAN_TOLERANCE) return index;
+    r->count--;
+    return refinement_add(m, r, tet, position, id);
+}
+
+static int move_or_add(const insertion_model *model, refinement *r, int near, vec3 position, uint64_t id, insertion_wrench *wrench) {
+    double weights[4];
+    int tet = refinement_element(model->mesh, r, r->count, near, position, weights), index = refinement_move(model->tissue, r, tet, position, id);
+    if (index >= 0) return index;
+    wrench->events |= EVENT_KEPT;
+    return add_instead(model->mesh, r, tet, position, id);
+}
+
 /* Adds a contact node; false when there is no room. */
 static bool add_contact(const insertion_model *model, insertion_state *state, vec3 position, double depth, insertion_wrench *wrench) {
     if (state->refined.count == MAX_CONTACTS) {
         wrench->events |= EVENT_FULL;
         return false;
     }
-    bool on_face = model->settings.placement == PLACE_ON_FACES;
-    int index = (on_face ? refinement_add_on_face : refinement_add)(model->mesh, &state->refined, state->tip.tet, position, ++state->next_id);
+    uint64_t id = ++state->next_id;
+    int tet = state->tip.tet, index;
+    switch (model->settings.placement) {
+    case PLACE_ON_FACES: index = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
+    case PLACE_MOVED: index = move_or_add(model, &state->refined, tet, position, id, wrench); break;
+    default: index = refinement_add(model->mesh, &state->refined, tet, position, id); break;
+    }
     state->contacts[index] = (shaft_contact){.depth = depth};
     return true;
 }
@@ -59,7 +80,7 @@ static void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-/* On entering an element: its contact node is due half way through (on faces: where the tip leaves it), but not closer to the last
+/* On entering an element: its contact node is due half way through (else: where the tip leaves it), but not closer to the last
    one than the spacing. Asked for now, its row of the inverse is there when the tip is. */
 static void plan_contact(const insertion_model *model, insertion_state *state, vec3 direction, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
@@ -68,7 +89,7 @@ static void plan_contact(const insertion_model *model, insertion_state *state, v
     tip->next_contact = INFINITY;
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
-    if (model->settings.placement == PLACE_ON_FACES) { /* left on crossing the face, not at a depth */
+    if (model->settings.placement != PLACE_INSIDE) { /* left on crossing the face, not at a depth */
         if (tip->depth + chord >= earliest)
             tip->planned = add_contact(model, state, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, wrench);
         return;
@@ -106,12 +127,12 @@ static void leave_strata(insertion_state *state) {
 }
 
 /* The tip has come back to its last contact node and takes its place. */
-static void take_up_contact(insertion_state *state, insertion_wrench *wrench) {
+static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
     tip->nominal = node->position;
-    tip->tet = node->tet;
+    tip->tet = mesh_locate(model->mesh, node->position, node->tet); /* moved nodes may have taken node->tet elsewhere */
     tip->depth = state->contacts[last].depth;
     tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;
@@ -160,7 +181,7 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
         exit_tissue(model, state, wrench);
         return;
     }
-    if (model->settings.placement == PLACE_ON_FACES) leave_contact_on_face(model, state, wrench);
+    if (model->settings.placement != PLACE_INSIDE) leave_contact_on_face(model, state, wrench);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
     enter_stratum(model->mesh, state);
@@ -205,7 +226,7 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
         if (distance >= length) {
             distance -= fmax(length, 0.0);
             if (last >= 0) {
-                take_up_contact(state, wrench);
+                take_up_contact(model, state, wrench);
                 continue;
             }
             leave_tissue(tip, wrench);
@@ -298,7 +319,7 @@ void tip_move(const insertion_model *model, insertion_state *state, vec3 track_g
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0
            && state->contacts[contacts_passed(state) - 1].arc > model->needle->given.length) {
         drop_plan(state);
-        take_up_contact(state, wrench);
+        take_up_contact(model, state, wrench);
     }
 }
 

@@ -53,7 +53,7 @@ int window_known_contacts(const compliance_snapshot *snapshot, const refinement 
 /* ---- what to ask for ------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int count;
+    int count, needed;       /* as in remesh_request */
     int nodes[MAX_WINDOW];
 } node_list;
 
@@ -106,10 +106,17 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     node_list list = {.count = 0};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
+        if (hit.hit) add_tet(m, hit.tet, &list);
+        list.needed = list.count;
         if (hit.hit) add_path(m, hit.tet, hit.point, direction, reach * (1.0 - hit.fraction) + 0.25 * reach, &list);
         return list;
     }
-    add_surroundings(m, state->tip.tet, &list);
+    double weights[4];
+    int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
+    add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
+    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
+    add_path(m, state->tip.tet, state->tip.nominal, direction, WINDOW_SPAN, &list);
+    list.needed = list.count;
     add_track(m, state, &list);
     add_path(m, state->tip.tet, state->tip.nominal, direction, reach, &list);
     return list;
@@ -124,7 +131,7 @@ static bool same_contacts(const refinement *a, const refinement *b) {
 
 static bool window_suffices(const remesh_request *request, const node_list *wanted) {
     for (int i = 0; i < wanted->count; i++)
-        if (!contains(request->window, request->window_count, wanted->nodes[i])) return false;
+        if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
     return true;
 }
 
@@ -155,5 +162,6 @@ void window_request(const insertion_model *model, insertion_state *state) {
         memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);
     }
     request->window_count = wanted.count;
+    request->needed = wanted.needed;
     memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);
 }

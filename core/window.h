@@ -4,6 +4,8 @@
 
 #include "insertion.h"
 
+static const double WINDOW_SPAN = 5e-3; /* m before and behind the tip, between which the tissue's displacement gradient is taken */
+
 /* Handles of four nodes (nominal >= 0, added -1 - index) in the snapshot; false if one is not there. RT */
 bool window_covers(const compliance_snapshot *snapshot, const int corners[4], int handles[4]);
 

@@ -180,8 +180,8 @@ static void take_needle(checker *c, const needle_text *text, needle_parameters *
 
 static void take_contact(checker *c, const contact_text *text, insertion_settings *s) {
     enter_section(c, "contact.");
-    static const char *const placements[] = {"inside", "faces", NULL};
-    s->placement = (contact_placement)take_word(c, "placement", text->placement, placements, "inside or faces", (int)s->placement);
+    static const char *const placements[] = {"inside", "faces", "moved", NULL};
+    s->placement = (contact_placement)take_word(c, "placement", text->placement, placements, "inside, faces or moved", (int)s->placement);
     take_number(c, "spacing", "m", text->spacing, POSITIVE, &s->contact_spacing);
     take_number(c, "resolution", "", text->resolution, POSITIVE, &s->resolution);
     take_number(c, "weakening_distance", "m", text->weakening_distance, POSITIVE, &s->weakening_distance);

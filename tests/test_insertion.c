@@ -1,6 +1,7 @@
 /* The tick as a whole: forces against what friction and cutting add up to, equilibrium against an assembled K,
    independence of the rate, the passes and the worker, and every way in and out of the tissue. */
 #include "figure8.h"
+#include "window.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -58,9 +59,10 @@ static void membranes_give_way_at_their_forces(void **unused) {
 }
 
 /* K u = f on the refined mesh, assembled here element by element; the sum of forces on the tissue is minus the base's. */
-static void tissue_is_in_equilibrium_with_the_base(void **unused) {
-    (void)unused;
+static void check_equilibrium(contact_placement placement, remesh_method method) {
     simulation_config c = lockstep_config();
+    c.insertion.placement = placement;
+    c.remeshing = method;
     c.volumetric = STRAIN_BY_ELEMENT; /* the averaged one is checked by check_vtu.py */
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
@@ -86,6 +88,12 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
         for (int a = 0; a < 12; a++)
             for (int b = 0; b < 12; b++) ((double *)&residual[whole.tets[e][a / 3]])[a % 3] += k[a][b] * ((double *)&u[whole.tets[e][b / 3]])[b % 3];
     }
+    for (int q = 0; q < refined.count; q++) {
+        if (refined.nodes[q].moved < 0) continue; /* its force acts on the node that was moved */
+        vec3 *entry = &residual[m->node_count + q], *node = &residual[refined.nodes[q].moved];
+        *node = v3_add(*node, *entry);
+        *entry = v3(0, 0, 0);
+    }
     for (int i = 0; i < whole.node_count; i++) {
         if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
@@ -96,6 +104,13 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     free(residual);
     refined_mesh_free(&whole);
     lockstep_free(l);
+}
+
+static void tissue_is_in_equilibrium_with_the_base(void **unused) {
+    (void)unused;
+    check_equilibrium(PLACE_INSIDE, REMESH_NESTED);
+    check_equilibrium(PLACE_ON_FACES, REMESH_NESTED);
+    check_equilibrium(PLACE_MOVED, REMESH_IMPLICIT);
 }
 
 /* The bending at the root, from the needle's shape alone, carries the contacts' moment about the base. */
@@ -193,6 +208,85 @@ static void contacts_on_faces_feel_alike(void **unused) {
     free(inside);
     free(faces);
     free(implicit);
+}
+
+static int count_moved(const refinement *r) {
+    int moved = 0;
+    for (int i = 0; i < r->count; i++) moved += r->nodes[i].moved >= 0;
+    return moved;
+}
+
+/* Nodes of the mesh are moved to the needle, but not those of the anatomy, where one is added; all are back when it is out. */
+static void nodes_are_moved_and_come_back(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.insertion.placement = PLACE_MOVED;
+    c.remeshing = REMESH_IMPLICIT;
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    const mesh *m = &l->simulation.mesh;
+    unsigned events = 0;
+    int most = 0;
+    for (int i = 1; i <= 800; i++) {
+        lockstep_move(l, v3(0, 0, 1e-4), 1e-3, 1e-3);
+        events |= l->wrench.events;
+        for (int k = 0; k < l->state.refined.count; k++) {
+            const added_node *node = &l->state.refined.nodes[k];
+            if (node->moved >= 0) assert_false(m->anatomical[node->moved] || l->simulation.tissue.fixed[node->moved]);
+            if (k >= l->state.active) continue; /* on the shaft's way through the tissue */
+            assert_true(v3_norm(v3_sub(v3(node->position.x, node->position.y, 0), v3(0.005, 0.003, 0))) < 1e-3);
+        }
+        if (count_moved(&l->state.refined) > most) most = count_moved(&l->state.refined);
+    }
+    print_message("moved: %d of %d contact nodes\n", most, l->state.refined.count);
+    assert_true(most >= 2 && most < l->state.refined.count && (events & EVENT_KEPT));
+    assert_false(events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
+    lockstep_move(l, v3(0, 0, -0.1), 1.0, 1e-3);
+    assert_int_equal(l->state.refined.count, 0);
+    lockstep_tick(l, l->base, 1e-3);
+    int *rows = malloc((size_t)m->node_count * sizeof *rows), count = 0;
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (l->snapshot->window[k] >= 0) rows[count++] = k;
+    assert_true(count > 3);
+    double largest = compliance_between(l->snapshot, MAX_CONTACTS + rows[0], MAX_CONTACTS + rows[0]).m[2][2];
+    for (int i = 0; i < count; i++) { /* the nominal inverse again */
+        double block[9];
+        inverse_gather(l->simulation.inverse, 1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3);
+        mat3 found = compliance_between(l->snapshot, MAX_CONTACTS + rows[i], MAX_CONTACTS + rows[0]);
+        for (int k = 0; k < 9; k++) assert_true(fabs(found.m[k / 3][k % 3] - block[k]) < 1e-12 * largest);
+    }
+    free(rows);
+    lockstep_free(l);
+}
+
+/* Whoever updates the inverse; and near those of nodes added on the same faces: other meshes. */
+static void moved_nodes_feel_alike(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.insertion.placement = PLACE_ON_FACES;
+    figure8_record *faces = figure8_run(&c, 1000, 1);
+    c.insertion.placement = PLACE_MOVED;
+    c.remeshing = REMESH_IMPLICIT;
+    figure8_record *moved = figure8_run(&c, 1000, 1);
+    print_message("moved: largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", moved->worst_jump);
+    assert_true(moved->worst_jump <= 1.0);
+    assert_false(moved->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
+    assert_alike("moved", 1, moved, faces, 20e-3, 0.05);
+    c.remeshing = REMESH_WOODBURY;
+    figure8_record *woodbury = figure8_run(&c, 1000, 1);
+    assert_alike("Woodbury, moved", 1, woodbury, moved, 0.0, 1e-6);
+    free(faces);
+    free(moved);
+    free(woodbury);
+}
+
+static void moved_nodes_need_a_method_that_takes_them(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    simulation s;
+    report why;
+    c.insertion.placement = PLACE_MOVED;
+    assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "implicit"));
 }
 
 /* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
@@ -466,6 +560,8 @@ int main(void) {
         cmocka_unit_test(no_jump_away_from_punctures),
         cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
         cmocka_unit_test(contacts_on_faces_feel_alike),
+        cmocka_unit_test(nodes_are_moved_and_come_back), cmocka_unit_test(moved_nodes_feel_alike),
+        cmocka_unit_test(moved_nodes_need_a_method_that_takes_them),
         cmocka_unit_test(a_late_worker_does_little_harm),
         cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
         cmocka_unit_test(withdrawn_needle_is_free_and_goes_in_again_alike),

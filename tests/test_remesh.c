@@ -76,12 +76,80 @@ static void the_sparse_owner_serves_as_well(void **state) {
     inverse_free(sparse);
 }
 
+/* Every node on the line and beside it is at hand, with the right blocks; with contact nodes there, and more after it. */
+static void looking_ahead_changes_no_answer(void) {
+    for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
+        remesher *r = start(method);
+        choose_window(10);
+        add_mixed(method, 6);
+        request.tip = v3(-0.1 * CUBE_EDGE, -0.2 * CUBE_EDGE, -0.15 * CUBE_EDGE);
+        request.direction = v3_unit(v3(1, 1.1, 1.05));
+        assert_false(remesher_look_ahead(r)); /* nothing has been asked for */
+        serve(r);
+        while (remesher_look_ahead(r)) continue;
+        choose_window(60);
+        add_mixed(method, 4);
+        check(r);
+        remesher_free(r);
+    }
+}
+
+static void the_sparse_owner_looks_ahead(void **state) {
+    (void)state;
+    inverse *sparse;
+    report why;
+    assert_int_equal(inverse_create_sparse(&body.tissue, SPARSE_CACHE, &sparse, &why), TROCAR_OK);
+    with_tissue(&body.tissue, sparse, looking_ahead_changes_no_answer);
+    inverse_free(sparse);
+}
+
+/* What a condensed owner does not hold would need a factor of the whole: only what the tick needs is worth that. */
+static void costly_nodes_are_left_out_unless_needed(void **state) {
+    (void)state;
+    tissue t;
+    inverse *condensed;
+    report notice, why = {""};
+    int held[CUBE_NODES / 2];
+    for (int i = 0; i < CUBE_NODES / 2; i++) held[i] = i;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    char directory[] = "/tmp/test_remesh.XXXXXX";
+    assert_non_null(mkdtemp(directory));
+    assert_int_equal(inverse_create_condensed(&t, CUBE_NODES / 2, held, directory, NULL, &condensed, &notice, &why), TROCAR_OK);
+    const tissue *had = tested;
+    tested = &t;
+    tested_inverse = condensed;
+    remesher *r = start(REMESH_NESTED);
+    int outside = CUBE_NODES - 1;
+    request.window_count = 60;
+    for (int i = 0; i < 60; i++) request.window[i] = CUBE_NODES - 1 - 2 * i;
+    serve(r);
+    int inside = 0;
+    for (int k = 0; k < MAX_WINDOW; k++) inside += snapshot.window[k] >= 0;
+    for (int k = 0; k < MAX_WINDOW; k++) assert_true(snapshot.window[k] < CUBE_NODES / 2);
+    assert_true(inside > 10);
+    request.needed = 1;
+    serve(r);
+    bool there = false;
+    for (int k = 0; k < MAX_WINDOW; k++) there |= snapshot.window[k] == outside;
+    assert_true(there);
+    remesher_free(r);
+    inverse_free(condensed);
+    tissue_free(&t);
+    tested = had;
+    tested_inverse = body.inverse;
+    char file[1200];
+    snprintf(file, sizeof file, "rm -r %s", directory);
+    assert_int_equal(system(file), 0);
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ids_tell_nodes_apart),
         cmocka_unit_test(nodes_that_stay_keep_their_place),
         cmocka_unit_test(the_sparse_owner_serves_as_well),
+        cmocka_unit_test(the_sparse_owner_looks_ahead),
+        cmocka_unit_test(costly_nodes_are_left_out_unless_needed),
         cmocka_unit_test(full_inverse_methods_need_the_dense_owner),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);

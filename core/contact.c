@@ -38,6 +38,7 @@ static void eliminate_sideways(contact_problem *p) {
         double (*a)[CONTACT_LD] = p->compliance;
         principal axes = diagonalise(a[c][c], a[c + 1][c], a[c + 1][c + 1], p->scale[c / 2]);
         double inverse0 = 1.0 / axes.pivot[0], inverse1 = 1.0 / axes.pivot[1];
+        p->negative += (inverse0 < 0.0) + (inverse1 < 0.0);
         a[c][c] = axes.c, a[c + 1][c] = axes.s;
         turn(&axes, &p->gap[c], &p->gap[c + 1]);
         for (int i = c + 2; i < all; i++) {
@@ -163,7 +164,7 @@ static void close_sideways(contact_problem *p) {
 }
 
 trocar_status contact_solve(contact_problem *p) {
-    p->switches = 0;
+    p->switches = p->negative = 0;
     memset(p->force, 0, sizeof p->force);
     memset(p->slip, 0, sizeof p->slip);
     for (int i = 0; i < p->count; i++) p->scale[i] = fabs(p->compliance[2 * i][2 * i]) + fabs(p->compliance[2 * i + 1][2 * i + 1]);

@@ -24,6 +24,7 @@ typedef struct {
     double slip[MAX_AXIAL];              /* m, out: how far the needle slid forward past the tissue in this tick */
     double scale[MAX_POINTS];            /* m/N, size of each contact's own sideways compliance (scratch) */
     int switches;                        /* out: changes of the active set */
+    int negative;                        /* out: negative eigenvalues of the sideways part of A */
 } contact_problem;
 
 /* Exact solution by pivoting; the axial part stays positive definite as long as needle and tissue together are

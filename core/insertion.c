@@ -478,7 +478,12 @@ static void find_equilibrium(const insertion_model *model, insertion_state *stat
         double turned = needle_advance(model->needle, &w->tangent, load, &state->needle);
         locate_points(model, state, w, tip);
         end_stage(&w->profile, INSERTION_NEEDLE);
-        if (pass >= model->settings.max_passes || turned * turned * model->needle->given.length < model->settings.tolerance) return;
+        bool found = turned * turned * model->needle->given.length < model->settings.tolerance;
+        if (!found && pass < model->settings.max_passes) continue;
+        bool saddle = p->negative < w->tangent.unstable; /* it would not stay there; seen on the way to the solution, it counts if seen twice */
+        if (saddle && (found || state->saddle)) give_up(state, wrench);
+        state->saddle = saddle;
+        return;
     }
 }
 

@@ -114,6 +114,7 @@ typedef struct {
     refinement refined;          /* the contact nodes, base to tip */
     shaft_contact contacts[MAX_CONTACTS];
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
+    bool saddle;                 /* the last tick ended, without convergence perhaps, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */

@@ -75,6 +75,8 @@ typedef struct {
 /* Tangent at the current shape (scratch of one pass). */
 typedef struct {
     int first;                                  /* compliance is valid for joints >= first */
+    int unstable;                               /* of the rod: ways in which it would give under these loads if nothing held it,
+                                                   negative eigenvalues of the tangent stiffness; 0 of the tetrahedra */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* joints' displacement if all forces vanished (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b] */
     union {

@@ -88,6 +88,13 @@ static mat3 geometric_stiffness(vec3 n, vec3 t) {
     return k;
 }
 
+/* Of a symmetric matrix: the changes of sign in the row of its leading minors (Jacobi). */
+static int negative_eigenvalues(const mat3 *a) {
+    double second = a->m[0][0] * a->m[1][1] - a->m[0][1] * a->m[1][0];
+    bool first_negative = a->m[0][0] < 0.0, second_negative = second < 0.0, third_negative = m3_determinant(a) < 0.0;
+    return first_negative + (first_negative != second_negative) + (second_negative != third_negative);
+}
+
 /* Block L D L^T of the tangent stiffness, from the base outward; D may be indefinite (a needle alone may be buckled
    where needle and tissue together are stable). */
 static void factor_tangent(const needle_model *model, const needle_state *state, const vec3 *load, needle_tangent *tangent) {
@@ -97,6 +104,7 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
     for (int k = n - 1; k >= 0; k--) beyond[k] = v3_axpy(model->segment_length, load[k + 1], beyond[k + 1]);
 
     mat3 here, next = {{{0}}}, coupling = {{{0}}}, carried = {{{0}}};
+    tangent->unstable = 0;
     tangent->rod.moments[0] = joint_stiffness(model, state, 0, &here);
     for (int k = 0; k < n; k++) {
         mat3 geometric = geometric_stiffness(beyond[k], axis(state->frames[k]));
@@ -109,6 +117,7 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
                                {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
                                {-next.m[2][0] - 0.5 * m.y, -next.m[2][1] + 0.5 * m.x, -next.m[2][2]}}};
         }
+        tangent->unstable += negative_eigenvalues(&pivot);
         tangent->rod.pivot_inverse[k] = m3_inverse(&pivot);
         if (k + 1 == n) break;
         mat3 up = m3_transposed(&coupling), product;

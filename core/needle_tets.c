@@ -242,6 +242,7 @@ static void tets_linearise(const needle_model *model, const needle_state *state,
     int n = model->given.segments;
     double step[NEEDLE_MAX_SEGMENTS][CHAIN_ROWS];
     tangent->first = first;
+    tangent->unstable = 0;
     assemble(model, state, tangent);
     chain_factor(&tangent->tets.stiffness);
     solve_step(n, tangent, NULL, step);

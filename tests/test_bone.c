@@ -31,6 +31,16 @@ typedef struct {
 
 static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->simulation.needle.given.segments]; }
 
+/* Where the point of the tissue is now that the tip has come to. */
+static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
+    const needle_tip *tip = &l->state.tip;
+    double weights[4];
+    vec3 now = tip->nominal;
+    mesh_barycentric(&l->simulation.mesh, tip->tet, tip->nominal, weights);
+    for (int c = 0; c < 4; c++) now = v3_axpy(weights[c], displacement[l->simulation.mesh.tets[tip->tet][c]], now);
+    return now;
+}
+
 static outcome push(const simulation_config *config, vec3 line, double speed) {
     lockstep *l = lockstep_create(config, start_at(config, line, 0.0));
     vec3 *nominal = calloc((size_t)l->simulation.mesh.node_count, sizeof *nominal), added[MAX_CONTACTS + 1];
@@ -45,8 +55,7 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
         o.stopped = l->state.tip.blocked_by >= 0 && isinf(config->membranes[l->state.tip.blocked_by].puncture_force);
         if (!o.stopped || l->state.buckled) continue;
         simulation_displacement(&l->simulation, &l->state, nominal, added);
-        vec3 bone = v3_add(l->state.tip.nominal, added[l->state.active]);
-        o.beyond = fmax(o.beyond, needle_end(l).z - bone.z);
+        o.beyond = fmax(o.beyond, needle_end(l).z - stopped_at(l, nominal).z);
     }
     o.depth = l->wrench.depth;
     print_message("%g m/s: depth %.1f mm, force %.2f N, beyond %.3f mm, %s, events %#x\n", speed, 1e3 * o.depth, o.force, 1e3 * o.beyond,
@@ -56,8 +65,9 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
     return o;
 }
 
-/* The nominal tip never leaves the element in front of the bone; the hand feels it until the needle buckles (free outside
-   over some 170 mm: Euler's load, one end clamped and one held, is 12 to 15 N). */
+/* Until the needle buckles (free outside over some 177 mm; clamped and hinged, Euler's load 20.2 EI / L^2 is 13.3 N) the hand feels
+   the bone, and the tip is in front of it, but for 0.1 mm a newton; whether the bone holds the tissue or moves with it. In a tick of
+   the fastest push the tip meets it with what it dented the tissue by; in the tissue it does not cross then either. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.2, 1.0};
@@ -68,17 +78,10 @@ static void arch_stops_the_tip_at_any_speed(void **unused) {
             assert_true(o.stopped);
             assert_true(o.depth > 0.015 && o.depth < 0.025);
             assert_true(o.force > 10.0);
+            if (speeds[i] < 0.5) assert_true(o.force < 15.0 && o.beyond < 1.0e-4 * o.force);
             assert_false(o.events & (EVENT_EXITED | EVENT_WITHDRAWN));
         }
     }
-}
-
-/* Held, the bone is where it was: the tip comes 0.1 mm a newton past it (its local compliance), whatever the force. */
-static void held_bone_is_hard(void **unused) {
-    (void)unused;
-    simulation_config c = arch_scene(true);
-    outcome o = push(&c, BEHIND, 0.03);
-    assert_true(o.force > 10.0 && o.beyond < 1.0e-4 * o.force);
 }
 
 static void beside_the_arch_nothing_stops_the_tip(void **unused) {
@@ -107,7 +110,6 @@ static void bevelled_needle_gets_round_the_arch(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(arch_stops_the_tip_at_any_speed),
-        cmocka_unit_test(held_bone_is_hard),
         cmocka_unit_test(beside_the_arch_nothing_stops_the_tip),
         cmocka_unit_test(bevelled_needle_gets_round_the_arch),
     };

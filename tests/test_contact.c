@@ -249,6 +249,7 @@ static void a_buckled_needle_in_tissue_that_holds_it(void **state) {
         assert_int_equal(negative_eigenvalues(2 * count), 1); /* sideways */
         assert_int_equal(negative_eigenvalues(3 * count), 1); /* so the Schur complement is definite (Haynsworth) */
         solve();
+        assert_int_equal(solved.negative, 1);
         assert_solution(1e-9);
     }
 }
@@ -268,6 +269,7 @@ static void a_contact_whose_own_block_is_singular(void **state) {
         assert_int_equal(negative_eigenvalues(2 * given.count), 1);
         assert_int_equal(negative_eigenvalues(3 * given.count), 1);
         solve();
+        assert_int_equal(solved.negative, 1);
         assert_solution(2e-6); /* pivots are kept above 1e-8: half of the digits */
     }
 }

@@ -63,6 +63,25 @@ static void axial_load_softens_as_a_beam_column(void **unused) {
     free(tangent);
 }
 
+/* A needle free at its tip buckles in both directions at each of (2 n - 1)^2 times Euler's load. */
+static void ways_to_buckle_are_eulers(void **unused) {
+    (void)unused;
+    needle_model model = make(60);
+    needle_state state;
+    needle_tangent *tangent = malloc(sizeof *tangent);
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    memset(load, 0, sizeof load);
+    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.2, 0.5))}, &state);
+    double euler = M_PI * M_PI * model.bending / (4 * 0.04), beside[] = {-5.0, 0.98, 1.02, 8.8, 9.2, 24.5, 25.5};
+    const int ways[] = {0, 0, 2, 2, 4, 4, 6};
+    for (int c = 0; c < 7; c++) {
+        load[60] = q_rotate(state.base.orientation, v3(0, 0, -beside[c] * euler));
+        needle_linearise(&model, &state, load, 0, tangent);
+        assert_int_equal(tangent->unstable, ways[c]);
+    }
+    free(tangent);
+}
+
 static void newton_converges_quadratically(void **unused) {
     (void)unused;
     needle_model model = make(40);
@@ -124,6 +143,7 @@ static void roll_of_the_base_reaches_the_tip(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(small_deflection_is_that_of_a_cantilever), cmocka_unit_test(large_deflection_follows_the_elastica),
+        cmocka_unit_test(ways_to_buckle_are_eulers),
         cmocka_unit_test(axial_load_softens_as_a_beam_column),      cmocka_unit_test(newton_converges_quadratically),
         cmocka_unit_test(turned_base_gives_turned_shape),           cmocka_unit_test(roll_of_the_base_reaches_the_tip),
     };

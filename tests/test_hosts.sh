@@ -48,7 +48,7 @@ plug_in device 2
 plug_in monitor 3
 [ "$(on_wrong device +3h date +%s)" -gt $(($(date +%s) + 10000)) ] || fail "the device's clock is right"
 
-on server "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --lcm-url "$url" --allow-non-rt >server 2>&1 &
+nsenter --target "${hosts[server]}" --net "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --lcm-url "$url" --allow-non-rt >server 2>&1 &
 until grep -qx ready server; do kill -0 $! || fail "the server ended"; sleep 0.05; done
 play() { on_wrong device "$1" "$build/clients/trocar-device" --lcm-url "$url" --realtime --report report.json >device || fail "$(cat device)"; }
 

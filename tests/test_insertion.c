@@ -474,16 +474,17 @@ static void no_needle_goes_in_unfelt(void **unused) {
 static void long_tick_takes_few_steps(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    for (c.insertion.most_steps = 1; c.insertion.most_steps <= 4; c.insertion.most_steps += 3) {
-        lockstep *l = lockstep_create(&c, lockstep_start());
-        lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    insertion_settings *settings = &l->simulation.insertion.settings;
+    lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
+    for (settings->most_steps = 4; settings->most_steps >= 1; settings->most_steps -= 3) {
         pose later = l->base;
         later.position.z += 0.002;
         lockstep_tick(l, later, 5.0);
-        assert_in_range(l->wrench.passes, c.insertion.most_steps, c.insertion.most_steps * c.insertion.max_passes);
+        assert_in_range(l->wrench.passes, settings->most_steps, settings->most_steps * settings->max_passes);
         assert_true(isfinite(v3_norm(l->wrench.force)));
-        lockstep_free(l);
     }
+    lockstep_free(l);
 }
 
 /* A server restarted while the needle is in: it counts as inserted, without force, and comes out as usual. */

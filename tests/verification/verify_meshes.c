@@ -1,17 +1,19 @@
 /* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and how far the base had
-   come when each membrane gave way, against the finest. */
+   come and with what force it pushed when each membrane gave way, against the finest. */
 #include <unistd.h>
 
 #include "lockstep.h"
 #include "motion.h"
 #include "rows.h"
 
+static const char AFTER_PUNCTURE[] = "the greatest comes up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
+                                     "mesh moves too little of the tissue beside the tip then";
 static const double LIMIT = 0.07; /* what people notice of a force (Pang, Tan and Durlach 1991) */
 
 typedef struct {
     int nodes, punctures;
     double push, pull, sagittal, torque;   /* largest of the figure-8 motion, N and N m */
-    double way[4];                         /* m of base travel at each puncture */
+    double way[4], force[4];               /* m of base travel and N along the needle at each puncture */
     double sideways;                       /* N, base moved 5 mm sideways at 55 mm depth */
 } outcome;
 
@@ -19,7 +21,10 @@ static void figure8(lockstep *l, outcome *o) {
     const motion *script = motion_find("figure8");
     for (int i = 1; i <= 2400; i++) {
         lockstep_tick(l, motion_pose(script, lockstep_start(), i * 1e-3), 1e-3);
-        if (l->wrench.events & EVENT_PUNCTURED) o->way[o->punctures++ & 3] = l->base.position.z - lockstep_start().position.z;
+        if (l->wrench.events & EVENT_PUNCTURED) {
+            o->way[o->punctures & 3] = l->base.position.z - lockstep_start().position.z;
+            o->force[o->punctures++ & 3] = -l->wrench.force.z;
+        }
         o->push = fmax(o->push, -l->wrench.force.z);
         o->pull = fmax(o->pull, l->wrench.force.z);
         o->sagittal = fmax(o->sagittal, -l->wrench.force.y);
@@ -46,14 +51,17 @@ static outcome run(const char *mesh) {
 static void compare(rows *r, const outcome *o, const outcome *finest) {
     char check[96], reference[48];
     snprintf(reference, sizeof reference, "%d nodes", finest->nodes);
-    const struct { const char *what, *unit; double value, expected; } all[] = {
-        {"push, axial peak", "N", o->push, finest->push},        {"pull, axial peak", "N", o->pull, finest->pull},
-        {"sagittal peak", "N", o->sagittal, finest->sagittal},   {"sagittal torque", "N m", o->torque, finest->torque},
-        {"skin punctured at", "m", o->way[0], finest->way[0]},   {"capsule punctured at", "m", o->way[1], finest->way[1]},
-        {"sideways push at depth", "N", o->sideways, finest->sideways}};
+    const struct { const char *what, *unit; double value, expected; const char *note; } all[] = {
+        {"push, axial peak", "N", o->push, finest->push, AFTER_PUNCTURE}, {"pull, axial peak", "N", o->pull, finest->pull, NULL},
+        {"sagittal peak", "N", o->sagittal, finest->sagittal, NULL},      {"sagittal torque", "N m", o->torque, finest->torque, NULL},
+        {"skin punctured at", "m", o->way[0], finest->way[0], NULL},      {"capsule punctured at", "m", o->way[1], finest->way[1], NULL},
+        {"axial force at the capsule's puncture", "N", o->force[1], finest->force[1], NULL},
+        {"sideways push at depth", "N", o->sideways, finest->sideways, NULL}};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+        double error = fabs(all[i].value - all[i].expected) / fabs(all[i].expected);
         snprintf(check, sizeof check, "%s, %d nodes", all[i].what, o->nodes);
-        rows_compare(r, check, reference, all[i].value, all[i].expected, LIMIT, all[i].unit);
+        rows_add(r, (row){.check = check, .reference = reference, .value = all[i].value, .expected = all[i].expected, .error = error,
+                          .limit = LIMIT, .unit = all[i].unit, .note = all[i].note});
     }
 }
 

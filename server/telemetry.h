@@ -1,5 +1,6 @@
 /* The telemetry thread: what monitors and viewers see. Its own LCM connection, so that a large message never holds the
-   IO thread's transmit lock. */
+   IO thread's transmit lock; and a thread of its own for pictures, so that the displacement of a large mesh (minutes where a
+   condensed inverse first needs a factor for it) holds up no figures. */
 #ifndef TROCAR_TELEMETRY_H
 #define TROCAR_TELEMETRY_H
 
@@ -22,6 +23,7 @@ typedef struct {
     lcm_t *lcm;                  /* all below: the thread's own */
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
+    newest_value views;          /* view_sample, for the thread of the pictures */
     sight sight;
 } telemetry;
 

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/eventfd.h>
+#include <unistd.h>
 
 #include "exchange.h"
 #include "scene.h"
@@ -87,6 +88,11 @@ int main(int argc, char **argv) {
     server_describe(s, stdout);
     trocar_status status = server_run(s, signals, say_ready, &why);
     if (status == TROCAR_OK) server_summarise(s, stdout);
+    int exit_status = status == TROCAR_OK ? 0 : complain(&why);
+    if (server_busy(s)) { /* its thread must not see the libraries close */
+        fflush(NULL);
+        _exit(exit_status);
+    }
     server_free(s);
-    return status == TROCAR_OK ? 0 : complain(&why);
+    return exit_status;
 }

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/resource.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "haptic.h"
@@ -117,7 +118,7 @@ trocar_status server_create(const server_options *options, server **created, rep
 }
 
 void server_free(server *s) {
-    if (s == NULL) return;
+    if (s == NULL || server_busy(s)) return;
     telemetry_free(&s->telemetry);
     io_free(&s->io);
     haptic_free(&s->haptic);
@@ -150,6 +151,16 @@ static void join(task *t) {
     if (t->running) pthread_join(t->thread, NULL);
     t->running = false;
 }
+
+/* Nothing stops the factorisation of a large matrix: a thread that is at one after 5 s is left behind. */
+static void join_or_leave(task *t) {
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += 5;
+    if (t->running && pthread_timedjoin_np(t->thread, NULL, &until) == 0) t->running = false;
+}
+
+bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running; }
 
 static void *haptic_run(void *context) {
     server *s = context;
@@ -185,8 +196,8 @@ static void stop_all(server *s) {
     worker_stop(&s->worker);
     telemetry_stop(&s->telemetry);
     io_stop(&s->io);
-    join(&s->worker_task);
-    join(&s->telemetry_task);
+    join_or_leave(&s->worker_task);
+    join_or_leave(&s->telemetry_task);
     join(&s->io_task);
 }
 

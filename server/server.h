@@ -20,11 +20,14 @@ typedef struct server server;
 /* Reads the scene and builds everything, starts nothing. BAD_INPUT for a bad scene, mesh or rate; SYSTEM, with the
    limit to raise, when real time is refused and not waived. The strings must outlive the server. */
 trocar_status server_create(const server_options *options, server **created, report *why);
-void server_free(server *s);
+void server_free(server *s); /* does nothing while the server is busy */
 
 /* Runs until `stop_descriptor` (an eventfd, say) becomes readable, a client commands a shutdown, or the network fails;
-   then ramps the wrench to zero and joins all threads. `ready`, if not NULL, is called when the server listens. */
+   then ramps the wrench to zero and joins all threads but one that factors a large matrix. `ready`, if not NULL, is called when the server listens. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
+
+/* True if such a thread is still at work after server_run: the process may only _exit then. */
+bool server_busy(const server *s);
 
 void server_describe(const server *s, FILE *out);       /* one paragraph before the start */
 void server_summarise(const server *s, FILE *out);      /* timing, after the run */

@@ -16,6 +16,7 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
+static const double TIMED_SPACING = 1e-3;                        /* m, between contact nodes where they are counted: room for 60 */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
@@ -32,7 +33,7 @@ typedef struct {
     double peak_bytes;       /* resident, of the process: rises from scene to scene */
     int counts;              /* contact counts that the mesh has */
     tick_timing ticks[COUNTS];
-    scale_timing speeds[SPEEDS];
+    scale_timing speeds[SPEEDS], figure8;
 } measured;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -77,8 +78,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Pushes the needle in at 5, 20 and 50 mm/s on each scene: time of a tick by the number of contacts, from crossing a face to "
-    "the answer of the worker, to start, and memory. All times but the start's are processor time of one thread.", NULL, NULL, NULL};
+    "Pushes the needle in at 5, 20 and 50 mm/s on each scene and plays the motion figure8: time of a tick by the number of contacts "
+    "(1 mm apart or more), from crossing a face to the answer of the worker, to start, and memory. All times but the start's are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
@@ -107,6 +108,12 @@ static trocar_status measure(const options *o, measured *m, report *why) {
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
         status = scale_timing_measure(&m->simulation, &wanted, &m->speeds[i], why);
     }
+    if (status == TROCAR_OK) {
+        scale_case wanted = {.start = start, .script = motion_find("figure8"), .dt = dt};
+        wanted.start.position.x -= 4e-3;
+        status = scale_timing_measure(&m->simulation, &wanted, &m->figure8, why);
+    }
+    m->simulation.insertion.settings.contact_spacing = TIMED_SPACING;
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = start, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
         if (tick_timing_measure(&m->simulation, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* fewer along the way */
@@ -119,20 +126,38 @@ static trocar_status measure(const options *o, measured *m, report *why) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
+static void print_motion(const char *name, const scale_timing *s, FILE *out) {
+    fprintf(out, "%-7s  %9d  %6d  %10d  %13.2f  %6.2f  %6.2f  %12.2f  %6.2f  %11.1f  %8d\n", name, s->crossings, s->late_crossings, s->late_ticks,
+            1e3 * histogram_quantile(&s->crossing, 0.5), 1e3 * histogram_quantile(&s->crossing, 0.99), 1e3 * histogram_max(&s->crossing),
+            1e3 * histogram_quantile(&s->serve, 0.5), 1e3 * histogram_max(&s->serve), 1e6 * histogram_quantile(&s->tick, 0.5), s->most_contacts);
+}
+
 static void print_scene(const measured *m, FILE *out) {
     const mesh *body = &m->simulation.mesh;
     fprintf(out, "\n%s: %d nodes, %d tetrahedra; inverse: %s\n", m->scene.path, body->node_count, body->tet_count, m->simulation.about_inverse.text);
     fprintf(out, "start %.1f s (processor %.1f s), memory at most %.2f GB\n", m->start_seconds, m->start_processor_seconds, 1e-9 * m->peak_bytes);
-    fprintf(out, "speed mm/s  crossings    late  late ticks  answer p50 ms  p99 ms  max ms  serve p50 ms  max ms  contacts\n");
+    fprintf(out, "motion   crossings    late  late ticks  answer p50 ms  p99 ms  max ms  serve p50 ms  max ms  tick p50 us  contacts\n");
     for (int i = 0; i < SPEEDS; i++) {
-        const scale_timing *s = &m->speeds[i];
-        fprintf(out, "%10.0f  %9d  %6d  %10d  %13.2f  %6.2f  %6.2f  %12.2f  %6.2f  %8d\n", 1e3 * speeds[i], s->crossings, s->late_crossings,
-                s->late_ticks, 1e3 * histogram_quantile(&s->crossing, 0.5), 1e3 * histogram_quantile(&s->crossing, 0.99),
-                1e3 * histogram_max(&s->crossing), 1e3 * histogram_quantile(&s->serve, 0.5), 1e3 * histogram_max(&s->serve), s->most_contacts);
+        char name[32];
+        snprintf(name, sizeof name, "%.0f mm/s", 1e3 * speeds[i]);
+        print_motion(name, &m->speeds[i], out);
     }
+    print_motion("figure8", &m->figure8, out);
     for (int i = 0; i < m->counts; i++)
-        fprintf(out, "tick with %2d contacts: p50 %.1f us, p99 %.1f us\n", contact_counts[i], 1e6 * histogram_quantile(&m->ticks[i].time, 0.5),
-                1e6 * histogram_quantile(&m->ticks[i].time, 0.99));
+        fprintf(out, "tick with %2d contacts: p50 %.1f us, p99 %.1f us, %.2f passes\n", contact_counts[i], 1e6 * histogram_quantile(&m->ticks[i].time, 0.5),
+                1e6 * histogram_quantile(&m->ticks[i].time, 0.99), m->ticks[i].passes);
+}
+
+/* Members of an object, and its end. */
+static void json_motion(const scale_timing *s, FILE *out) {
+    fprintf(out, "\"ticks\": %d, \"crossings\": %d, \"late_crossings\": %d, \"late_ticks\": %d, \"most_contacts\": %d,\n       \"tick\": {",
+            s->ticks, s->crossings, s->late_crossings, s->late_ticks, s->most_contacts);
+    json_time(&s->tick, out);
+    fprintf(out, "}, \"serve\": {");
+    json_time(&s->serve, out);
+    fprintf(out, "}, \"crossing\": {");
+    json_time(&s->crossing, out);
+    fprintf(out, "}}");
 }
 
 static void json_scene(const measured *m, FILE *out) {
@@ -144,19 +169,14 @@ static void json_scene(const measured *m, FILE *out) {
     fprintf(out, ", \"nodes\": %d, \"tetrahedra\": %d, \"start_s\": %.6g, \"start_processor_s\": %.6g, \"peak_bytes\": %.9g,\n     \"speeds\": [",
             body->node_count, body->tet_count, m->start_seconds, m->start_processor_seconds, m->peak_bytes);
     for (int i = 0; i < SPEEDS; i++) {
-        const scale_timing *s = &m->speeds[i];
-        fprintf(out, "%s\n      {\"speed\": %g, \"ticks\": %d, \"crossings\": %d, \"late_crossings\": %d, \"late_ticks\": %d, \"most_contacts\": %d,\n"
-                "       \"tick\": {", i ? "," : "", speeds[i], s->ticks, s->crossings, s->late_crossings, s->late_ticks, s->most_contacts);
-        json_time(&s->tick, out);
-        fprintf(out, "}, \"serve\": {");
-        json_time(&s->serve, out);
-        fprintf(out, "}, \"crossing\": {");
-        json_time(&s->crossing, out);
-        fprintf(out, "}}");
+        fprintf(out, "%s\n      {\"speed\": %g, ", i ? "," : "", speeds[i]);
+        json_motion(&m->speeds[i], out);
     }
-    fprintf(out, "],\n     \"contacts\": [");
+    fprintf(out, "],\n     \"figure8\": {");
+    json_motion(&m->figure8, out);
+    fprintf(out, ",\n     \"contacts\": [");
     for (int i = 0; i < m->counts; i++) {
-        fprintf(out, "%s\n      {\"contacts\": %d, ", i ? "," : "", contact_counts[i]);
+        fprintf(out, "%s\n      {\"contacts\": %d, \"passes\": %.6g, ", i ? "," : "", contact_counts[i], m->ticks[i].passes);
         json_time(&m->ticks[i].time, out);
         fprintf(out, "}");
     }

@@ -6,11 +6,13 @@
 
 #include "tip.h"
 
+static const double REST = 0.5; /* s, before a script begins: the needle's line is known by then */
+
 typedef struct {
     simulation *simulation;
     insertion_state state;
     compliance_snapshot *snapshot, *next; /* in force; being made */
-    double speed;            /* m/s, of the hand */
+    double speed;            /* m/s, of the hand, never below 1 mm/s */
     double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
     double idle;             /* s: up to where the worker's idle time is used */
     uint64_t crossed;        /* request of the last crossing, 0: answered */
@@ -72,8 +74,6 @@ static void note_answer(scale_run *run) {
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (; run->left < contacts_passed(&run->state); run->left++) run->due[run->left] = due;
-    run->entered_at = run->now;
-    run->entered_depth = depth;
     run->result->crossings++;
     run->crossed = run->state.request.serial;
     run->crossed_at = run->now;
@@ -88,12 +88,17 @@ static void count_late(scale_run *run) {
 }
 
 static void note_crossing(scale_run *run) {
-    bool inside = run->state.tip.phase == TIP_INSIDE;
+    const insertion_state *state = &run->state;
+    int tet = state->tip.phase == TIP_INSIDE ? state->tip.tet : -1;
     note_answer(run);
-    if (inside && run->tet >= 0 && run->state.tip.tet != run->tet) leave_element(run);
-    else if (inside && run->tet < 0) run->entered_at = run->now;
+    if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.depth > run->entered_depth) leave_element(run);
+    if (tet >= 0 && tet != run->tet) {
+        run->entered_at = run->now;
+        run->entered_depth = state->tip.depth;
+    }
+    if (run->left > contacts_passed(state)) run->left = contacts_passed(state); /* pulled back over them */
     count_late(run);
-    run->tet = inside ? run->state.tip.tet : -1;
+    run->tet = tet;
 }
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
@@ -110,19 +115,29 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
     return TROCAR_OK;
 }
 
+static pose base_at(const scale_case *wanted, double t) {
+    if (wanted->script) return motion_pose(wanted->script, wanted->start, t - REST);
+    pose base = wanted->start;
+    base.position = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, t * wanted->speed)));
+    return base;
+}
+
 trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why) {
     memset(result, 0, sizeof *result);
     scale_run *run = calloc(1, sizeof *run);
-    if (run) *run = (scale_run){.simulation = s, .result = result, .speed = wanted->speed, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
+    if (run) *run = (scale_run){.simulation = s, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
                                 .next = calloc(1, sizeof *run->next)};
     trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
     if (status == TROCAR_OK) insertion_reset(&s->insertion, wanted->start, &run->state);
-    result->ticks = (int)(wanted->depth / (wanted->speed * wanted->dt));
+    double duration = wanted->script ? REST + wanted->script->duration : wanted->depth / wanted->speed;
+    result->ticks = (int)(duration / wanted->dt);
+    pose before = wanted->start;
     for (int i = 1; i <= result->ticks && status == TROCAR_OK; i++) {
-        pose base = wanted->start;
         run->now = i * wanted->dt;
-        base.position = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, run->now * wanted->speed)));
+        pose base = base_at(wanted, run->now);
+        run->speed = fmax(v3_norm(v3_sub(base.position, before.position)) / wanted->dt, 1e-3);
         status = run_tick(run, base, wanted->dt, why);
+        before = base;
     }
     if (run) {
         free(run->snapshot);

@@ -3,13 +3,14 @@
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 
+#include "motion.h"
 #include "simulation.h"
 #include "timing.h"
 
 typedef struct {
-    pose start;              /* of the needle's base, tip before the skin; it goes in along its axis */
-    double speed;            /* m/s */
-    double depth;            /* m, how far it goes from there */
+    pose start;              /* of the needle's base, tip before the skin */
+    const motion *script;    /* what it does from there, after half a second of rest; or NULL: it goes in along its axis, */
+    double speed, depth;     /* m/s, m: so fast, so far */
     double dt;               /* s, length of a tick */
 } scale_case;
 
@@ -18,7 +19,7 @@ typedef struct {
     histogram tick;          /* of insertion_tick, processor time */
     histogram serve;         /* of each answer, processor time */
     histogram crossing;      /* from crossing a face to the snapshot that answers what was asked for then */
-    int crossings;           /* of faces between elements */
+    int crossings;           /* of faces between elements, on the way in */
     int late_crossings;      /* whose contact node was not active yet when the tip had crossed the element (at the hand's speed) */
     int late_ticks;          /* whose snapshot did not cover the tip */
 } scale_timing;

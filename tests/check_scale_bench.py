@@ -10,8 +10,8 @@ assert [scene["inverse"] for scene in bench["scenes"]] == sys.argv[2:], bench
 for scene in bench["scenes"]:
     assert scene["nodes"] > 4 and scene["tetrahedra"] > scene["nodes"] and scene["start_s"] > 0 and scene["peak_bytes"] > 1e6, scene
     assert [row["speed"] for row in scene["speeds"]] == [0.005, 0.02, 0.05], scene
-    for row in scene["speeds"]:
+    for row in [*scene["speeds"], scene["figure8"]]:
         assert row["crossings"] > 0 and 0 <= row["late_crossings"] <= row["crossings"] and row["late_ticks"] < row["ticks"], row
         for part in ("tick", "serve", "crossing"):
             assert 0 < row[part]["p50_s"] <= row[part]["p99_s"] <= row[part]["max_s"] < 60, (part, row)
-    assert scene["contacts"] and all(0 < row["p50_s"] <= row["p99_s"] for row in scene["contacts"]), scene
+    assert scene["contacts"] and all(0 < row["p50_s"] <= row["p99_s"] and row["passes"] >= 1 for row in scene["contacts"]), scene

@@ -145,6 +145,8 @@ bench() {
     "$programs/trocar-bench" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
     cat scale.txt
     "$source/tests/check_scale_bench.py" scale.json dense
+    "$source/scripts/plot_scale" tick.svg worker.svg scale.json scale.json
+    grep -q '10 contacts' tick.svg && grep -q 'dense, 20 mm/s' worker.svg || fail "no figures of scale"
 }
 
 # Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.

@@ -26,8 +26,30 @@ void haptic_free(haptic *h) {
     h->state = NULL;
 }
 
+static double sum_of(vec3 v) { return v.x + v.y + v.z; }
+
+/* Is all that the next tick starts from a number, and the wrench? A sum tells of any that is none. RT */
+static bool is_sound(const insertion_state *state, const insertion_wrench *wrench) {
+    const needle_tip *tip = &state->tip;
+    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
+               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing;
+    for (int i = 0; i < state->refined.count; i++) {
+        const shaft_contact *c = &state->contacts[i];
+        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus;
+    }
+    return isfinite(sum);
+}
+
+/* A number that is none would stay in the model for good: the insertion begins anew where the hand is, by a ramp. RT */
+static void begin_anew(haptic *h, const pose_sample *newest, insertion_wrench *wrench) {
+    insertion_reset(h->model, h->guard.base, h->state);
+    port_engage(&h->port, newest);
+    h->guard.gain = 0.0;
+    wrench->events |= EVENT_UNSTABLE;
+}
+
 /* The model's wrench for the newest pose; zero before the first one. RT */
-static insertion_wrench run_model(haptic *h, guard_decision decision, const compliance_snapshot *snapshot, double dt) {
+static insertion_wrench run_model(haptic *h, guard_decision decision, const pose_sample *newest, const compliance_snapshot *snapshot, double dt) {
     insertion_wrench wrench = {.membrane = -1};
     if (decision == GUARD_IDLE) return wrench;
     pose hand = h->guard.base;
@@ -36,6 +58,7 @@ static insertion_wrench run_model(haptic *h, guard_decision decision, const comp
     insertion_tick(h->model, h->state, h->scratch, snapshot, rest, dt, &wrench);
     vec3 base = v3_add(rest.position, h->state->base_shift);
     wrench.torque = port_yield(&h->port, hand, base, wrench.force, wrench.torque);
+    if (!is_sound(h->state, &wrench)) begin_anew(h, newest, &wrench);
     return wrench;
 }
 
@@ -133,7 +156,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     guard_decision decision = guard_pose(&h->guard, &h->limits, newest, wake->now);
     note_hand(h, decision, newest);
     int64_t asked = monotonic_ns();
-    insertion_wrench raw = run_model(h, decision, snapshot, wake->elapsed);
+    insertion_wrench raw = run_model(h, decision, newest, snapshot, wake->elapsed);
     int64_t answered = monotonic_ns();
     trocar_needle_wrench_t message = message_of(&raw, newest, wake->tick);
 

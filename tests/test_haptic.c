@@ -58,6 +58,16 @@ static int end(void **state) {
     return 0;
 }
 
+static void serve_worker(fixture *f) {
+    report why;
+    bool fresh;
+    const request_sample *r = newest_read(&f->exchange.requests, &fresh);
+    if (!fresh) return;
+    assert_int_equal(r->requested, (f->tick - 1) * MS);
+    assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, newest_slot(&f->exchange.snapshots), &why), TROCAR_OK);
+    newest_publish(&f->exchange.snapshots);
+}
+
 static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
     pose_sample *s = newest_slot(&f->exchange.poses);
     *s = (pose_sample){.held = true, .engagement = engagement, .session = 8, .seq = seq, .utime = 1000 + seq,
@@ -80,6 +90,8 @@ static bool tick(fixture *f, trocar_needle_wrench_t *out) {
     if (out != NULL) assert_true(ring_pop(&f->exchange.wrenches, out));
     return on;
 }
+
+static double norm(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
 static bool readable(int descriptor) {
     struct pollfd p = {.fd = descriptor, .events = POLLIN};
@@ -108,23 +120,18 @@ static void a_wrench_echoes_the_pose_that_it_answers(void **state) {
     assert_int_equal(w.tick, 0);
 }
 
-/* Pushes the tip to `mm` behind where it started, 1 mm in 20 ticks; serves the requests in between. */
-static trocar_needle_wrench_t push(fixture *f, double mm) {
+/* Moves the tip on from `from` to `to` (mm) behind where it started, 1 mm in 20 ticks; serves the requests in between. */
+static trocar_needle_wrench_t move(fixture *f, uint64_t engagement, double from, double to) {
     trocar_needle_wrench_t w = {0};
-    report why;
-    for (int i = 0; i < 20 * mm; i++) {
-        put_pose(f, 1, i, -0.205 + 0.05e-3 * i);
+    for (int i = 0; i < 20 * fabs(to - from); i++) {
+        put_pose(f, engagement, f->tick, -0.205 + 1e-3 * from + 0.05e-3 * i * copysign(1, to - from));
         tick(f, &w);
-        bool fresh;
-        const request_sample *r = newest_read(&f->exchange.requests, &fresh);
-        if (!fresh) continue;
-        assert_int_equal(r->requested, (f->tick - 1) * MS);
-        assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, newest_slot(&f->exchange.snapshots), &why),
-                         TROCAR_OK);
-        newest_publish(&f->exchange.snapshots);
+        serve_worker(f);
     }
     return w;
 }
+
+static trocar_needle_wrench_t push(fixture *f, double mm) { return move(f, 1, 0, mm); }
 
 static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     fixture *f = *state;
@@ -195,6 +202,44 @@ static void a_new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.guard.max_force_rate / RATE + 1e-9);
 }
 
+/* Where the needle is 20 mm deep a number that is none gets into its state. It waits, comes 5 mm back, goes on to 25 mm; as soon as
+   the number counts, the insertion begins anew by a ramp, and the needle works as before. */
+static void survive(fixture *f, const char *name, size_t place, double bad) {
+    static uint64_t engagement = 100;
+    trocar_needle_wrench_t w;
+    double force = norm(move(f, ++engagement, 0, 25).force);
+    move(f, ++engagement, 0, 20);
+    *(double *)((char *)f->haptic.state + place) = bad;
+    for (int i = 0; i < 350; i++) {
+        put_pose(f, engagement, f->tick, -0.185 + 0.05e-3 * (i < 50 ? 0 : i < 150 ? 50 - i : i - 250));
+        tick(f, &w);
+        serve_worker(f);
+        if (!isfinite(norm(w.force) + norm(w.torque))) fail_msg("%s = %g: a number that is none goes out", name, bad);
+    }
+    bool healthy = (w.flags & ~TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME) == 0 && fabs(norm(w.force) / force - 1) < 0.2;
+    if (!healthy) fail_msg("%s = %g: %g N, undisturbed %g N, flags %d", name, bad, norm(w.force), force, w.flags);
+}
+
+static void a_number_that_is_none_does_not_stay(void **state) {
+    fixture *f = *state;
+#define PLACE(name) {#name, offsetof(insertion_state, name)}
+    static const struct { const char *name; size_t place; } places[] = {
+        PLACE(base_shift.x), PLACE(needle.base.position.y), PLACE(needle.joints[10].x), PLACE(needle.frames[10].w), PLACE(entry.z),
+        PLACE(tip.nominal.x), PLACE(tip.depth), PLACE(tip.slip), PLACE(tip.force.z), PLACE(tip.shaft_slip), PLACE(tip.shaft_slid),
+        PLACE(tip.stretch), PLACE(tip.pressing), PLACE(tip.known_weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
+        PLACE(contacts[1].arc), PLACE(contacts[1].depth), PLACE(contacts[1].slip), PLACE(contacts[1].slid), PLACE(contacts[1].force.y),
+        PLACE(contacts[1].log_lateral), PLACE(contacts[1].log_axial), PLACE(contacts[1].surplus),
+    };
+    double rigid = f->haptic.limits.max_stiffness;
+    for (size_t i = 0; i < sizeof places / sizeof *places; i++)
+        for (int soft = 0; soft < 2; soft++) {
+            f->haptic.limits.max_stiffness = soft ? 500 : rigid;
+            survive(f, places[i].name, places[i].place, NAN);
+            survive(f, places[i].name, places[i].place, INFINITY);
+        }
+    f->haptic.limits.max_stiffness = rigid;
+}
+
 static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **state) {
     fixture *f = *state;
     int64_t round_trip;
@@ -238,6 +283,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_full_ring_drops_and_counts, begin, end),
         cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),
         cmocka_unit_test_setup_teardown(a_new_engagement_starts_outside, begin, end),
+        cmocka_unit_test_setup_teardown(a_number_that_is_none_does_not_stay, begin, end),
         cmocka_unit_test_setup_teardown(a_round_trip_ends_with_the_first_pose_that_names_the_wrench, begin, end),
         cmocka_unit_test_setup_teardown(the_stages_add_up_to_the_tick, begin, end),
     };

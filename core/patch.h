@@ -16,7 +16,8 @@ typedef struct {
 } patch;
 
 /* The change that contact node `index` brings to the mesh with all nodes before it. Its sum with the stiffness of that mesh is
-   the stiffness of the next one: the mean strains of `volumetric_strain: node` are those of the nominal nodes either way. */
+   the stiffness of the next one. Mean strains of STRAIN_BY_NODE stay those of the nominal mesh, which is right for added nodes only:
+   nodes move with STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int index, patch *p);
 
 #endif

@@ -147,6 +147,8 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
     memset(s, 0, sizeof *s);
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
+    if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; choose volumetric_strain: element");
     s->config = *config;
     trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
     if (status != TROCAR_OK) return status;

@@ -222,6 +222,7 @@ static void nodes_are_moved_and_come_back(void **unused) {
     simulation_config c = lockstep_config();
     c.insertion.placement = PLACE_MOVED;
     c.remeshing = REMESH_IMPLICIT;
+    c.volumetric = STRAIN_BY_ELEMENT;
     lockstep *l = lockstep_create(&c, lockstep_start());
     const mesh *m = &l->simulation.mesh;
     unsigned events = 0;
@@ -263,6 +264,7 @@ static void moved_nodes_feel_alike(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     c.insertion.placement = PLACE_ON_FACES;
+    c.volumetric = STRAIN_BY_ELEMENT;
     figure8_record *faces = figure8_run(&c, 1000, 1);
     c.insertion.placement = PLACE_MOVED;
     c.remeshing = REMESH_IMPLICIT;
@@ -279,7 +281,7 @@ static void moved_nodes_feel_alike(void **unused) {
     free(woodbury);
 }
 
-static void moved_nodes_need_a_method_that_takes_them(void **unused) {
+static void moved_nodes_need_a_method_and_strains_that_take_them(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     simulation s;
@@ -287,6 +289,9 @@ static void moved_nodes_need_a_method_that_takes_them(void **unused) {
     c.insertion.placement = PLACE_MOVED;
     assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "implicit"));
+    c.remeshing = REMESH_IMPLICIT;
+    assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "volumetric_strain: element"));
 }
 
 /* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
@@ -562,7 +567,7 @@ int main(void) {
         cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
         cmocka_unit_test(contacts_on_faces_feel_alike),
         cmocka_unit_test(nodes_are_moved_and_come_back), cmocka_unit_test(moved_nodes_feel_alike),
-        cmocka_unit_test(moved_nodes_need_a_method_that_takes_them),
+        cmocka_unit_test(moved_nodes_need_a_method_and_strains_that_take_them),
         cmocka_unit_test(a_late_worker_does_little_harm),
         cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
         cmocka_unit_test(withdrawn_needle_is_free_and_goes_in_again_alike),

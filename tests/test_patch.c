@@ -1,4 +1,5 @@
-/* The change of stiffness that a contact node brings against the whole mesh assembled with it and without it. */
+/* The change of stiffness that a contact node brings against the whole mesh assembled with it and without it, and the linear fields that
+   the sum of all must reproduce. */
 #include "remeshing.h"
 
 #include "patch.h"
@@ -51,8 +52,85 @@ static void a_patch_is_the_difference_of_two_meshes(void **state) {
     }
 }
 
+/* ---- linear fields ---- */
+
+enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
+static double stiffness[3 * MOST][3 * MOST]; /* of all nodes; zero for the one that is held, the last of the mesh */
+
+static void add_nominal(const tissue *t) {
+    const int *starts = t->stiffness->p, *rows = t->stiffness->i;
+    const double *values = t->stiffness->x;
+    memset(stiffness, 0, sizeof stiffness);
+    for (int column = 0; column < t->dof_count; column++)
+        for (int k = starts[column]; k < starts[column + 1]; k++) stiffness[rows[k]][column] = stiffness[column][rows[k]] = values[k];
+}
+
+static void add_patch(const tissue *t, int index) {
+    static patch p;
+    patch_create(t, &request.wanted, index, &p);
+    for (int i = 0; i < 3 * p.count; i++)
+        for (int j = 0; j < 3 * p.count; j++) stiffness[3 * entry_of(p.nodes[i / 3]) + i % 3][3 * entry_of(p.nodes[j / 3]) + j % 3] += p.change[i][j];
+}
+
+static bool within(vec3 x) {
+    const double least = 1e-9, most = CUBE_EDGE - least;
+    return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
+}
+
+/* The largest force at any node, or at any within the body, under a linear displacement that is zero at the one held, in units of E (1 m)^2. */
+static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
+    vec3 at[MOST];
+    int count = CUBE_NODES + request.wanted.count;
+    double u[3 * MOST] = {0}, largest = 0.0;
+    memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
+    for (int i = 0; i < request.wanted.count; i++) {
+        const added_node *node = &request.wanted.nodes[i];
+        at[CUBE_NODES + i] = node->position; /* no element has it, where it is that of a moved node */
+        if (node->moved >= 0) at[node->moved] = node->position;
+    }
+    for (int i = 0; i < count; i++) {
+        vec3 there = m3_apply(gradient, v3_sub(at[i], at[HELD]));
+        memcpy(u + 3 * i, &there, sizeof there);
+    }
+    for (int i = 0; i < 3 * count; i++)
+        if (all || within(at[i / 3])) largest = fmax(largest, fabs(cblas_ddot(3 * count, stiffness[i], 1, u, 1)));
+    return largest / t->materials->youngs_modulus;
+}
+
+/* A body that is turned bears no force anywhere; one that is strained evenly, none within. */
+static void check_linear_fields(volumetric_strain volumetric, int kinds) {
+    static const bool fixed[CUBE_NODES] = {[HELD] = true};
+    static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
+    region_material even[2] = {body.materials[0], body.materials[0]};
+    tissue t;
+    report why;
+    assert_int_equal(tissue_assemble(&body.mesh, even, fixed, volumetric, &t, &why), TROCAR_OK);
+    tested = &t;
+    memset(&request, 0, sizeof request);
+    while (request.wanted.count < 30) {
+        int tet = rand() % body.mesh.tet_count;
+        add_node((kind)(request.wanted.count % kinds), tet, point_in(tet, 0.02));
+    }
+    add_nominal(&t);
+    for (int i = 0; i < request.wanted.count; i++) add_patch(&t, i);
+    assert_close(largest_force(&t, &turn, true), 0.0, 1e-12);
+    assert_close(largest_force(&t, &strain, false), 0.0, 1e-12);
+    assert_true(largest_force(&t, &strain, true) > 1e-5);
+    tested = &body.tissue;
+    tissue_free(&t);
+}
+
+static void linear_fields_are_those_of_the_refined_mesh(void **state) {
+    (void)state;
+    check_linear_fields(STRAIN_BY_ELEMENT, 3);
+    check_linear_fields(STRAIN_BY_NODE, 2); /* nothing moves there */
+}
+
 int main(void) {
     srand(1);
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_patch_is_the_difference_of_two_meshes)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_patch_is_the_difference_of_two_meshes),
+        cmocka_unit_test(linear_fields_are_those_of_the_refined_mesh),
+    };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -21,7 +21,7 @@ typedef struct {
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */
     double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */
-    int most_steps;              /* that a tick takes; one that is longer than so many takes longer ones */
+    int most_steps;              /* a tick takes at most so many steps; in a longer tick, the steps are longer */
     int max_passes;              /* Newton passes a step, at most */
     double tolerance;            /* m, error of the needle's shape at which the passes stop */
 } insertion_settings;
@@ -129,13 +129,31 @@ typedef struct {
     int64_t spent[INSERTION_STAGES]; /* ns, in this tick */
 } insertion_profile;
 
+/* RT */
+static inline void profile_begin(insertion_profile *p) { *p = (insertion_profile){.clock = p->clock, .last = p->clock ? p->clock() : 0}; }
+
+/* What has passed since the last call went into this stage. RT */
+static inline void profile_end_stage(insertion_profile *p, insertion_stage stage) {
+    if (!p->clock) return;
+    int64_t now = p->clock();
+    p->spent[stage] += now - p->last;
+    p->last = now;
+}
+
+/* The part of the track that a point of the shaft stands for. */
+typedef struct {
+    double from, to;         /* m of depth */
+} shaft_share;
+
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
+    bool tip;                                /* takes part in the solve, as the last of the points; the others are the contacts */
     needle_tangent tangent;
     contact_problem problem;
     needle_point points[MAX_POINTS];
     vec3 nominal[MAX_POINTS];
-    double from[MAX_POINTS], to[MAX_POINTS]; /* m of depth between which each point stands for the shaft */
+    shaft_share shares[MAX_POINTS];
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
@@ -154,13 +172,12 @@ typedef struct {
 trocar_status insertion_model_create(insertion_model *model, report *why); /* fills the node_ arrays of a model that is otherwise set */
 void insertion_model_free(insertion_model *model);
 
-/* Needle straight, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. */
+/* Needle straight, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
-/* One tick of length dt (s): state and `base` (where the base is without force) in, state and wrench out; takes what the snapshot holds and leaves in
-   state->request what it wants next. Its time does not depend on the mesh (but for the look-up of the skin, O(log n), while
-   the needle is outside). No allocation, no lock, no call to a
-   library. RT */
+/* One tick of length dt (s): state and `base` (where the base is without force) in, state and wrench out; takes what the snapshot
+   holds and leaves in state->request what it wants next. Its time does not depend on the mesh, but for the look-up of the skin,
+   O(log n), while the tip is outside or on it. No allocation, no lock, no call to a library. RT */
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
 

@@ -62,22 +62,22 @@ void mesh_free(mesh *m);
 /* Index of the group of this name and dimension (any if -1), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
 
-/* Barycentric weights of x in tet t: they sum to 1, all >= 0 inside. */
+/* Barycentric weights of x in tet t: they sum to 1, all >= 0 inside. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 
-/* The same in any tetrahedron. */
+/* The same in any tetrahedron. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 
-/* The tetrahedra around a node of tet `start`, found from neighbour to neighbour. Returns how many, or -1 if more than `most`. */
+/* The tetrahedra around a node of tet `start`, found from neighbour to neighbour. Returns how many, or -1 if more than `most`. RT */
 int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
 
-/* Gradient of the four linear shape functions, 1/m. Returns the volume. */
+/* Gradient of the four linear shape functions, 1/m. Returns the volume. RT */
 double tet_gradients(const vec3 corners[4], vec3 gradients[4]);
 
-/* Where the segment from a to b first enters the nominal body from outside. Time O(log boundary). */
+/* Where the segment from a to b first enters the nominal body from outside. Time O(log boundary). RT */
 typedef struct {
     bool hit;
     double fraction;         /* 0..1 along the segment */
@@ -90,7 +90,7 @@ surface_hit mesh_enter(const mesh *m, vec3 a, vec3 b);
 int mesh_locate(const mesh *m, vec3 x, int start);
 
 /* Leaving tet `t` from inside point x along direction d: the face first reached (>= 0) and the distance in units of d;
-   -1 if d is zero. A start slightly outside a face counts as on it. */
+   -1 if d is zero. A start slightly outside a face counts as on it. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
 /* The same in any tetrahedron. */

@@ -36,9 +36,10 @@ static vec3 needle_direction(const insertion_model *model, const insertion_state
 
 /* ---- contact nodes --------------------------------------------------------------------------------------------------- */
 
+/* Of the last one that the tip has passed. */
 static double last_contact_depth(const insertion_state *state) {
-    int count = state->refined.count;
-    return count > 0 ? state->contacts[count - 1].depth : -INFINITY;
+    int passed = contacts_passed(state);
+    return passed > 0 ? state->contacts[passed - 1].depth : -INFINITY;
 }
 
 /* Added on the face, or inside where moved nodes have taken the face elsewhere. */
@@ -126,13 +127,14 @@ static void leave_strata(insertion_state *state) {
     while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.depth) state->stratum_count--;
 }
 
-/* The tip has come back to its last contact node and takes its place. */
+/* The tip has come back to its last contact node and takes its place. Moved nodes may have taken node->tet elsewhere. */
 static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
+    double weights[4];
     tip->nominal = node->position;
-    tip->tet = mesh_locate(model->mesh, node->position, node->tet); /* moved nodes may have taken node->tet elsewhere */
+    tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, node->position, weights);
     tip->depth = state->contacts[last].depth;
     tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;
@@ -169,9 +171,7 @@ static void exit_tissue(const insertion_model *model, insertion_state *state, in
 }
 
 static void leave_contact_on_face(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
-    int passed = contacts_passed(state);
-    double last = passed > 0 ? state->contacts[passed - 1].depth : -INFINITY;
-    if (state->tip.depth >= last + model->settings.contact_spacing) leave_contact(model, state, wrench);
+    if (state->tip.depth >= last_contact_depth(state) + model->settings.contact_spacing) leave_contact(model, state, wrench);
 }
 
 static void cross_face(const insertion_model *model, insertion_state *state, int face, vec3 direction, insertion_wrench *wrench) {
@@ -281,20 +281,26 @@ void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, 
     tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
 }
 
-void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+/* What blocks the tip lets it through. */
+static void give_way(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
     vec3 direction = v3_unit(needle_direction(model, state));
     wrench->events |= EVENT_PUNCTURED;
     wrench->membrane = tip->blocked_by;
     tip->blocked_by = NOT_BLOCKED;
-    tip->slip = 0.0;
     if (tip->depth > 0.0) {
         cross_face(model, state, tip->face, direction, wrench);
     } else { /* at the skin the tip is on the inner side already */
         tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
         tip->depth = FACE_CLEARANCE;
     }
+}
+
+void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
+    tip->slip = 0.0;
+    give_way(model, state, wrench);
 }
 
 /* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
@@ -330,10 +336,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
-        if (state->tip.blocked_by != NOT_BLOCKED) { /* what the needle already lies in has given way before */
-            state->tip.slip = 1.0;
-            tip_puncture(model, state, &ignored);
-        }
+        if (state->tip.blocked_by != NOT_BLOCKED) give_way(model, state, &ignored); /* what the needle already lies in did so before */
         cut_forward(model, state, direction, whole - state->tip.depth, &ignored);
     }
     for (int i = 0; i < state->refined.count; i++)

@@ -12,7 +12,7 @@ static inline int contacts_passed(const insertion_state *state) { return state->
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 
 /* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track.
-   `track_gradient` is the derivative of the tissue's displacement along the track behind the tip. RT */
+   `track_gradient` is the derivative of the tissue's displacement along the track, about the tip. RT */
 void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench);
 
 /* Moves the tip's material point on the outer surface by `sideways`, m. RT */
@@ -21,10 +21,10 @@ void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, 
 /* Lets a membrane give way that was overcome in the last solve. RT */
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench);
 
-/* Resistance of what is ahead of the tip, N (cutting or puncture). */
+/* Resistance of what is ahead of the tip, N (cutting or puncture). RT */
 double tip_resistance(const insertion_model *model, const needle_tip *tip);
 
-/* Puts a straight needle that lies in the tissue into the state of having been inserted without force. */
+/* Puts a straight needle that lies in the tissue into the state of having been inserted without force. RT */
 void tip_engage(const insertion_model *model, insertion_state *state);
 
 #endif

@@ -1,0 +1,278 @@
+#include "equilibrium.h"
+
+#include <string.h>
+
+#include "local.h"
+#include "shaft.h"
+#include "tip.h"
+#include "window.h"
+
+static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
+static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
+static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
+
+/* ---- points and forces ------------------------------------------------------------------------------------------------- */
+
+static void locate_points(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
+    for (int i = 0; i < state->active; i++) {
+        w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
+        w->nominal[i] = state->refined.nodes[i].position;
+    }
+    if (!w->tip) return;
+    w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
+    w->nominal[state->active] = state->tip.nominal;
+}
+
+/* Forces of the contacts on the needle's joints. */
+static void load_needle(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
+    memset(w->load, 0, (size_t)(model->needle->given.segments + 1) * sizeof *w->load);
+    for (int i = 0; i < w->problem.count; i++) {
+        vec3 force = i < state->active ? state->contacts[i].force : state->tip.force;
+        const needle_point *p = &w->points[i];
+        for (int k = 0; k < 3; k++) w->load[p->first + k] = v3_axpy(-p->weights[k], force, w->load[p->first + k]);
+    }
+}
+
+/* The spring that holds the base gives way to the sum of forces. */
+static void shift_base(const insertion_model *model, insertion_state *state, const vec3 *load) {
+    if (state->base_compliance == 0.0) return;
+    vec3 sum = v3(0, 0, 0), before = state->base_shift;
+    for (int j = 0; j <= model->needle->given.segments; j++) sum = v3_add(sum, load[j]);
+    state->base_shift = v3_scale(state->base_compliance, sum);
+    pose base = state->needle.base;
+    base.position = v3_add(base.position, v3_sub(state->base_shift, before));
+    needle_hold(model->needle, base, &state->needle);
+}
+
+/* ---- compliance of the tissue ------------------------------------------------------------------------------------------ */
+
+/* Compliance of the tissue between the tip and each point. */
+static void find_tip_rows(const insertion_state *state, const compliance_snapshot *snapshot, const int handles[4], insertion_workspace *w) {
+    const double *weights = state->tip.known_weights;
+    mat3 own = {{{0}}};
+    for (int c = 0; c < 4; c++) {
+        mat3 row = compliance_to_point(snapshot, handles, weights, handles[c]);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) own.m[a][b] += weights[c] * row.m[a][b];
+    }
+    for (int i = 0; i < state->active; i++) w->tip_row[i] = compliance_to_point(snapshot, handles, weights, i);
+    w->tip_row[state->active] = own;
+}
+
+/* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
+   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force, beside
+   the shaft next to it. */
+static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
+    for (int i = 0; i < state->active; i++) {
+        const shaft_contact *contact = &state->contacts[i];
+        shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[i], 0.0);
+        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus);
+        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus);
+    }
+    if (!w->tip) return;
+    int t = state->active;
+    const needle_tip *tip = &state->tip;
+    double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
+    shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
+    w->lateral[t] = local_at(model, tip->tet, tip->nominal).lateral / fmax(hold * (w->shares[t].to - w->shares[t].from + radius), 1e-9);
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
+    w->axial[t + 1] = local_logarithm(model, tip->tet, tip->nominal).axial / shaft.axial;
+}
+
+/* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */
+
+static void bound_friction(const insertion_model *model, const insertion_state *state, int i, shaft_share share, double slid, friction_state last,
+                           double dt, contact_problem *p) {
+    shaft_resistance friction = shaft_resistance_of(model, state, share, slid);
+    p->upper[i] = friction.dry;
+    p->lower[i] = -friction.dry;
+    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / dt;
+    p->state[i] = last;
+}
+
+/* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
+static void bound_tip(const insertion_model *model, const insertion_state *state, shaft_share share, double dt, contact_problem *p) {
+    const needle_tip *tip = &state->tip;
+    int t = state->active;
+    p->upper[t] = tip_resistance(model, tip);
+    p->lower[t] = 0.0;
+    p->viscosity[t][0] = 0.0;
+    p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / dt;
+    p->state[t] = tip->friction;
+    bound_friction(model, state, t + 1, share, tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction, dt, p);
+}
+
+static void bound_contacts(const insertion_model *model, const insertion_state *state, double dt, insertion_workspace *w) {
+    for (int i = 0; i < state->active; i++) {
+        const shaft_contact *contact = &state->contacts[i];
+        bound_friction(model, state, i, w->shares[i], contact->slid + fabs(contact->slip), contact->friction, dt, &w->problem);
+    }
+    if (w->tip) bound_tip(model, state, w->shares[state->active], dt, &w->problem);
+}
+
+/* ---- the contact problem ------------------------------------------------------------------------------------------------ */
+
+static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
+    mat3 sum = {{{0}}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double w = p->weights[i] * q->weights[j];
+            const double *block = &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)];
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) sum.m[a][b] += w * block[a * NEEDLE_LD + b];
+        }
+    return sum;
+}
+
+/* Unknowns: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. */
+static int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
+
+static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, const mat3 *frame_i, const mat3 *frame_j) {
+    mat3 half = m3_multiply(compliance, frame_j), turned = m3_transposed(frame_i);
+    turned = m3_multiply(&turned, &half);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) {
+            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
+            if (row >= column) p->compliance[row][column] = turned.m[a][b];
+            else p->compliance[column][row] = turned.m[a][b];
+        }
+}
+
+/* The shaft next to the tip pulls at the same point along the same line: as yet a copy of the tip's last row and column. */
+static void repeat_tip(contact_problem *p) {
+    int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
+    memcpy(p->compliance[shaft], p->compliance[tip], (size_t)shaft * sizeof **p->compliance);
+    p->compliance[shaft][shaft] = p->compliance[tip][tip];
+}
+
+/* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
+static void assemble_compliance(insertion_workspace *w, const insertion_state *state, const compliance_snapshot *snapshot) {
+    contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++)
+        for (int j = 0; j <= i; j++) {
+            mat3 sum = i == state->active ? w->tip_row[j] : compliance_between(snapshot, i, j);
+            mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++) sum.m[a][b] += needle.m[a][b] + (a == b ? state->base_compliance : 0.0);
+            put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
+        }
+    if (w->tip) repeat_tip(p);
+    for (int i = 0; i < p->count; i++)
+        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->lateral[i];
+    for (int i = 0; i < p->axial_count; i++) p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
+}
+
+/* The gaps that would be open without contact forces. */
+static void assemble_gaps(insertion_workspace *w, const insertion_state *state) {
+    contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++) {
+        const needle_point *at = &w->points[i];
+        vec3 gap = v3_sub(v3_sub(at->position, state->base_shift), w->nominal[i]);
+        for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
+        gap = m3_apply_transposed(&at->frame, gap);
+        p->gap[unknown(p->count, i, 0)] = gap.x;
+        p->gap[unknown(p->count, i, 1)] = gap.y;
+        p->gap[unknown(p->count, i, 2)] = gap.z;
+    }
+    int shaft = unknown(p->count, p->count, 2);
+    if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + state->tip.stretch;
+}
+
+static void take_forces(insertion_state *state, const insertion_workspace *w) {
+    const contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++) {
+        bool at_tip = i == state->active;
+        double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
+        vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
+        if (at_tip) {
+            state->tip.force = force;
+            state->tip.slip = p->slip[i];
+            state->tip.friction = p->state[i];
+            state->tip.shaft_slip = p->slip[i + 1];
+            state->tip.shaft_friction = p->state[i + 1];
+        } else {
+            state->contacts[i].force = force;
+            state->contacts[i].slip = p->slip[i];
+            state->contacts[i].friction = p->state[i];
+        }
+    }
+}
+
+/* ---- passes ------------------------------------------------------------------------------------------------------------- */
+
+/* Starts from the last solve's shape and forces. */
+static void prepare(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
+                    insertion_workspace *w) {
+    w->problem.count = state->active + w->tip;
+    w->problem.axial_count = w->problem.count + w->tip;
+    for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
+    if (w->tip) find_tip_rows(state, snapshot, handles, w);
+    locate_points(model, state, w);
+    find_local_compliance(model, state, w);
+    load_needle(model, state, w);
+    profile_end_stage(&w->profile, INSERTION_TISSUE);
+}
+
+static int first_joint(const insertion_workspace *w) {
+    int first = NEEDLE_MAX_SEGMENTS;
+    for (int i = 0; i < w->problem.count; i++) first = w->points[i].first < first ? w->points[i].first : first;
+    return first;
+}
+
+/* Linearises the needle, solves the contact problem and turns the needle's segments. False: there is no equilibrium. */
+static bool solve_pass(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt,
+                       insertion_wrench *wrench, bool *converged) {
+    wrench->passes++;
+    needle_linearise(model->needle, &state->needle, w->load, first_joint(w), &w->tangent);
+    profile_end_stage(&w->profile, INSERTION_NEEDLE);
+    bound_contacts(model, state, dt, w);
+    assemble_compliance(w, state, snapshot);
+    assemble_gaps(w, state);
+    if (contact_solve(&w->problem) != TROCAR_OK) return false;
+    wrench->switches += w->problem.switches;
+    take_forces(state, w);
+    profile_end_stage(&w->profile, INSERTION_CONTACT);
+    load_needle(model, state, w);
+    shift_base(model, state, w->load);
+    double turned = needle_advance(model->needle, &w->tangent, w->load, &state->needle);
+    locate_points(model, state, w);
+    profile_end_stage(&w->profile, INSERTION_NEEDLE);
+    *converged = turned * turned * model->needle->given.length < model->settings.tolerance;
+    return true;
+}
+
+/* No equilibrium: the needle has buckled beyond what the tissue holds. */
+static void give_up(insertion_state *state, insertion_wrench *wrench) {
+    for (int i = 0; i < state->active; i++) {
+        state->contacts[i].force = v3(0, 0, 0);
+        state->contacts[i].slip = 0.0;
+    }
+    state->tip.force = v3(0, 0, 0);
+    state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
+    state->base_shift = v3(0, 0, 0);
+    state->buckled = true;
+    wrench->events |= EVENT_UNSTABLE;
+}
+
+/* Needle and tissue would not stay at a saddle. Seen on the way to the solution, it counts if it is seen twice. */
+static void judge_stability(insertion_state *state, const insertion_workspace *w, bool converged, insertion_wrench *wrench) {
+    bool saddle = w->problem.negative < w->tangent.unstable;
+    if (saddle && (converged || state->saddle)) give_up(state, wrench);
+    state->saddle = saddle;
+}
+
+static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
+    double pressing = fmax(v3_dot(tip->force, needle_along(p)), 0.0);
+    tip->pressing += (pressing - tip->pressing) * -expm1(-dt / BITE_TIME);
+}
+
+void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
+                      const int handles[4], double dt, insertion_wrench *wrench) {
+    bool found = true, converged = false;
+    prepare(model, state, snapshot, handles, w);
+    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++)
+        found = solve_pass(model, state, w, snapshot, dt, wrench, &converged);
+    if (found) judge_stability(state, w, converged, wrench);
+    else give_up(state, wrench);
+    if (w->tip) follow_pressing(&state->tip, &w->points[state->active], dt);
+}

@@ -1,0 +1,91 @@
+/* Shares of the shaft, and friction in two regions, against sums by hand. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "shaft.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+static const region_material MATERIALS[2] = {
+    {.youngs_modulus = 9e3, .poisson_ratio = 0.5 - 1e-3, .friction_static = 6.0, .friction_kinetic = 4.0, .friction_viscous = 30.0},
+    {.youngs_modulus = 60e3, .poisson_ratio = 0.3, .friction_static = 20.0, .friction_kinetic = 10.0, .friction_viscous = 50.0},
+};
+static int region_of_tet[2] = {0, 1};
+static mesh two_regions = {.tet_count = 2, .region = region_of_tet};
+static const insertion_model MODEL = {.mesh = &two_regions, .materials = MATERIALS, .settings = {.weakening_distance = 2e-3}};
+
+/* Contacts at 4, 10 and 11 mm, the tip at 20 mm; the second region from 9 mm on. */
+static insertion_state inserted(void) {
+    insertion_state state = {.active = 3, .stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
+    state.contacts[0].depth = 4e-3;
+    state.contacts[1].depth = 10e-3;
+    state.contacts[2].depth = 11e-3;
+    state.tip = (needle_tip){.phase = TIP_INSIDE, .depth = 20e-3};
+    return state;
+}
+
+static void assert_share(const insertion_state *s, int index, bool tip, double from, double to) {
+    shaft_share share = shaft_share_of(s, index, tip);
+    assert_close(share.from, from, 1e-15);
+    assert_close(share.to, to, 1e-15);
+}
+
+static void shares_meet_half_way_and_reach_to_the_end(void **unused) {
+    (void)unused;
+    insertion_state s = inserted();
+    assert_share(&s, 0, true, 0.0, 7e-3);
+    assert_share(&s, 1, true, 7e-3, 10.5e-3);
+    assert_share(&s, 2, true, 10.5e-3, 15.5e-3);
+    assert_share(&s, 3, true, 15.5e-3, 20e-3);
+    assert_share(&s, 1, false, 7e-3, 10.5e-3);
+    assert_share(&s, 2, false, 10.5e-3, 20e-3);
+    s.active = 0;
+    assert_share(&s, 0, true, 0.0, 20e-3);
+    s.tip.depth = 0.0; /* on the skin */
+    assert_share(&s, 0, true, 0.0, 1e-6);
+}
+
+static void friction_is_that_of_each_region(void **unused) {
+    (void)unused;
+    insertion_state s = inserted();
+    shaft_resistance stuck = shaft_resistance_of(&MODEL, &s, (shaft_share){7e-3, 10.5e-3}, 0.0);
+    assert_close(stuck.dry, 2e-3 * 6.0 + 1.5e-3 * 20.0, 1e-15);
+    assert_close(stuck.viscous, 2e-3 * 30.0 + 1.5e-3 * 50.0, 1e-15);
+    assert_close(shaft_resistance_of(&MODEL, &s, (shaft_share){7e-3, 10.5e-3}, 1.0).dry, 2e-3 * 4.0 + 1.5e-3 * 10.0, 1e-15);
+    assert_close(shaft_resistance_of(&MODEL, &s, (shaft_share){1e-3, 2e-3}, 2e-3).dry, 1e-3 * (4.0 + 2.0 / M_E), 1e-15);
+}
+
+/* Anti-plane shear: a line that bears q per length in a medium of shear modulus mu is q / (2 pi mu) ln(R / r) ahead of it. */
+static void the_shaft_is_ahead_by_what_its_friction_deforms(void **unused) {
+    (void)unused;
+    insertion_state s = inserted();
+    double mu = 60e3 / 2.6, logarithm = 1.7;
+    s.refined.nodes[2].tet = 1;
+    s.contacts[2].friction = SLIP_FORWARD;
+    s.contacts[2].log_axial = logarithm;
+    s.contacts[2].slid = 1.0;
+    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), logarithm * 10.0 / (2.0 * M_PI * mu), 1e-15);
+    s.contacts[2].slip = 2e-6; /* 2 mm/s */
+    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), logarithm * (10.0 + 50.0 * 2e-3) / (2.0 * M_PI * mu), 1e-15);
+    s.contacts[2].slip = 0.0;
+    s.contacts[2].surplus = 1e-3; /* what the node itself yields, m/N, of a share of 5 mm */
+    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), 5e-3 * 10.0 * (logarithm / (5e-3 * 2.0 * M_PI * mu) - 1e-3), 1e-15);
+    s.contacts[2].friction = SLIP_BACKWARD;
+    s.contacts[2].surplus = 0.0;
+    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), -logarithm * 10.0 / (2.0 * M_PI * mu), 1e-15);
+    s.contacts[2].friction = STICK;
+    assert_true(shaft_ahead(&MODEL, &s, 2, 1e-3) == 0.0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(shares_meet_half_way_and_reach_to_the_end),
+        cmocka_unit_test(friction_is_that_of_each_region),
+        cmocka_unit_test(the_shaft_is_ahead_by_what_its_friction_deforms),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,5 +1,5 @@
 /* A bridge for a device of your own: fill in the two functions that talk to it. */
-#include <poll.h>
+#include <sys/random.h>
 #include <time.h>
 #include <lcm/lcm.h>
 #include "trocar_needle_pose_t.h"
@@ -11,27 +11,35 @@ static void read_device(double position[3], double orientation[4]) {      /* you
 }
 static void render_on_device(const double force[3], const double torque[3]) { (void)force, (void)torque; } /* yours: N, N m */
 
+enum { WATCHDOG = 20000 };                                                /* us without a wrench until the hand is let go */
+typedef struct { trocar_needle_wrench_t wrench; int64_t arrival; } arrived;
+
+static int64_t microseconds(clockid_t clock) {
+    struct timespec t;
+    clock_gettime(clock, &t);
+    return t.tv_sec * INT64_C(1000000) + t.tv_nsec / 1000;
+}
+
 static void keep_newest(const lcm_recv_buf_t *buffer, const char *channel, const trocar_needle_wrench_t *wrench, void *newest) {
     (void)buffer, (void)channel;
-    *(trocar_needle_wrench_t *)newest = *wrench;
+    *(arrived *)newest = (arrived){*wrench, microseconds(CLOCK_MONOTONIC)};
 }
 
 int main(void) {
-    trocar_needle_wrench_t wrench = {0};
-    trocar_needle_pose_t pose = {.session = time(NULL)};                  /* a number of one's own; the first one owns the needle */
+    arrived newest = {0};
+    trocar_needle_pose_t pose = {0};
     lcm_t *lcm = lcm_create(NULL);
-    if (!lcm) return 1;
-    trocar_needle_wrench_t_subscribe(lcm, "TROCAR_WRENCH", keep_newest, &wrench);
+    if (!lcm || getrandom(&pose.session, sizeof pose.session, 0) < 0) return 1; /* one's own; the first one owns the needle */
+    trocar_needle_wrench_t_subscribe(lcm, "TROCAR_WRENCH", keep_newest, &newest);
     for (;; pose.seq++) {
-        struct timespec now, period = {0, 1000000};                       /* or block until the device's next frame */
-        clock_gettime(CLOCK_REALTIME, &now);
-        pose.utime = now.tv_sec * INT64_C(1000000) + now.tv_nsec / 1000;
+        pose.utime = microseconds(CLOCK_REALTIME);
         read_device(pose.position, pose.orientation);
-        if (trocar_needle_pose_t_publish(lcm, "TROCAR_POSE", &pose) != 0) return 1;
-        nanosleep(&period, NULL);
+        trocar_needle_pose_t_publish(lcm, "TROCAR_POSE", &pose);          /* if the network refuses one, the next one follows */
+        nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);          /* or block until the device's next frame */
         while (lcm_handle_timeout(lcm, 0) > 0) continue;                  /* drain: only the newest wrench counts */
-        if (wrench.session != pose.session) continue;
-        render_on_device(wrench.force, wrench.torque);
-        pose.wrench_tick = wrench.tick;                                   /* lets the server measure the round trip */
+        int alive = newest.wrench.session == pose.session && microseconds(CLOCK_MONOTONIC) - newest.arrival < WATCHDOG;
+        if (!alive) newest = (arrived){0};                                /* server gone, or the needle is another's: no force */
+        render_on_device(newest.wrench.force, newest.wrench.torque);
+        pose.wrench_tick = newest.wrench.tick;                            /* lets the server measure the round trip */
     }
 }

@@ -68,16 +68,44 @@ planner/planner || fail "the planner: status $?"
 cc "$source/tests/install/planner.c" -o planner/with-pkg-config $(pkg-config --cflags --libs trocar-core trocar-types) || fail "pkg-config trocar-core"
 planner/with-pkg-config || fail "the planner made with pkg-config: status $?"
 
-# The installed server answers the bridge: a recording of both holds wrenches for the bridge's poses.
+# The README's whole bridge is this one; with its two functions filled in it drives a device.
+sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge_example.c - || fail "the README shows another bridge"
+sed '/^static void read_device/,/^static void render_on_device/c #include "device.h"' bridge/bridge_example.c >filled.c
+cc -I "$source/tests/install" filled.c -o filled $(pkg-config --cflags --libs trocar-types) -lm || fail "the bridge with a device"
+
+# The installed server answers the bridge: a recording of both holds wrenches for the bridge's poses. When the server dies in
+# the middle of an insertion the device gets no force within 50 ms, and from the next server it gets one again.
 netns=$source/scripts/netns
 "$netns" true || { echo "passed, but for the bridge at work: no network namespace here"; exit 0; }
+at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # as a bridge would run
 cat >session <<END
 trap 'kill \$(jobs -p); wait' EXIT
-$prefix/bin/trocar-server --scene $prefix/share/trocar/scenes/figure8.yaml --allow-non-rt >ready &
-until grep -qsx ready ready; do sleep 0.05; kill -0 \$! || exit 1; done
-lcm-logger --quiet --force session.log >logger.txt & sleep 0.3
+start_server() {
+    rm -f ready
+    $prefix/bin/trocar-server --scene $prefix/share/trocar/scenes/figure8.yaml --allow-non-rt >ready & server=\$!
+    until grep -qsx ready ready; do sleep 0.05; kill -0 \$server || exit 1; done
+}
+wait_for() { for _ in {1..100}; do "\$@" && return; sleep 0.05; done; echo "not in 5 s: \$*"; return 1; }
+felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found }'; } # since that line, more than that
+
+start_server
+lcm-logger --quiet --force session.log >logger.txt & logger=\$!
+sleep 0.3
 timeout 1 bridge/build/bridge || [ \$? -eq 124 ]
+kill \$logger
+sleep 2.2 # until the needle may have another owner
+$at_once ./filled 2>forces &
+wait_for felt 1 0.2
+date +%s.%N >killed
+kill -KILL \$server
+sleep 0.3
+wc -l <forces >dead
+start_server
+wait_for felt \$(cat dead) 0
 END
-"$netns" bash -eu session || fail "server and bridge: $(cat ready)"
+"$netns" bash -eu session || fail "server and bridge: $(cat ready; tail -n 3 forces)"
 "$prefix/bin/trocar-replay" --scene "$prefix/share/trocar/scenes/figure8.yaml" --poses session.log --compare session.log
+head -n "$(cat dead)" forces | awk -v killed="$(cat killed)" '
+    $2 > 0 { last = $1 - killed } END { printf "after the server\047s death the device had force for %.0f ms\n", 1e3 * last; exit !(last < 0.05) }' ||
+    fail "the bridge holds the last force"
 echo passed

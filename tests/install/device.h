@@ -1,0 +1,18 @@
+/* A device for the bridge of the documentation: it pushes the needle 21 mm in and writes down when it gets which force. See
+   tests/test_install.sh. */
+#include <math.h>
+#include <stdio.h>
+#include <time.h>
+
+static void read_device(double position[3], double orientation[4]) {
+    static int steps;
+    if (steps < 210) steps++;
+    position[0] = 0.005, position[1] = 0.003, position[2] = -0.201 + 0.1e-3 * steps;
+    orientation[0] = 1, orientation[1] = orientation[2] = orientation[3] = 0;
+}
+
+static void render_on_device(const double force[3], const double torque[3]) {
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    fprintf(stderr, "%.6f %g\n", (double)now.tv_sec + 1e-9 * (double)now.tv_nsec, hypot(hypot(force[0], force[1]), force[2]) + fabs(torque[0]));
+}

@@ -106,13 +106,13 @@ static void add_counters(page *p, const dashboard *d) {
     const trocar_loop_timing_t *t = &d->timing;
     const trocar_status_t *s = &d->status;
     bool loop_alarm = t->misses > d->first_misses || t->allocations || t->major_faults || t->minor_faults || t->wrenches_dropped;
-    int64_t bad = s->poses_malformed + s->poses_not_finite + s->poses_not_unit + s->poses_jumped + s->poses_refused + s->poses_old;
+    int64_t bad = s->poses_malformed + s->poses_not_finite + s->poses_not_unit + s->poses_jumped + s->poses_refused + s->poses_old + s->poses_lost;
     add(p, loop_alarm, "loop        missed %" PRId64 ", allocations %" PRId64 ", page faults %" PRId64 "+%" PRId64 ", preempted %" PRId64,
         t->misses, t->allocations, t->minor_faults, t->major_faults, t->context_switches);
     add(p, bad > 0, "poses       taken %" PRId64 ", malformed %" PRId64 ", not finite %" PRId64 ", not unit %" PRId64, s->poses_accepted,
         s->poses_malformed, s->poses_not_finite, s->poses_not_unit);
-    add(p, bad > 0, "            too fast %" PRId64 ", refused %" PRId64 ", repeated %" PRId64 ", last %s ago", s->poses_jumped,
-        s->poses_refused, s->poses_old, duration_text(s->pose_age).text);
+    add(p, bad > 0, "            too fast %" PRId64 ", refused %" PRId64 ", repeated %" PRId64 ", lost %" PRId64 ", last %s ago",
+        s->poses_jumped, s->poses_refused, s->poses_old, s->poses_lost, duration_text(s->pose_age).text);
     add(p, t->wrenches_dropped > 0, "wrenches    dropped %" PRId64 ", limited %" PRId64, t->wrenches_dropped, s->saturated_ticks);
     add(p, s->energy_lowest < 0, "energy      %.1f mJ, lowest %.1f mJ, coupling %.0f N/m", 1e3 * s->energy, 1e3 * s->energy_lowest,
         s->coupling_stiffness);

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "dashboard.h"
+#include "message_fit.h"
 #include "options.h"
 #include "report.h"
 
@@ -70,7 +71,8 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
     (void)channel;
     dashboard *d = context;
     trocar_status_t m;
-    if (trocar_status_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) {
+    if (!status_fits(received->data, received->data_size)
+        || trocar_status_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) {
         d->foreign++;
         return;
     }

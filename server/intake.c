@@ -8,6 +8,7 @@
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */
+static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer one is a client that counts in another way */
 static const double ARRIVAL_JITTER = 5e-3; /* s: poses may come late by this much, then bunched */
 
 void intake_init(intake *in, const guard_limits *limits) {
@@ -60,8 +61,17 @@ static bool motion_possible(intake *in, const pose *p, int64_t now) {
     return true;
 }
 
+/* What the owner sent and did not come. */
+static void count_lost(intake *in, const trocar_needle_pose_t *m) {
+    if (in->record.owner == 0 || m->session != in->record.owner || m->seq <= in->heard) return;
+    uint64_t gap = (uint64_t)m->seq - (uint64_t)in->heard - 1;
+    if (gap < LONGEST_GAP) in->record.poses_lost += (int64_t)gap;
+    in->heard = m->seq;
+}
+
 static void accept(intake *in, const trocar_needle_pose_t *m, pose p, int64_t now) {
     bool anew = in->begin_anew || m->session != in->record.owner;
+    if (m->session != in->record.owner) in->heard = m->seq;
     in->newest = (pose_sample){.held = true, .engagement = in->newest.engagement + (anew ? 1 : 0), .session = m->session,
                                .seq = m->seq, .utime = m->utime, .wrench_tick = m->wrench_tick, .received = now, .base = p};
     if (anew) in->travel_credit = ARRIVAL_JITTER;
@@ -108,6 +118,7 @@ static pose_verdict judge(intake *in, const void *data, size_t size, int64_t now
         say(in, "pose of %zu bytes: not a trocar.needle_pose_t of this version", size);
         return POSE_MALFORMED;
     }
+    count_lost(in, &m);
     pose p = pose_of(&m);
     pose_verdict verdict = judge_numbers(in, &m, &p);
     if (verdict == POSE_ACCEPTED) verdict = judge_sender(in, &m, now);

@@ -12,6 +12,7 @@ typedef struct {
     int64_t owner;                   /* session, 0: nobody */
     int64_t received;                /* ns, monotonic: last accepted pose; 0 before the first */
     int64_t counts[POSE_VERDICTS];   /* poses by verdict, since start */
+    int64_t poses_lost;              /* missing in the owner's sequence when a later one came */
     int64_t commands_refused;        /* malformed, unknown, or not from the owner */
     char message[160];               /* last refusal in words */
 } intake_record;
@@ -21,6 +22,7 @@ typedef struct {
     intake_record record;
     pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
     bool begin_anew;                 /* the next pose starts a new engagement */
+    int64_t heard;                   /* last sequence number of the owner, accepted or not */
     double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
 } intake;
 

@@ -70,13 +70,14 @@ static void hand_over(io *o) {
     newest_publish(&o->exchange->intakes);
 }
 
-/* A network that refuses a datagram (no route, full buffer) loses this wrench, not the server: the next one follows. */
+/* A network that refuses a datagram (no route, full buffer) loses this wrench, which is counted, not the server: the next one
+   follows. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];
     while (ring_pop(&o->exchange->wrenches, &wrench)) {
         int size = trocar_needle_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
-        if (size > 0) lcm_publish(o->lcm, "TROCAR_WRENCH", bytes, (unsigned)size);
+        if (size <= 0 || lcm_publish(o->lcm, "TROCAR_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
     }
 }
 

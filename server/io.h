@@ -19,6 +19,7 @@ typedef struct {
     report why;
     lcm_t *lcm;                  /* all below: the thread's own */
     intake intake;
+    int64_t wrenches_unsent;     /* refused by the network */
 } io;
 
 trocar_status io_create(io *o, const char *url, const guard_limits *limits, bool realtime, int shutdown_wake,

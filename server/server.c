@@ -257,5 +257,7 @@ void server_summarise(const server *s, FILE *out) {
             (long long)l->usage.context_switches);
     fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
             s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
-    fprintf(out, "wrenches   %lld dropped\n", (long long)s->haptic.wrench_dropped);
+    fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
+    fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.intake.record.counts[POSE_ACCEPTED],
+            (long long)s->io.intake.record.poses_lost);
 }

@@ -106,7 +106,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
         .poses_not_finite = in->counts[POSE_NOT_FINITE], .poses_not_unit = in->counts[POSE_NOT_UNIT],
         .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
-        .poses_old = in->counts[POSE_OLD], .commands_refused = in->commands_refused,
+        .poses_old = in->counts[POSE_OLD], .poses_lost = in->poses_lost, .commands_refused = in->commands_refused,
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
         .energy = view->energy, .energy_lowest = view->energy_lowest,
         .coupling_stiffness = view->coupling_stiffness, .saturated_ticks = view->saturated_ticks,

@@ -64,6 +64,9 @@ play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"
 holds "$(value wrenches_lost) >= 40 && $(value wrenches_lost) < 400"
 holds "$(value poses_unanswered) >= 40 && $(value poses_unanswered) < 400"
+on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
+lost=$(sed -nE 's/.*, lost ([0-9]+),.*/\1/p' top)
+holds "$lost >= 40 && $lost < 200"
 holds "$(value puncture_count) == 2"
 grep -qE '"flags": .*(stale|ramping)' report.json || fail "the server did not ramp the wrench"
 echo passed

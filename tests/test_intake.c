@@ -192,6 +192,26 @@ static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
     assert_int_equal(take_pose(&in, 1, 201, 0.191, 102 * MS), POSE_ACCEPTED);
 }
 
+/* Counted where a later pose of the owner comes, also one that is refused; not twice, and not from one client to the next. */
+static void poses_that_never_came_are_counted(void **unused) {
+    (void)unused;
+    intake in = fresh();
+    take_pose(&in, 1, 1000, 0, 0);
+    assert_int_equal(in.record.poses_lost, 0);
+    take_pose(&in, 1, 1001, 0, 1 * MS);
+    take_pose(&in, 1, 1005, 0, 5 * MS);
+    assert_int_equal(in.record.poses_lost, 3);
+    assert_int_equal(take_pose(&in, 1, 1006, 9, 6 * MS), POSE_JUMPED);
+    take_pose(&in, 1, 1007, 0, 7 * MS);
+    assert_int_equal(take_pose(&in, 1, 1003, 0, 8 * MS), POSE_OLD);
+    assert_int_equal(take_pose(&in, 2, 5000, 0, 9 * MS), POSE_REFUSED);
+    assert_int_equal(in.record.poses_lost, 3);
+    command(&in, 1, TROCAR_COMMAND_T_RELEASE);
+    take_pose(&in, 2, 5001, 0, 10 * MS);
+    take_pose(&in, 2, INT64_MAX, 0, 11 * MS);
+    assert_int_equal(in.record.poses_lost, 3);
+}
+
 /* The network may hold poses back and deliver them together; the mean speed counts. */
 static void bunched_poses_are_no_jump_but_a_fast_stream_is(void **unused) {
     (void)unused;
@@ -229,6 +249,7 @@ int main(void) {
         cmocka_unit_test(a_reset_begins_anew_with_the_next_pose),
         cmocka_unit_test(only_a_valid_shutdown_shuts_down),
         cmocka_unit_test(jumps_are_rejected_while_the_needle_is_followed),
+        cmocka_unit_test(poses_that_never_came_are_counted),
         cmocka_unit_test(bunched_poses_are_no_jump_but_a_fast_stream_is),
         cmocka_unit_test(a_jump_is_taken_after_the_wrench_has_gone),
     };

@@ -2,48 +2,13 @@
 
 #include <stdlib.h>
 
+#include "message_fit.h"
 #include "timing.h"
 #include "trocar_deformation_t.h"
 
 enum { QUEUE = 512 }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 1000000000; /* ns without a wrench after which no server is there */
-
-/* ---- measuring ---- */
-
-enum { FINGERPRINT = 8 };
-
-/* A length in the message, -1 where it is not one. */
-static int64_t length_at(const void *data, size_t size, size_t offset) {
-    const unsigned char *b = (const unsigned char *)data + offset;
-    if (offset + 4 > size || b[0] > 0x7f) return -1;
-    return (int64_t)b[0] << 24 | (int64_t)b[1] << 16 | (int64_t)b[2] << 8 | b[3];
-}
-
-bool contacts_fit(const void *data, size_t size) {
-    enum { JOINTS = FINGERPRINT + 3 * 8 + 4 * 8, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
-    int64_t joints = length_at(data, size, JOINTS);
-    if (joints < 2 || joints > NEEDLE_MAX_SEGMENTS + 1) return false;
-    size_t count_at = JOINTS + 4 + JOINT * (size_t)joints;
-    int64_t contacts = length_at(data, size, count_at);
-    return contacts >= 0 && contacts <= MAX_POINTS && size == count_at + 4 + CONTACT * (size_t)contacts;
-}
-
-bool deformation_fits(const void *data, size_t size, int node_count) {
-    enum { NODES = FINGERPRINT + 2 * 8, NODE = 3 * 4 };
-    return length_at(data, size, NODES) == node_count && size == NODES + 4 + NODE * (size_t)node_count;
-}
-
-bool status_fits(const void *data, size_t size) {
-    trocar_status_t empty = {.scene = "", .message = ""};
-    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - 2 * (4 + 1); /* an empty string: its length, its zero */
-    for (int string = 0; string < 2; string++) {
-        int64_t length = length_at(data, size, offset);
-        if (length < 1) return false;
-        offset += 4 + (size_t)length;
-    }
-    return offset == size;
-}
 
 /* ---- the channels ---- */
 

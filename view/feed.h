@@ -1,5 +1,4 @@
-/* What the server says on its channels, brought to a timeline. Messages with arrays are measured before they are decoded:
-   LCM's generated decoders trust the counts in them. */
+/* What the server says on its channels, brought to a timeline. */
 #ifndef TROCAR_FEED_H
 #define TROCAR_FEED_H
 
@@ -32,11 +31,6 @@ bool feed_alive(const feed *f);
 
 /* Where the server has the needle's base: false if that is not known. */
 bool feed_base(const feed *f, pose *base);
-
-/* Are these the bytes of one message, all lengths in it within `size`? */
-bool contacts_fit(const void *data, size_t size);
-bool deformation_fits(const void *data, size_t size, int node_count);
-bool status_fits(const void *data, size_t size);
 
 /* A tick's wrench as a point of the plots; timing stays zero. */
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w);

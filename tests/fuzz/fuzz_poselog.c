@@ -1,4 +1,5 @@
-/* A log of poses: refused with its name, or its poses are finite, of one session and in order of time. */
+/* A log of poses: refused with its name, or its poses are finite, of one session and in order of time. The same bytes as a log of
+   wrenches to compare with: refused with its name, or all of them answer a pose. */
 #include "fuzz.h"
 
 #include <math.h>
@@ -7,10 +8,23 @@
 #include "guard.h"
 #include "poselog.h"
 
+static void read_wrenches(const char *path) {
+    wrench_log log;
+    report why = {""};
+    if (wrench_log_read(path, &log, &why) != TROCAR_OK) {
+        REQUIRE(strncmp(why.text, path, strlen(path)) == 0);
+        REQUIRE(log.count == 0 && log.wrenches == NULL);
+        return;
+    }
+    for (int i = 0; i < log.count; i++) REQUIRE(log.wrenches[i].pose_seq >= 0);
+    wrench_log_free(&log);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pose_log log;
     report why = {""};
     const char *path = file_of(data, size);
+    read_wrenches(path);
     if (pose_log_read(path, &log, &why) != TROCAR_OK) {
         REQUIRE(strncmp(why.text, path, strlen(path)) == 0);
         REQUIRE(log.count == 0 && log.poses == NULL);

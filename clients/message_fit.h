@@ -1,0 +1,13 @@
+/* Messages with arrays or strings are measured before they are decoded: LCM's generated decoders trust the counts in them. */
+#ifndef TROCAR_MESSAGE_FIT_H
+#define TROCAR_MESSAGE_FIT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+/* Are these the bytes of one message, all lengths in it within `size`, its strings closed by a zero? */
+bool contacts_fit(const void *data, size_t size);
+bool deformation_fits(const void *data, size_t size, int node_count);
+bool status_fits(const void *data, size_t size);
+
+#endif

@@ -1,0 +1,83 @@
+/* Only a whole message of its type fits: not every length but the right one, nor any other count or string in it. */
+#include "message_fit.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "trocar_contacts_t.h"
+#include "trocar_deformation_t.h"
+#include "trocar_status_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+enum { JOINTS = 31, CONTACTS = 2, NODES = 588 };
+
+static unsigned char bytes[1 << 16];
+
+static size_t pack_contacts(void) {
+    static double joints[JOINTS][3], vectors[CONTACTS][3], *joint_rows[JOINTS], *vector_rows[CONTACTS], arcs[CONTACTS];
+    static int8_t states[CONTACTS];
+    for (int i = 0; i < JOINTS; i++) joint_rows[i] = joints[i];
+    for (int i = 0; i < CONTACTS; i++) vector_rows[i] = vectors[i];
+    trocar_contacts_t m = {.joint_count = JOINTS, .centreline = joint_rows, .contact_count = CONTACTS, .position = vector_rows,
+                           .force = vector_rows, .arc = arcs, .state = states};
+    return (size_t)trocar_contacts_t_encode(bytes, 0, sizeof bytes, &m);
+}
+
+static void contacts_fit_at_their_own_length_only(void **unused) {
+    (void)unused;
+    size_t size = pack_contacts();
+    assert_true(contacts_fit(bytes, size));
+    for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !contacts_fit(bytes, wrong));
+}
+
+static void contacts_with_another_count_do_not_fit(void **unused) {
+    (void)unused;
+    size_t size = pack_contacts(), joint_count_at = 8 + 3 * 8 + 4 * 8;
+    for (size_t byte = joint_count_at; byte < joint_count_at + 4; byte++)
+        for (int value = 1; value < 256; value++) {
+            bytes[byte] ^= (unsigned char)value;
+            assert_false(contacts_fit(bytes, size));
+            bytes[byte] ^= (unsigned char)value;
+        }
+}
+
+static void a_deformation_fits_the_mesh_only(void **unused) {
+    (void)unused;
+    static float displacements[NODES][3], *rows[NODES];
+    for (int i = 0; i < NODES; i++) rows[i] = displacements[i];
+    trocar_deformation_t m = {.node_count = NODES, .displacement = rows};
+    size_t size = (size_t)trocar_deformation_t_encode(bytes, 0, sizeof bytes, &m);
+    assert_true(deformation_fits(bytes, size, NODES));
+    assert_false(deformation_fits(bytes, size - 1, NODES) || deformation_fits(bytes, size, NODES + 1) || deformation_fits(bytes, 3, NODES));
+}
+
+/* LCM's own decoder would read on behind a string that nothing closes. */
+static void strings_must_be_closed(void **unused) {
+    (void)unused;
+    trocar_status_t m = {.scene = "a.yaml", .message = "late"};
+    size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
+    assert_true(status_fits(bytes, size));
+    for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !status_fits(bytes, wrong));
+    bytes[size - 1] = 'x';
+    assert_false(status_fits(bytes, size));
+    bytes[size - 1] = 0;
+    size_t scene_end = size - strlen("late") - 1 - 4 - 1;
+    assert_int_equal(bytes[scene_end], 0);
+    bytes[scene_end] = 'x';
+    assert_false(status_fits(bytes, size));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(contacts_fit_at_their_own_length_only),
+        cmocka_unit_test(contacts_with_another_count_do_not_fit),
+        cmocka_unit_test(a_deformation_fits_the_mesh_only),
+        cmocka_unit_test(strings_must_be_closed),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -7,7 +7,11 @@
         | intakes                   | views, loops,            | latencies
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
-                                  (own LCM)                                                                          */
+                                  (own LCM)
+                                    | views
+                               pictures thread
+
+   Newest values are triple buffers, queues are rings of one writer and one reader: see handover.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
 

@@ -6,7 +6,7 @@
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { VIEW_HZ = 60 };
+enum { VIEWS_HZ = 60 };
 
 trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const guard_limits *limits,
                             double rate_hz, int flags, exchange *x, report *why) {
@@ -127,9 +127,9 @@ static double snapshot_age(const haptic *h, int64_t now, uint64_t answered) {
     return 1e-9 * (double)(now - h->asked[(waiting + 1) % REQUESTS_REMEMBERED]);
 }
 
-/* Shows the state to telemetry, VIEW_HZ times a second, once there is one. RT */
+/* Shows the state to telemetry, VIEWS_HZ times a second, once there is one. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message, uint64_t answered) {
-    int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEW_HZ * h->period));
+    int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
     if (h->guard.engagement == 0 || wake->tick % ticks_per_view != 0) return;
     view_sample *view = newest_slot(&h->exchange->views);
     view->tick = wake->tick;

@@ -84,10 +84,9 @@ static trocar_status create_parts(server *s, report *why) {
     s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .records = &x->loops};
     s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
-    status = telemetry_create(&s->telemetry, s->options.lcm_url, s->scene.path, s->scene.rate_hz, flags, &s->simulation,
-                              &s->worker, x, why);
-    s->telemetry.verbose = s->options.verbose;
-    return status;
+    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags,
+                                  .verbose = s->options.verbose};
+    return telemetry_create(&s->telemetry, &telling, &s->simulation, &s->worker, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {

@@ -8,11 +8,11 @@
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 
-enum { VIEW_HZ = 30, STATUS_HZ = 10 };
+enum { PICTURES_HZ = 30, STATUS_HZ = 10 };
 
-trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
-                               simulation *s, const worker *w, exchange *x, report *why) {
-    *t = (telemetry){.exchange = x, .worker = w, .scene_path = scene_path, .rate_hz = rate_hz, .flags = flags};
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why) {
+    const char *url = given->lcm_url;
+    *t = (telemetry){.exchange = x, .worker = w, .given = *given};
     atomic_init(&t->stop, false);
     trocar_status status = sight_create(&t->sight, s, why);
     if (status == TROCAR_OK) status = newest_create(&t->views, sizeof(view_sample), why);
@@ -65,7 +65,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
     collect(&t->exchange->round_trips, t->round_trip);
 
     trocar_loop_timing_t m = {
-        .utime = wall_us(), .ticks = loop->ticks, .rate_hz = t->rate_hz,
+        .utime = wall_us(), .ticks = loop->ticks, .rate_hz = t->given.rate_hz,
         .lateness_p50 = histogram_quantile(&loop->lateness, 0.50),
         .lateness_p99 = histogram_quantile(&loop->lateness, 0.99),
         .lateness_max = histogram_max(&loop->lateness),
@@ -90,7 +90,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         m.stage_max[i] = 1e-9 * (double)loop->stage_max[i];
     }
     trocar_loop_timing_t_publish(t->lcm, "TROCAR_TIMING", &m);
-    if (t->verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
+    if (t->given.verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
 
 /* The worker's failure outlives the refusals: it will not go away by itself. */
@@ -102,7 +102,7 @@ static const char *message_of(const telemetry *t, const intake_record *in) {
 static void publish_status(telemetry *t, const view_sample *view) {
     const intake_record *in = newest_read(&t->exchange->intakes, NULL);
     trocar_status_t m = {
-        .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->flags,
+        .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->given.flags,
         .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
         .poses_not_finite = in->counts[POSE_NOT_FINITE], .poses_not_unit = in->counts[POSE_NOT_UNIT],
         .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
@@ -110,7 +110,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
         .energy = view->energy, .energy_lowest = view->energy_lowest,
         .coupling_stiffness = view->coupling_stiffness, .saturated_ticks = view->saturated_ticks,
-        .scene = (char *)(uintptr_t)t->scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
+        .scene = (char *)(uintptr_t)t->given.scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }
 
@@ -131,7 +131,7 @@ static void *publish_pictures(void *context) {
         bool fresh;
         const view_sample *view = newest_read(&t->views, &fresh);
         if (fresh) publish_sight(t, view);
-        due += 1000000000 / VIEW_HZ;
+        due += 1000000000 / PICTURES_HZ;
         if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
     }
     return NULL;
@@ -142,10 +142,10 @@ void *telemetry_run(void *context) {
     pthread_t pictures;
     bool shown = pthread_create(&pictures, NULL, publish_pictures, t) == 0; /* without them, figures still count */
     int64_t due = monotonic_ns();
-    for (int64_t view_count = 0; !stopped(t); view_count++) {
+    for (int64_t round = 0; !stopped(t); round++) {
         bool fresh;
         const view_sample *view = newest_read(&t->exchange->views, &fresh);
-        if (view_count % (VIEW_HZ / STATUS_HZ) == 0) {
+        if (round % (PICTURES_HZ / STATUS_HZ) == 0) {
             publish_timing(t, view);
             publish_status(t, view);
         }
@@ -153,7 +153,7 @@ void *telemetry_run(void *context) {
             memcpy(newest_slot(&t->views), view, sizeof *view);
             newest_publish(&t->views);
         }
-        due += 1000000000 / VIEW_HZ;
+        due += 1000000000 / PICTURES_HZ;
         if (due < monotonic_ns()) due = monotonic_ns();
         sleep_until(due);
     }

@@ -13,23 +13,27 @@
 #include "worker.h"
 
 typedef struct {
-    exchange *exchange;
-    const worker *worker;        /* whose first failure is told */
+    const char *lcm_url;         /* NULL: its default */
     const char *scene_path;
     double rate_hz;
     int flags;                   /* NOT_REALTIME or 0, until the loop tells its own */
     bool verbose;                /* one line a second on stderr */
+} telemetry_settings;
+
+typedef struct {
+    exchange *exchange;
+    const worker *worker;        /* whose first failure is told */
+    telemetry_settings given;
     atomic_bool stop;
-    lcm_t *lcm;                  /* all below: the thread's own */
-    int64_t timings_published;
-    histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
-    newest_value views;          /* view_sample, for the thread of the pictures */
-    sight sight;
+    lcm_t *lcm;
+    int64_t timings_published;   /* the thread's own, */
+    histogram *latency, *round_trip; /* and: of the worker and to the hand, this interval */
+    newest_value views;          /* view_sample, from it to the thread of the pictures */
+    sight sight;                 /* the latter's own */
 } telemetry;
 
 /* Connects to LCM. `s`, `w` and `x` must outlive it. BAD_INPUT if the URL is of no use. */
-trocar_status telemetry_create(telemetry *t, const char *url, const char *scene_path, double rate_hz, int flags,
-                               simulation *s, const worker *w, exchange *x, report *why);
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
 /* Body of the thread; `context` is a telemetry. */

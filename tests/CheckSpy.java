@@ -6,12 +6,14 @@ import java.awt.Frame;
 import java.awt.Rectangle;
 import java.awt.event.MouseEvent;
 import java.lang.reflect.Field;
+import java.util.Arrays;
 import java.util.function.Supplier;
 import javax.swing.JTable;
 import javax.swing.SwingUtilities;
 
 public class CheckSpy {
-    static final String[] CHANNELS = {"TROCAR_POSE", "TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS"};
+    static final String[] CHANNELS = {"TROCAR_POSE", "TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS",
+        "TROCAR_DEFORMATION"};
 
     /* What the supplier gives once it gives something, within 20 s. */
     static <T> T await(String what, Supplier<T> supplier) throws Exception {
@@ -69,10 +71,31 @@ public class CheckSpy {
         }
     }
 
+    static boolean ordered(double... values) {
+        for (int i = 1; i < values.length; i++)
+            if (!(values[i - 1] <= values[i])) return false;
+        return true;
+    }
+
+    static void expect(boolean holds, String what) throws Exception {
+        if (!holds) throw new Exception("fields of the timing are not what the server sends: " + what);
+    }
+
+    /* Every field, by what must hold of it. */
     static void expectTiming(trocar.loop_timing_t t) throws Exception {
-        boolean decoded = t.rate_hz == 1000 && t.ticks > 0 && t.lateness_p50 > 0 && t.lateness_p50 <= t.lateness_p99
-            && t.compute_p99 <= t.compute_max && java.util.Arrays.stream(t.compute_bins).sum() > 0 && t.contacts >= 0;
-        if (!decoded) throw new Exception("fields of the timing are not what the server sends: rate " + t.rate_hz);
+        expect(t.rate_hz == 1000 && t.ticks > 0, "rate " + t.rate_hz + ", ticks " + t.ticks);
+        expect(Math.abs(t.utime * 1e-3 - System.currentTimeMillis()) < 60e3, "utime " + t.utime);
+        expect(t.lateness_p50 > 0 && ordered(t.lateness_p50, t.lateness_p99, t.lateness_max, t.lateness_max_total), "lateness");
+        expect(t.compute_p50 > 0 && ordered(t.compute_p50, t.compute_p99, t.compute_max, t.compute_max_total), "compute");
+        expect(t.round_trip_p50 > 0 && ordered(t.round_trip_p50, t.round_trip_p99, t.round_trip_max, 60), "round trip");
+        expect(ordered(0, t.worker_latency_p50, t.worker_latency_p99, t.worker_latency_max, 60) && t.snapshot_age >= 0, "worker");
+        int lateness = Arrays.stream(t.lateness_bins).sum(), compute = Arrays.stream(t.compute_bins).sum();
+        expect(compute > 0 && Math.abs(lateness - compute) <= 1, "bins: " + lateness + " and " + compute);
+        double stages = Arrays.stream(t.stage_mean).sum();
+        expect(stages > 0 && stages <= t.compute_max && t.stage_max.length == trocar.loop_timing_t.STAGE_OUTPUT + 1, "stages: " + stages);
+        expect(ordered(stages, Arrays.stream(t.stage_max).sum()), "longest stages");
+        for (long count : new long[] {t.misses, t.allocations, t.minor_faults, t.major_faults, t.context_switches, t.wrenches_dropped, t.contacts})
+            expect(count >= 0 && count < 1000000, "a counter: " + count);
     }
 
     public static void main(String[] arguments) {

@@ -29,11 +29,16 @@ static void add_leaf(const tissue *t, const refinement *r, int active, const lea
             if (places[a / 3] >= 0 && places[b / 3] >= 0) p->change[3 * places[a / 3] + a % 3][3 * places[b / 3] + b % 3] += sign * k[a][b];
 }
 
-static void add_children(const tissue *t, const refinement *r, int index, int tet, const int corners[4], const double weights[4], patch *p) {
+static leaf leaf_of(int tet, const leaf_point *at) {
+    leaf l = {.tet = tet};
+    memcpy(l.corners, at->corners, sizeof l.corners);
+    return l;
+}
+
+static void add_children(const tissue *t, const refinement *r, int index, int tet, const leaf_point *at, patch *p) {
     for (int i = 0; i < 4; i++) {
-        if (weights[i] == 0.0) continue;
-        leaf child = {.tet = tet};
-        memcpy(child.corners, corners, sizeof child.corners);
+        if (at->weights[i] == 0.0) continue;
+        leaf child = leaf_of(tet, at);
         child.corners[i] = -1 - index;
         add_leaf(t, r, index, &child, 1.0, p);
     }
@@ -41,13 +46,11 @@ static void add_children(const tissue *t, const refinement *r, int index, int te
 
 static void add_split(const tissue *t, const refinement *r, int index, patch *p) {
     const added_node *node = &r->nodes[index];
-    leaf whole = {.tet = node->tet}, across = {.tet = node->across_tet};
-    memcpy(whole.corners, node->corners, sizeof whole.corners);
-    memcpy(across.corners, node->across.corners, sizeof across.corners);
+    leaf whole = leaf_of(node->tet, &node->at), across = leaf_of(node->across_tet, &node->across);
     add_leaf(t, r, index, &whole, -1.0, p);
     if (across.tet >= 0) add_leaf(t, r, index, &across, -1.0, p);
-    add_children(t, r, index, whole.tet, whole.corners, node->weights, p);
-    if (across.tet >= 0) add_children(t, r, index, across.tet, across.corners, node->across.weights, p);
+    add_children(t, r, index, node->tet, &node->at, p);
+    if (across.tet >= 0) add_children(t, r, index, node->across_tet, &node->across, p);
 }
 
 static void add_move(const tissue *t, const refinement *r, int index, patch *p) {

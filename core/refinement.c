@@ -42,12 +42,10 @@ static int split_leaf(const leaf_point *at, int index, int count, leaf leaves[MA
     return place;
 }
 
-static leaf_point side_of(const added_node *node, int side) {
-    if (side == 1) return node->across;
-    leaf_point at;
-    memcpy(at.corners, node->corners, sizeof at.corners);
-    memcpy(at.weights, node->weights, sizeof at.weights);
-    return at;
+/* The leaf that a node splits on one side of it, NULL where it splits none in element `tet`. */
+static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
+    if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
+    return side == 0 ? &node->at : &node->across;
 }
 
 int refinement_leaves(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]) {
@@ -56,9 +54,8 @@ int refinement_leaves(const mesh *m, const refinement *r, int active, int tet, l
     memcpy(leaves[0].corners, m->tets[tet], sizeof leaves[0].corners);
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
-            if (r->nodes[i].moved >= 0 || (side == 0 ? r->nodes[i].tet : r->nodes[i].across_tet) != tet) continue;
-            leaf_point at = side_of(&r->nodes[i], side);
-            count = split_leaf(&at, i, count, leaves);
+            const leaf_point *at = leaf_split(&r->nodes[i], side, tet);
+            if (at) count = split_leaf(at, i, count, leaves);
         }
     return count;
 }
@@ -103,6 +100,8 @@ static int closest_face(const leaf_point *p) {
 
 static double least_weight(const leaf_point *p) { return fmin(fmin(p->weights[0], p->weights[1]), fmin(p->weights[2], p->weights[3])); }
 
+bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
+
 /* If added node `index` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
    the node's weights g, the child is the one opposite the corner of least b/g, and that ratio is the node's weight. */
 static bool descend(const leaf_point *at, int index, leaf_point *p) {
@@ -135,9 +134,8 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     leaf_point p = point_in(m, r, active, m->tets[tet], x);
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
-            if ((side == 0 ? r->nodes[i].tet : r->nodes[i].across_tet) != tet) continue;
-            leaf_point at = side_of(&r->nodes[i], side);
-            if (descend(&at, i, &p)) break; /* once is enough: the children are not split by the same node */
+            const leaf_point *at = leaf_split(&r->nodes[i], side, tet);
+            if (at && descend(at, i, &p)) break; /* once is enough: the children are not split by the same node */
         }
     return p;
 }
@@ -165,11 +163,9 @@ static void keep_inside(leaf_point *p, int zero) {
 
 static added_node *append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
     added_node *node = &r->nodes[r->count];
-    *node = (added_node){.id = id, .tet = tet, .moved = -1, .across_tet = -1};
-    memcpy(node->corners, at->corners, sizeof node->corners);
-    memcpy(node->weights, at->weights, sizeof node->weights);
+    *node = (added_node){.id = id, .tet = tet, .moved = -1, .at = *at, .across_tet = -1};
     for (int i = 0; i < 4; i++)
-        node->position = v3_axpy(node->weights[i], refinement_position(m, r, r->count, at->corners[i]), node->position);
+        node->position = v3_axpy(at->weights[i], refinement_position(m, r, r->count, at->corners[i]), node->position);
     r->count++;
     return node;
 }
@@ -289,13 +285,9 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     return m3_inverse(&d);
 }
 
-static bool is_on_face(const added_node *node) {
-    return fmin(fmin(node->weights[0], node->weights[1]), fmin(node->weights[2], node->weights[3])) == 0.0;
-}
-
 static mat3 node_surplus(const tissue *t, const refinement *r, int index) {
-    leaf_point p = side_of(&r->nodes[index], 0);
-    if (!is_on_face(&r->nodes[index])) return surplus_compliance(t, r, r->nodes[index].tet, &p);
+    const added_node *node = &r->nodes[index];
+    if (!added_on_face(node)) return surplus_compliance(t, r, node->tet, &node->at);
     patch own;
     mat3 d;
     patch_create(t, r, index, &own);
@@ -313,9 +305,9 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
     memcpy(loads, force, (n + (size_t)r->count) * sizeof *loads);
     for (int q = r->count - 1; q >= 0; q--) /* nodal forces -> forces on the hierarchical unknowns */
         for (int i = 0; i < 4; i++) {
-            int corner = r->nodes[q].corners[i];
+            int corner = r->nodes[q].at.corners[i];
             vec3 *at = corner >= 0 ? &loads[corner] : &loads[n + (size_t)(-1 - corner)];
-            *at = v3_axpy(r->nodes[q].weights[i], loads[n + (size_t)q], *at);
+            *at = v3_axpy(r->nodes[q].at.weights[i], loads[n + (size_t)q], *at);
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
@@ -326,8 +318,8 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         mat3 compliance = node_surplus(t, r, q);
         vec3 sum = m3_apply(&compliance, loads[n + (size_t)q]);
         for (int i = 0; i < 4; i++) {
-            int corner = r->nodes[q].corners[i];
-            sum = v3_axpy(r->nodes[q].weights[i], corner >= 0 ? u[corner] : u[n + (size_t)(-1 - corner)], sum);
+            int corner = r->nodes[q].at.corners[i];
+            sum = v3_axpy(r->nodes[q].at.weights[i], corner >= 0 ? u[corner] : u[n + (size_t)(-1 - corner)], sum);
         }
         u[n + (size_t)q] = sum;
     }
@@ -396,7 +388,7 @@ void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nomi
     bool coupled = false;
     for (int q = 0; q < r->count; q++) {
         int moved = r->nodes[q].moved;
-        coupled |= moved >= 0 || is_on_face(&r->nodes[q]);
+        coupled |= moved >= 0 || added_on_face(&r->nodes[q]);
         if (moved < 0) continue;
         force[moved] = v3_add(force[moved], force[n + (size_t)q]);
         force[n + (size_t)q] = v3(0, 0, 0);

@@ -25,9 +25,8 @@ typedef struct {
     uint64_t id;             /* never used twice in one insertion state */
     int tet;                 /* nominal element that contains it */
     vec3 position;           /* nominal, m */
-    int moved;               /* nominal node that was moved here, or -1: a node of its own, which splits its leaf in four or, */
-    int corners[4];          /* on a face, in three: the leaf, coded as above, */
-    double weights[4];       /* and its barycentric weights there: on a face, 0 for the corner opposite */
+    int moved;               /* nominal node that was moved here, or -1: a node of its own, which splits its leaf */
+    leaf_point at;           /* in four or, where the weight of the corner opposite is 0: on a face, in three */
     int across_tet;          /* on a face: nominal element of the leaf on the other side, -1 where there is none */
     leaf_point across;       /* that leaf, split in three as well */
     int touched;             /* nodes of the patch of a moved node, with itself */
@@ -44,6 +43,9 @@ typedef struct {
     int tet;                 /* nominal element that it is a part of */
     int corners[4];
 } leaf;
+
+/* Of an added node: it lies on a face of its leaf. RT */
+bool added_on_face(const added_node *node);
 
 /* Where a leaf corner is, counting only the first `active` contact nodes, m. RT */
 vec3 refinement_position(const mesh *m, const refinement *r, int active, int corner);

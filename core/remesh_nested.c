@@ -111,9 +111,9 @@ static void interpolate_factors(nested_remesher *r, int index) {
     memset(r->factors[index], 0, (size_t)(index + 1) * sizeof(mat3));
     for (int c = 0; c < 4; c++) {
         mat3 factors[MAX_CONTACTS];
-        if (node->weights[c] == 0.0) continue;
-        known_factors(r, index + 1, node->corners[c], factors);
-        for (int j = 0; j <= index; j++) add_scaled(&r->factors[index][j], node->weights[c], &factors[j].m[0][0], 3);
+        if (node->at.weights[c] == 0.0) continue;
+        known_factors(r, index + 1, node->at.corners[c], factors);
+        for (int j = 0; j <= index; j++) add_scaled(&r->factors[index][j], node->at.weights[c], &factors[j].m[0][0], 3);
     }
     for (int a = 0; a < 3; a++) r->factors[index][index].m[a][a] -= 1.0;
 }
@@ -157,7 +157,7 @@ static void collect_coupling(nested_remesher *r, bordering *border, int node, co
 /* Weight of a touched node in the interpolation of the contact node. */
 static double weight_of(const added_node *node, int corner) {
     for (int c = 0; c < 4; c++)
-        if (node->corners[c] == corner) return node->weights[c];
+        if (node->at.corners[c] == corner) return node->at.weights[c];
     return 0.0;
 }
 
@@ -200,17 +200,9 @@ static void interpolate_hats(nested_remesher *r, int index) {
     const added_node *node = &r->shared.refined.nodes[index];
     for (int j = 0; j < index; j++) {
         r->borders[index].hats[j] = 0.0;
-        for (int c = 0; c < 4; c++) r->borders[index].hats[j] += node->weights[c] * hat_at(r, j, node->corners[c]);
+        for (int c = 0; c < 4; c++) r->borders[index].hats[j] += node->at.weights[c] * hat_at(r, j, node->at.corners[c]);
     }
     r->borders[index].hats[index] = 1.0;
-}
-
-static mat3 inside_surplus(const nested_remesher *r, int index) {
-    const added_node *node = &r->shared.refined.nodes[index];
-    leaf_point at;
-    memcpy(at.corners, node->corners, sizeof at.corners);
-    memcpy(at.weights, node->weights, sizeof at.weights);
-    return surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &at);
 }
 
 /* The rows in use gain F S F^T, or lose it again: plain loops over whole rows, which places not in use pass through. */
@@ -246,9 +238,9 @@ static void add_row(nested_remesher *r, int index, int handle) {
     const bordering *border = &r->borders[index];
     mat3 sum = {{{0}}};
     for (int c = 0; c < 4; c++) {
-        if (node->weights[c] == 0.0) continue;
-        mat3 block = corner_to_handle(r, index, node->corners[c], handle);
-        add_scaled(&sum, node->weights[c], &block.m[0][0], 3);
+        if (node->at.weights[c] == 0.0) continue;
+        mat3 block = corner_to_handle(r, index, node->at.corners[c], handle);
+        add_scaled(&sum, node->at.weights[c], &block.m[0][0], 3);
     }
     if (border->on_face || handle == index) {
         mat3 factor = m3_transposed(&r->factors[handle][index]), surplus = m3_multiply(&border->surplus, &factor);
@@ -262,7 +254,7 @@ static trocar_status nested_add(remesher *shared, int index, report *why) {
     const added_node *node = &shared->refined.nodes[index];
     bordering *border = &r->borders[index];
     if (node->moved >= 0) return fail(why, TROCAR_BAD_INPUT, "remeshing: nested moves no nodes; choose implicit");
-    border->on_face = fmin(fmin(node->weights[0], node->weights[1]), fmin(node->weights[2], node->weights[3])) == 0.0;
+    border->on_face = added_on_face(node);
     border->nominal_count = 0;
     mesh_barycentric(shared->tissue->mesh, node->tet, node->position, border->weights);
     for (int i = 0; i < 4; i++)
@@ -272,7 +264,7 @@ static trocar_status nested_add(remesher *shared, int index, report *why) {
     for (int c = 0; c < 4; c++) gather_row(shared, shared->tissue->mesh->tets[node->tet][c]);
     trocar_status status = TROCAR_OK;
     if (border->on_face) status = border_face(r, index, why);
-    else border->surplus = inside_surplus(r, index);
+    else border->surplus = surplus_compliance(shared->tissue, &shared->refined, node->tet, &node->at);
     if (status != TROCAR_OK) return status;
 
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);

@@ -98,7 +98,7 @@ static void nodes_on_corners_edges_and_faces_break_nothing(void **state) {
         vec3 x = mesh_point(&body.mesh, 200, at[n % 5]);
         refinement_add(&body.mesh, &r, 200, x, n + 1);
         assert_true(v3_norm(v3_sub(r.nodes[n].position, x)) < 0.08 * 2 * CUBE_EDGE / CUBE_CELLS);
-        for (int i = 0; i < 4; i++) assert_true(r.nodes[n].weights[i] > 0.018);
+        for (int i = 0; i < 4; i++) assert_true(r.nodes[n].at.weights[i] > 0.018);
         assert_leaf_holds(&r, r.count, 200, x, 1e-6);
     }
     for (int n = 0; n < 1000; n++) assert_leaf_holds(&r, r.count, 200, cube_point(&body, 200, 0.0), 1e-6);

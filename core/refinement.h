@@ -4,7 +4,7 @@
 #ifndef TROCAR_REFINEMENT_H
 #define TROCAR_REFINEMENT_H
 
-#include "inverse.h"
+#include "tissue.h"
 
 enum {
     MAX_CONTACTS = 64,       /* contact nodes alive at once */
@@ -83,14 +83,5 @@ typedef struct {
 } refined_mesh;
 trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why);
 void refined_mesh_free(refined_mesh *out);
-
-/* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each, `scratch` 7 of
-   both. Exact: inside elements the surplus is solved in closed form, with nodes on faces or moved all by conjugate gradients, with an
-   inverse_apply a step. For display and export. */
-void refinement_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
-                             vec3 *nominal, vec3 *added);
-
-/* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. RT */
-mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
 #endif

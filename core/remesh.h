@@ -3,6 +3,7 @@
 #ifndef TROCAR_REMESH_H
 #define TROCAR_REMESH_H
 
+#include "inverse.h"
 #include "refinement.h"
 
 enum {

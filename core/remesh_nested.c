@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "refined_field.h"
+
 enum {
     PATCH = 6,                            /* nodes that an addition touches, at most, with itself */
     REACHED = 12,                         /* nominal nodes behind those: of two elements, and of those beside them */

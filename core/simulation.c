@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "refined_field.h"
+
 region_material region_defaults(void) {
     return (region_material){.youngs_modulus = 30e3, .poisson_ratio = 0.45, .cutting_force = 0.4, .cutting_viscosity = 1.0,
                              .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
@@ -138,7 +140,7 @@ static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
     s->workspace = calloc(1, sizeof *s->workspace);
-    s->field_scratch = calloc(7 * ((size_t)s->mesh.node_count + MAX_CONTACTS), sizeof *s->field_scratch);
+    s->field_scratch = calloc(REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS), sizeof *s->field_scratch);
     if (!s->workspace || !s->field_scratch) return fail(why, TROCAR_NO_MEMORY, "no memory");
     return insertion_model_create(&s->insertion, why);
 }
@@ -198,5 +200,5 @@ void simulation_displacement(simulation *s, const insertion_state *state, vec3 *
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    refinement_displacement(s->inverse, &refined, nominal, force, s->field_scratch, nominal, added);
+    refined_displacement(s->inverse, &refined, nominal, force, s->field_scratch, nominal, added);
 }

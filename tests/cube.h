@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "inverse.h"
+#include "refinement.h"
 
 enum { CUBE_CELLS = 4, CUBE_SIDE = CUBE_CELLS + 1, CUBE_NODES = CUBE_SIDE * CUBE_SIDE * CUBE_SIDE };
 static const double CUBE_EDGE = 0.1; /* m */
@@ -89,6 +90,14 @@ static inline vec3 cube_point(const cube *c, int tet, double margin) {
     for (int i = 0; i < 4; i++) sum += w[i] = cube_random(0.0, 1.0);
     for (int i = 0; i < 4; i++) w[i] = margin + (1.0 - 4.0 * margin) * w[i] / sum;
     return mesh_point(&c->mesh, tet, w);
+}
+
+/* Adds nodes at random points: `each` in each of some elements, in turns. */
+static inline void cube_refine(const cube *c, refinement *r, int each, int elements) {
+    for (int i = 0; i < each * elements; i++) {
+        int tet = (37 * (i % elements) + 11) % c->mesh.tet_count;
+        refinement_add(&c->mesh, r, tet, cube_point(c, tet, 0.0), r->count + 1);
+    }
 }
 
 #endif

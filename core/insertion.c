@@ -13,12 +13,6 @@ static const double LOOK_BACK = 5e-3;       /* m behind the tip of a free needle
 static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
 static const double SURFACE_GRIP = 0.5;     /* friction coefficient of a tip on the surface */
 
-/* ---- model ------------------------------------------------------------------------------------------------------------ */
-
-trocar_status insertion_model_create(insertion_model *model, report *why) { return local_create(model, why); }
-
-void insertion_model_free(insertion_model *model) { local_free(model); }
-
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* go on counting: an old snapshot must not match */
     double base_compliance = state->base_compliance;
@@ -128,7 +122,7 @@ static void slide_shaft(insertion_state *state) {
 static void activate_contact(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, int index, double dt) {
     shaft_contact *contact = &state->contacts[index];
     const added_node *node = &state->refined.nodes[index];
-    local_compliance logarithm = local_logarithm(model, node->tet, node->position);
+    lateral_axial logarithm = local_logarithm(model, node->tet, node->position);
     contact->log_lateral = logarithm.lateral;
     contact->log_axial = logarithm.axial;
     contact->surplus = local_surplus(model, node->tet, node->position);

@@ -34,7 +34,7 @@ typedef struct {
     const membrane *membranes;
     int membrane_count;
     insertion_settings settings;
-    double *node_lateral;        /* node_count: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
+    double *node_lateral;        /* node_count, filled by local_create: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
     double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
     double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc in the depth, times its radius */
     double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: the same bonded to a free surface */
@@ -168,9 +168,6 @@ typedef struct {
     int membrane;                /* index of the membrane punctured in this tick, or -1 */
     int passes, switches;        /* effort of this tick */
 } insertion_wrench;
-
-trocar_status insertion_model_create(insertion_model *model, report *why); /* fills the node_ arrays of a model that is otherwise set */
-void insertion_model_free(insertion_model *model);
 
 /* Needle straight, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);

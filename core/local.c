@@ -15,14 +15,14 @@ static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than h
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
 /* Kelvin's line force in plane strain, and anti-plane shear. */
-local_compliance local_line_force(const region_material *material) {
+lateral_axial local_line_compliance(const region_material *material) {
     double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
-    return (local_compliance){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
+    return (lateral_axial){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
 }
 
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
     double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
-    local_compliance line = local_line_force(material);
+    lateral_axial line = local_line_compliance(material);
     model->node_lateral[node] += line.lateral;
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
@@ -85,21 +85,21 @@ static double interpolate(const insertion_model *model, int tet, const double we
 }
 
 /* Logarithms of the radius that the mesh resolves over the needle's. */
-static local_compliance unresolved(const insertion_model *model, int tet, const double weights[4]) {
+static lateral_axial unresolved(const insertion_model *model, int tet, const double weights[4]) {
     double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
-    return (local_compliance){fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM),
+    return (lateral_axial){fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM),
                               fmax(log(AXIAL_RESOLUTION * resolved / model->needle->radius), LEAST_LOGARITHM)};
 }
 
-local_compliance local_at(const insertion_model *model, int tet, vec3 x) {
+lateral_axial local_at(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    local_compliance logarithm = unresolved(model, tet, weights);
-    return (local_compliance){interpolate(model, tet, weights, model->node_lateral) * logarithm.lateral,
+    lateral_axial logarithm = unresolved(model, tet, weights);
+    return (lateral_axial){interpolate(model, tet, weights, model->node_lateral) * logarithm.lateral,
                               interpolate(model, tet, weights, model->node_axial) * logarithm.axial};
 }
 
-local_compliance local_logarithm(const insertion_model *model, int tet, vec3 x) {
+lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
     return unresolved(model, tet, weights);

@@ -29,7 +29,7 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
         double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
         if (length <= 0.0) continue;
         const region_material *material = &model->materials[state->strata[k].region];
-        local_compliance line = local_line_force(material);
+        lateral_axial line = local_line_compliance(material);
         sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);
         sum.viscous += length * material->friction_viscous;
         sum.lateral += length / line.lateral;
@@ -43,6 +43,6 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[index].tet]];
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
     shaft_share part = shaft_share_of(state, index, state->tip.phase == TIP_INSIDE);
-    double length = part.to - part.from, stiffness = length / local_line_force(material).axial;
+    double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
     return local_of_share(contact->log_axial, stiffness, contact->surplus) * length * (dry + material->friction_viscous * contact->slip / dt);
 }

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "local.h"
 #include "refined_field.h"
 
 region_material region_defaults(void) {
@@ -142,7 +143,7 @@ static trocar_status build_insertion(simulation *s, report *why) {
     s->workspace = calloc(1, sizeof *s->workspace);
     s->field_scratch = calloc(REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS), sizeof *s->field_scratch);
     if (!s->workspace || !s->field_scratch) return fail(why, TROCAR_NO_MEMORY, "no memory");
-    return insertion_model_create(&s->insertion, why);
+    return local_create(&s->insertion, why);
 }
 
 trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
@@ -166,7 +167,7 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
 }
 
 void simulation_free(simulation *s) {
-    insertion_model_free(&s->insertion);
+    local_free(&s->insertion);
     free(s->workspace);
     free(s->field_scratch);
     remesher_free(s->remesher);

@@ -25,15 +25,15 @@ static void create(double irregular, bool one_material) {
     assert_int_equal(needle_create(&p, &needle, &why), TROCAR_OK);
     model = (insertion_model){.mesh = &body.mesh, .materials = body.materials, .needle = &needle,
                               .settings = {.resolution = RESOLUTION}};
-    assert_int_equal(insertion_model_create(&model, &why), TROCAR_OK);
+    assert_int_equal(local_create(&model, &why), TROCAR_OK);
 }
 
 static void destroy(void) {
-    insertion_model_free(&model);
+    local_free(&model);
     cube_free(&body);
 }
 
-static void assert_same(local_compliance a, local_compliance b, double relative) {
+static void assert_same(lateral_axial a, lateral_axial b, double relative) {
     assert_close(a.lateral, b.lateral, relative * a.lateral);
     assert_close(a.axial, b.axial, relative * a.axial);
 }
@@ -49,7 +49,7 @@ static void uniform_tissue_follows_kelvin(void **state) {
     assert_true(logarithm > 1.0);
     for (int n = 0; n < 200; n++) {
         int tet = rand() % body.mesh.tet_count;
-        local_compliance c = local_at(&model, tet, cube_point(&body, tet, 0.0));
+        lateral_axial c = local_at(&model, tet, cube_point(&body, tet, 0.0));
         assert_close(c.lateral / ((3 - 4 * nu) / (8 * M_PI * mu * (1 - nu)) * logarithm), 1.0, 1e-12);
         assert_close(c.axial / ((logarithm + log(1.1)) / (2 * M_PI * mu)), 1.0, 1e-12); /* along a line it resolves 1.1 times less */
     }
@@ -61,9 +61,9 @@ static void fine_meshes_need_little(void **state) {
     (void)state;
     create(0.0, true);
     model.settings.resolution = 0.4 * RADIUS / uniform_size();
-    local_compliance fine = local_at(&model, 0, cube_point(&body, 0, 0.1));
+    lateral_axial fine = local_at(&model, 0, cube_point(&body, 0, 0.1));
     model.settings.resolution = RESOLUTION;
-    local_compliance coarse = local_at(&model, 0, cube_point(&body, 0, 0.1));
+    lateral_axial coarse = local_at(&model, 0, cube_point(&body, 0, 0.1));
     assert_true(fine.lateral > 0 && fine.lateral < 0.03 * coarse.lateral);
     assert_true(fine.axial > 0 && fine.axial < 0.03 * coarse.axial);
     destroy();
@@ -76,9 +76,9 @@ static void tip_alone_follows_the_resolved_disc(void **state) {
     create(0.0, true);
     for (int g = 0; g < 2; g++) body.materials[g].youngs_modulus = 20e3, body.materials[g].poisson_ratio = 0.45;
     report why;
-    insertion_model_free(&model);
+    local_free(&model);
     model.settings.resolution = 1e9; /* a mesh that shows nothing of it */
-    assert_int_equal(insertion_model_create(&model, &why), TROCAR_OK);
+    assert_int_equal(local_create(&model, &why), TROCAR_OK);
     double scale = RADIUS / 0.635e-3;
     vec3 x = cube_point(&body, 0, 0.1);
     assert_close(1.0 / local_at_tip(&model, 0, x, 0.02) / (47.5 * scale), 1.0, 0.05);
@@ -119,7 +119,7 @@ static void edges_and_nodes_have_one_value(void **state) {
         int tet = rand() % body.mesh.tet_count, a = body.mesh.tets[tet][n % 4], b = body.mesh.tets[tet][(n + 1 + n / 4 % 3) % 4];
         double at = n % 5 == 0 ? 1.0 : 0.4; /* 1: on node a */
         vec3 x = v3_axpy(at, v3_sub(body.mesh.nodes[a], body.mesh.nodes[b]), body.mesh.nodes[b]);
-        local_compliance here = local_at(&model, tet, x);
+        lateral_axial here = local_at(&model, tet, x);
         int others = 0;
         for (int t = 0; t < body.mesh.tet_count; t++) {
             if (!has_corner(t, a) || (at < 1.0 && !has_corner(t, b))) continue;

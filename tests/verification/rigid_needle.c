@@ -41,11 +41,11 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
 
 /* Local compliance at a point that stands for the shaft between two depths: the regions that it lies in, side by side. */
 static double local_between(const insertion_model *model, const insertion_state *s, int tet, vec3 x, double from, double to, bool along, double surplus) {
-    local_compliance logarithm = local_logarithm(model, tet, x);
+    lateral_axial logarithm = local_logarithm(model, tet, x);
     double stiffness = 0.0;
     for (int k = 0; k < s->stratum_count; k++) {
         double top = fmax(from, s->strata[k].depth), bottom = k + 1 < s->stratum_count ? fmin(to, s->strata[k + 1].depth) : to;
-        local_compliance line = local_line_force(&model->materials[s->strata[k].region]);
+        lateral_axial line = local_line_compliance(&model->materials[s->strata[k].region]);
         stiffness += fmax(bottom - top, 0.0) / (along ? line.axial : line.lateral);
     }
     return local_of_share(along ? logarithm.axial : logarithm.lateral, stiffness, surplus);

@@ -64,9 +64,10 @@ vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
 }
 
 /* The weight of vertex i falls at a constant rate along d and reaches zero on face i. */
-int tet_exit(const vec3 corners[4], vec3 x, vec3 d, double *distance) {
-    vec3 gradients[4];
+int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
+    vec3 corners[4], gradients[4];
     double weights[4];
+    corners_of(m, tet, corners);
     tet_gradients(corners, gradients);
     weights_of(corners, gradients, x, weights);
     int exit = -1;
@@ -83,12 +84,6 @@ int tet_exit(const vec3 corners[4], vec3 x, vec3 d, double *distance) {
     }
     if (exit >= 0) *distance = nearest;
     return exit;
-}
-
-int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
-    vec3 corners[4];
-    corners_of(m, tet, corners);
-    return tet_exit(corners, x, d, distance);
 }
 
 /* ---- around a node ---- */

@@ -93,7 +93,4 @@ int mesh_locate(const mesh *m, vec3 x, int start);
    -1 if d is zero. A start slightly outside a face counts as on it. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
-/* The same in any tetrahedron. */
-int tet_exit(const vec3 corners[4], vec3 x, vec3 d, double *distance);
-
 #endif

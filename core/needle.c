@@ -38,8 +38,6 @@ vec3 needle_root_moment(const needle_model *model, const needle_state *state) { 
 
 double needle_energy(const needle_model *model, const needle_state *state) { return model->kind->energy(model, state); }
 
-const char *needle_name(const needle_model *model) { return model->kind->name; }
-
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
 static vec3 axis(quat frame) { return q_rotate(frame, v3(0, 0, 1)); }

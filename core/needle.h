@@ -74,7 +74,6 @@ typedef struct {
 
 /* Tangent at the current shape (scratch of one pass). */
 typedef struct {
-    int first;                                  /* compliance is valid for joints >= first */
     int unstable;                               /* of the rod: ways in which it would give under these loads if nothing held it,
                                                    negative eigenvalues of the tangent stiffness; 0 of the tetrahedra */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* joints' displacement if all forces vanished (linearised), m */
@@ -119,7 +118,5 @@ double needle_advance(const needle_model *model, const needle_tangent *tangent, 
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */
-
-const char *needle_name(const needle_model *model); /* "rod" or "tetrahedra" */
 
 #endif

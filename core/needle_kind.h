@@ -5,7 +5,6 @@
 #include "needle.h"
 
 struct needle_kind {
-    const char *name;
     trocar_status (*create)(needle_model *, report *);               /* the parameters are checked, EI and GJ are set */
     void (*rest)(const needle_model *, pose base, needle_state *);
     void (*hold)(const needle_model *, pose base, needle_state *);

@@ -207,7 +207,6 @@ static void move_joints(const needle_model *model, const needle_state *state, co
 static void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
     int n = model->given.segments;
     vec3 rotation[NEEDLE_MAX_SEGMENTS];
-    tangent->first = first;
     factor_tangent(model, state, load, tangent);
     release_moments(n, tangent, rotation);
     solve_tangent(n, tangent, rotation);
@@ -239,5 +238,5 @@ static trocar_status rod_create(needle_model *model, report *why) {
     return TROCAR_OK;
 }
 
-const needle_kind needle_kind_rod = {"rod", rod_create, rod_rest, rod_hold, rod_linearise, rod_advance,
+const needle_kind needle_kind_rod = {rod_create, rod_rest, rod_hold, rod_linearise, rod_advance,
                                      rod_root_moment, rod_energy};

@@ -241,7 +241,6 @@ static void tets_linearise(const needle_model *model, const needle_state *state,
     (void)load; /* dead forces; the stress they cause is in the shape */
     int n = model->given.segments;
     double step[NEEDLE_MAX_SEGMENTS][CHAIN_ROWS];
-    tangent->first = first;
     tangent->unstable = 0;
     assemble(model, state, tangent);
     chain_factor(&tangent->tets.stiffness);
@@ -372,5 +371,5 @@ static trocar_status tets_create(needle_model *model, report *why) {
     return calibrate(model, why);
 }
 
-const needle_kind needle_kind_tetrahedra = {"tetrahedra", tets_create, tets_rest, tets_hold, tets_linearise, tets_advance,
+const needle_kind needle_kind_tetrahedra = {tets_create, tets_rest, tets_hold, tets_linearise, tets_advance,
                                             tets_root_moment, tets_energy};

@@ -46,7 +46,8 @@ static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
     return side == 0 ? &node->at : &node->across;
 }
 
-int refinement_leaves(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]) {
+/* All leaves of a nominal element. Returns how many. */
+static int leaves_of(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]) {
     int count = 1;
     leaves[0].tet = tet;
     memcpy(leaves[0].corners, m->tets[tet], sizeof leaves[0].corners);
@@ -68,7 +69,7 @@ int refinement_around(const mesh *m, const refinement *r, int active, int node, 
     if (tet_count < 0) return -1;
     for (int i = 0; i < tet_count; i++) {
         leaf leaves[MAX_LEAVES];
-        int all = refinement_leaves(m, r, active, tets[i], leaves);
+        int all = leaves_of(m, r, active, tets[i], leaves);
         for (int k = 0; k < all; k++) {
             if (!has_corner(&leaves[k], node)) continue;
             if (count == MAX_PATCH_LEAVES) return -1;
@@ -117,7 +118,7 @@ static bool descend(const leaf_point *at, int index, leaf_point *p) {
 /* Where nodes have moved, leaves no longer fill the ones that they came from: the leaf that x is deepest in. */
 static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     leaf leaves[MAX_LEAVES];
-    int count = refinement_leaves(m, r, active, tet, leaves);
+    int count = leaves_of(m, r, active, tet, leaves);
     leaf_point best = point_in(m, r, active, leaves[0].corners, x);
     for (int i = 1; i < count; i++) {
         leaf_point p = point_in(m, r, active, leaves[i].corners, x);
@@ -181,7 +182,7 @@ static bool find_across(const mesh *m, const refinement *r, int tet, const int c
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
         int other = k < 0 ? tet : m->neighbours[tet][k];
-        int count = other < 0 ? 0 : refinement_leaves(m, r, r->count, other, leaves);
+        int count = other < 0 ? 0 : leaves_of(m, r, r->count, other, leaves);
         for (int i = 0; i < count; i++) {
             bool all = !same_corners(leaves[i].corners, corners);
             for (int c = 0; c < 4 && all; c++) all = c == face || has_corner(&leaves[i], corners[c]);
@@ -271,7 +272,7 @@ static int written_corner(const mesh *m, int corner) { return corner >= 0 ? corn
 /* The leaves of one element; the first stays in the element's own place. */
 static void write_leaves(const mesh *m, const refinement *r, int tet, refined_mesh *out) {
     leaf leaves[MAX_LEAVES];
-    int count = refinement_leaves(m, r, r->count, tet, leaves);
+    int count = leaves_of(m, r, r->count, tet, leaves);
     for (int i = 0; i < count; i++) {
         int place = i == 0 ? tet : out->tet_count++;
         for (int c = 0; c < 4; c++) out->tets[place][c] = written_corner(m, leaves[i].corners[c]);

@@ -57,9 +57,6 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
    corners there: walking from `near`, nominally around x. RT */
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]);
 
-/* All leaves of nominal element `tet`. Returns how many. RT */
-int refinement_leaves(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]);
-
 /* The leaves that have nominal node `node` (of element `start`) as a corner, or -1 if there are more than MAX_PATCH_LEAVES. RT */
 int refinement_around(const mesh *m, const refinement *r, int active, int node, int start, leaf leaves[MAX_PATCH_LEAVES]);
 

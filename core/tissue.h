@@ -44,7 +44,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
    BAD_INPUT when the fixed nodes do not hold the body. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-/* Both, in an order that favours no node. */
+/* Both, in an order that favours no node: for tests. A simulation factors when it knows which nodes come last, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);

@@ -9,17 +9,16 @@ enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes be
 
 /* ---- what is known --------------------------------------------------------------------------------------------------- */
 
-static int handle_of(const compliance_snapshot *snapshot, int corner) {
-    if (corner < 0) return -1 - corner < snapshot->added_count ? -1 - corner : -1;
+static int handle_of(const compliance_snapshot *snapshot, int node) {
     for (int k = 0; k < MAX_WINDOW; k++)
-        if (snapshot->window[k] == corner) return MAX_CONTACTS + k;
+        if (snapshot->window[k] == node) return MAX_CONTACTS + k;
     return -1;
 }
 
-bool window_covers(const compliance_snapshot *snapshot, const int corners[4], int handles[4]) {
+bool window_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]) {
     if (snapshot->serial == 0) return false;
     for (int c = 0; c < 4; c++) {
-        handles[c] = handle_of(snapshot, corners[c]);
+        handles[c] = handle_of(snapshot, nodes[c]);
         if (handles[c] < 0) return false;
     }
     return true;

@@ -6,10 +6,10 @@
 
 static const double WINDOW_SPAN = 5e-3; /* m before and behind the tip, between which the tissue's displacement gradient is taken */
 
-/* Handles of four nodes (nominal >= 0, added -1 - index) in the snapshot; false if one is not there. RT */
-bool window_covers(const compliance_snapshot *snapshot, const int corners[4], int handles[4]);
+/* Handles of four nominal nodes in the snapshot; false if one is not there. RT */
+bool window_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
 
-/* Compliance between two added nodes, m/N. RT */
+/* Compliance between two handles, m/N. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 /* Compliance between the point of these corners and weights, and a handle. RT */

@@ -52,7 +52,7 @@ static void a_point_weighs_the_rows_of_its_corners(void **unused) {
             }
     }
     leaf_point elsewhere = point;
-    elsewhere.corners[0] = -1 - MAX_CONTACTS; /* an added node that nobody knows */
+    elsewhere.corners[0] = m->node_count; /* a node that nobody knows */
     assert_false(window_covers(l->snapshot, elsewhere.corners, handles));
     lockstep_free(l);
 }

@@ -52,8 +52,7 @@ static void find_tip_rows(const insertion_state *state, const compliance_snapsho
     mat3 own = {{{0}}};
     for (int c = 0; c < 4; c++) {
         mat3 row = compliance_to_point(snapshot, handles, weights, handles[c]);
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) own.m[a][b] += weights[c] * row.m[a][b];
+        m3_add_scaled(&own, weights[c], &row);
     }
     for (int i = 0; i < state->active; i++) w->tip_row[i] = compliance_to_point(snapshot, handles, weights, i);
     w->tip_row[state->active] = own;
@@ -115,12 +114,8 @@ static void bound_contacts(const insertion_model *model, const insertion_state *
 static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
     mat3 sum = {{{0}}};
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            double w = p->weights[i] * q->weights[j];
-            const double *block = &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)];
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) sum.m[a][b] += w * block[a * NEEDLE_LD + b];
-        }
+        for (int j = 0; j < 3; j++)
+            m3_add_block(&sum, p->weights[i] * q->weights[j], &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)], NEEDLE_LD);
     return sum;
 }
 
@@ -152,8 +147,8 @@ static void assemble_compliance(insertion_workspace *w, const insertion_state *s
         for (int j = 0; j <= i; j++) {
             mat3 sum = i == state->active ? w->tip_row[j] : compliance_between(snapshot, i, j);
             mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++) sum.m[a][b] += needle.m[a][b] + (a == b ? state->base_compliance : 0.0);
+            m3_add_scaled(&sum, 1.0, &needle);
+            for (int a = 0; a < 3; a++) sum.m[a][a] += state->base_compliance;
             put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
         }
     if (w->tip) repeat_tip(p);

@@ -172,7 +172,7 @@ static bool follow_known_point(const insertion_model *model, insertion_state *st
 /* Before it is in, the tip grips the surface by friction: pushed sideways harder than that, it glides. */
 static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
-    vec3 axis = q_rotate(state->needle.frames[model->needle->given.segments - 1], v3(0, 0, 1));
+    vec3 axis = q_axis(state->needle.frames[model->needle->given.segments - 1]);
     double pressing = v3_dot(tip->force, axis);
     vec3 sideways = v3_axpy(-pressing, axis, tip->force);
     double excess = v3_norm(sideways) - SURFACE_GRIP * fmax(pressing, 0.0);
@@ -186,7 +186,7 @@ static void move_freely(const insertion_model *model, insertion_state *state, po
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
     needle_rest(model->needle, base, &state->needle);
-    vec3 axis = q_rotate(base.orientation, v3(0, 0, 1)), now = state->needle.joints[n];
+    vec3 axis = q_axis(base.orientation), now = state->needle.joints[n];
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
     tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
 }

@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "moduli.h"
+
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 /* A mesh that resolves a line force's field down to alpha h when it acts sideways does so, against the resolved needle of
    tests/verification, down to these multiples of it when it acts along the line, at a point, and at a point of the surface. */
@@ -16,12 +18,12 @@ static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than h
 
 /* Kelvin's line force in plane strain, and anti-plane shear. */
 lateral_axial local_line_compliance(const region_material *material) {
-    double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
+    double nu = material->poisson_ratio, mu = shear_modulus(material->youngs_modulus, nu);
     return (lateral_axial){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
 }
 
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
-    double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
+    double nu = material->poisson_ratio, mu = shear_modulus(material->youngs_modulus, nu);
     lateral_axial line = local_line_compliance(material);
     model->node_lateral[node] += line.lateral;
     model->node_axial[node] += line.axial;

@@ -1,3 +1,4 @@
+#include "moduli.h"
 #include "needle_kind.h"
 
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
@@ -15,7 +16,7 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
         .segment_length = g->length / g->segments,
         .radius = 0.5 * g->outer_diameter,
         .bending = g->youngs_modulus * area_moment,
-        .torsion = g->youngs_modulus / (2.0 * (1.0 + g->poisson_ratio)) * 2.0 * area_moment,
+        .torsion = shear_modulus(g->youngs_modulus, g->poisson_ratio) * 2.0 * area_moment,
     };
     return model->kind->create(model, why);
 }
@@ -40,8 +41,6 @@ double needle_energy(const needle_model *model, const needle_state *state) { ret
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-static vec3 axis(quat frame) { return q_rotate(frame, v3(0, 0, 1)); }
-
 static mat3 frame_along(vec3 tangent, quat frame) {
     vec3 y = q_rotate(frame, v3(0, 1, 0));
     vec3 n2 = v3_unit(v3_axpy(-v3_dot(y, tangent), tangent, y));
@@ -61,14 +60,14 @@ needle_point needle_at(const needle_model *model, const needle_state *state, dou
         for (int i = 0; i < 3; i++) p.weights[i] = 0.0;
         p.weights[k - p.first] = 1.0 - f;
         p.weights[k - p.first + 1] = f;
-        tangent = axis(state->frames[k]);
+        tangent = q_axis(state->frames[k]);
     } else {
         double f = s + 0.5 - joint;                    /* 0..1 from the middle of one segment to that of the next */
         p.first = joint - 1;
         p.weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
         p.weights[1] = 0.5 + f - f * f;
         p.weights[2] = 0.5 * f * f;
-        tangent = v3_unit(v3_add(v3_scale(1.0 - f, axis(state->frames[joint - 1])), v3_scale(f, axis(state->frames[joint]))));
+        tangent = v3_unit(v3_add(v3_scale(1.0 - f, q_axis(state->frames[joint - 1])), v3_scale(f, q_axis(state->frames[joint]))));
     }
     p.position = v3(0, 0, 0);
     for (int i = 0; i < 3; i++) p.position = v3_axpy(p.weights[i], state->joints[p.first + i], p.position);

@@ -4,12 +4,10 @@
 #include <stdbool.h>
 #include <string.h>
 
-static vec3 axis(quat frame) { return q_rotate(frame, v3(0, 0, 1)); }
-
 static void place_joints(const needle_model *model, needle_state *state) {
     state->joints[0] = state->base.position;
     for (int k = 0; k < model->given.segments; k++)
-        state->joints[k + 1] = v3_axpy(model->segment_length, axis(state->frames[k]), state->joints[k]);
+        state->joints[k + 1] = v3_axpy(model->segment_length, q_axis(state->frames[k]), state->joints[k]);
 }
 
 static void rod_rest(const needle_model *model, pose base, needle_state *state) {
@@ -73,12 +71,6 @@ static double rod_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- tangent ------------------------------------------------------------------------------------------------------- */
 
-static mat3 m3_add(mat3 a, const mat3 *b) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) a.m[i][j] += b->m[i][j];
-    return a;
-}
-
 /* Second variation of -N.t under spatial rotations of a segment (N: force beyond it times its length). */
 static mat3 geometric_stiffness(vec3 n, vec3 t) {
     const double a[3] = {n.x, n.y, n.z}, b[3] = {t.x, t.y, t.z};
@@ -107,11 +99,12 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
     tangent->unstable = 0;
     tangent->rod.moments[0] = joint_stiffness(model, state, 0, &here);
     for (int k = 0; k < n; k++) {
-        mat3 geometric = geometric_stiffness(beyond[k], axis(state->frames[k]));
-        mat3 pivot = m3_add(m3_add(here, &geometric), &carried);
+        mat3 geometric = geometric_stiffness(beyond[k], q_axis(state->frames[k])), pivot = here;
+        m3_add_scaled(&pivot, 1.0, &geometric);
+        m3_add_scaled(&pivot, -1.0, &carried);
         if (k + 1 < n) {
             vec3 m = tangent->rod.moments[k + 1] = joint_stiffness(model, state, k + 1, &next);
-            pivot = m3_add(pivot, &next);
+            m3_add_scaled(&pivot, 1.0, &next);
             /* coupling of segment k with k + 1: -H + [m]x / 2, the second term from the order of the two rotations */
             coupling = (mat3){{{-next.m[0][0], -next.m[0][1] - 0.5 * m.z, -next.m[0][2] + 0.5 * m.y},
                                {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
@@ -120,11 +113,9 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
         tangent->unstable += negative_eigenvalues(&pivot);
         tangent->rod.pivot_inverse[k] = m3_inverse(&pivot);
         if (k + 1 == n) break;
-        mat3 up = m3_transposed(&coupling), product;
+        mat3 up = m3_transposed(&coupling);
         tangent->rod.lower[k + 1] = m3_multiply(&up, &tangent->rod.pivot_inverse[k]);
-        product = m3_multiply(&tangent->rod.lower[k + 1], &coupling);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) carried.m[i][j] = -product.m[i][j];
+        carried = m3_multiply(&tangent->rod.lower[k + 1], &coupling);
         here = next;
     }
 }
@@ -151,7 +142,7 @@ static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_
 static void solve_unit_forces(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
     int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
     for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
+        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
         double (*row)[NEEDLE_LD] = &tangent->rod.rotation[3 * k];
         for (int a = 0; a < 3; a++) memset(&row[a][begin], 0, (size_t)(end - begin) * sizeof(double));
         for (int joint = first > k ? first : k + 1; joint <= n; joint++) {
@@ -180,7 +171,7 @@ static void sum_displacements(const needle_model *model, const needle_state *sta
     memset(sum, 0, sizeof sum);
     for (int a = 0; a < 3 && first == 0; a++) memset(tangent->compliance[a], 0, (size_t)end * sizeof(double)); /* the base is held */
     for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, axis(state->frames[k]));
+        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
         const double (*r)[NEEDLE_LD] = (const double (*)[NEEDLE_LD])&tangent->rod.rotation[3 * k];
         for (int c = begin; c < end; c++) {
             sum[0][c] += r[1][c] * t.z - r[2][c] * t.y;
@@ -201,7 +192,7 @@ static void release_moments(int n, const needle_tangent *tangent, vec3 *rotation
 static void move_joints(const needle_model *model, const needle_state *state, const vec3 *rotation, vec3 *displacement) {
     displacement[0] = v3(0, 0, 0);
     for (int k = 0; k < model->given.segments; k++)
-        displacement[k + 1] = v3_axpy(model->segment_length, v3_cross(rotation[k], axis(state->frames[k])), displacement[k]);
+        displacement[k + 1] = v3_axpy(model->segment_length, v3_cross(rotation[k], q_axis(state->frames[k])), displacement[k]);
 }
 
 static void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
@@ -221,7 +212,7 @@ static double rod_advance(const needle_model *model, const needle_tangent *tange
     release_moments(n, tangent, rotation);
     for (int k = n - 1; k >= 0; k--) {
         beyond = v3_axpy(model->segment_length, load[k + 1], beyond);
-        rotation[k] = v3_add(rotation[k], v3_cross(axis(state->frames[k]), beyond));
+        rotation[k] = v3_add(rotation[k], v3_cross(q_axis(state->frames[k]), beyond));
     }
     solve_tangent(n, tangent, rotation);
     double largest = 0.0;

@@ -11,6 +11,7 @@
 
    Such flat elements lock: they see bending mostly as shear. Young's modulus is scaled so that a small load on the tip
    gives the rod's deflection; extension becomes softer with it (README.md, "Tetrahedra"). */
+#include "moduli.h"
 #include "needle_kind.h"
 
 #include <stdbool.h>
@@ -116,9 +117,9 @@ static void tets_rest(const needle_model *model, pose base, needle_state *state)
 static void tets_hold(const needle_model *model, pose base, needle_state *state) {
     vec3 shift = v3_sub(base.position, state->base.position);
     vec3 turn = q_log(q_multiply(base.orientation, q_conjugate(state->base.orientation)));
-    double roll = v3_dot(turn, q_rotate(state->base.orientation, v3(0, 0, 1)));
+    double roll = v3_dot(turn, q_axis(state->base.orientation));
     for (int k = 1; k <= model->given.segments; k++) {
-        quat about_axis = q_exp(v3_scale(roll, q_rotate(state->frames[k - 1], v3(0, 0, 1))));
+        quat about_axis = q_exp(v3_scale(roll, q_axis(state->frames[k - 1])));
         vec3 before = state->joints[k];
         state->joints[k] = v3_add(before, shift);
         for (int i = 0; i < NEEDLE_RIM; i++)
@@ -339,9 +340,8 @@ static double tets_energy(const needle_model *model, const needle_state *state) 
 /* ---- calibration ----------------------------------------------------------------------------------------------------- */
 
 static void set_modulus(needle_model *model, double youngs_modulus) {
-    double nu = model->given.poisson_ratio;
-    model->solid.mu = youngs_modulus / (2.0 * (1.0 + nu));
-    model->solid.lambda = youngs_modulus * nu / ((1.0 + nu) * (1.0 - 2.0 * nu));
+    model->solid.mu = shear_modulus(youngs_modulus, model->given.poisson_ratio);
+    model->solid.lambda = lame_lambda(youngs_modulus, model->given.poisson_ratio);
 }
 
 /* The needle's compliance at the tip goes with 1 / E: one solve gives the factor for L^3 / 3 EI. */

@@ -17,8 +17,7 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     for (int i = 0; i < 4; i++) {
         double weight = fmax(at->weights[i], 1e-9); /* on a face d is infinite and the compliance zero */
         mat3 k = stiffness_block(g[i], g[i], volume / weight, youngs_modulus, poisson_ratio);
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) d.m[a][b] += k.m[a][b];
+        m3_add_scaled(&d, 1.0, &k);
     }
     return m3_inverse(&d);
 }

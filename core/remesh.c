@@ -11,7 +11,7 @@ double *handle_block(remesher *r, int handle, int other) {
 
 mat3 handle_get(remesher *r, int handle, int other) {
     mat3 block = {{{0}}};
-    add_scaled(&block, 1.0, handle_block(r, handle, other), SNAPSHOT_LD);
+    m3_add_block(&block, 1.0, handle_block(r, handle, other), SNAPSHOT_LD);
     return block;
 }
 
@@ -77,7 +77,7 @@ mat3 nominal_block(remesher *r, int node, int other) {
     bool straight = g->row_of[node] >= 0 && g->column_of[other] >= 0;
     if (straight || (g->row_of[other] >= 0 && g->column_of[node] >= 0)) {
         int row = g->row_of[straight ? node : other], column = g->column_of[straight ? other : node];
-        add_scaled(&block, 1.0, g->blocks + (size_t)(3 * row) * 3 * MAX_COLUMNS + 3 * column, 3 * MAX_COLUMNS);
+        m3_add_block(&block, 1.0, g->blocks + (size_t)(3 * row) * 3 * MAX_COLUMNS + 3 * column, 3 * MAX_COLUMNS);
         return straight ? block : m3_transposed(&block);
     }
     inverse_gather(r->inverse, 1, &node, 1, &other, &block.m[0][0], 3);

@@ -85,7 +85,7 @@ static void update_rows(implicit_remesher *r, int index, double sign) {
     for (int i = 0; i < count; i++)
         for (int j = 0; j <= i; j++) {
             mat3 block = handle_get(&r->shared, handles[i], handles[j]);
-            add_scaled(&block, 1.0, r->product + (size_t)(3 * i) * SNAPSHOT_LD + 3 * j, SNAPSHOT_LD);
+            m3_add_block(&block, 1.0, r->product + (size_t)(3 * i) * SNAPSHOT_LD + 3 * j, SNAPSHOT_LD);
             handle_put(&r->shared, handles[i], handles[j], &block);
         }
 }

@@ -69,9 +69,4 @@ trocar_status gather_finish(remesher *r, report *why);
 /* A block of the nominal inverse between nominal nodes: one of those gathered, in either order, or else from the owner. */
 mat3 nominal_block(remesher *r, int node, int other);
 
-static inline void add_scaled(mat3 *sum, double weight, const double *block, int ld) {
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) sum->m[a][b] += weight * block[a * ld + b];
-}
-
 #endif

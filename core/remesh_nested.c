@@ -37,7 +37,7 @@ typedef struct {
 
 static void add_product(mat3 *sum, const mat3 *a, const mat3 *b) {
     mat3 product = m3_multiply(a, b);
-    add_scaled(sum, 1.0, &product.m[0][0], 3);
+    m3_add_scaled(sum, 1.0, &product);
 }
 
 /* The nominal nodes that a coded node hangs on. */
@@ -61,7 +61,7 @@ static mat3 interpolated_block(nested_remesher *r, int node, int other) {
     for (int i = 0; i < rows; i++)
         for (int j = 0; j < columns; j++) {
             mat3 block = nominal_block(&r->shared, nodes[i], others[j]);
-            add_scaled(&sum, weights[i] * other_weights[j], &block.m[0][0], 3);
+            m3_add_scaled(&sum, weights[i] * other_weights[j], &block);
         }
     return sum;
 }
@@ -115,7 +115,7 @@ static void interpolate_factors(nested_remesher *r, int index) {
         mat3 factors[MAX_CONTACTS];
         if (node->at.weights[c] == 0.0) continue;
         known_factors(r, index + 1, node->at.corners[c], factors);
-        for (int j = 0; j <= index; j++) add_scaled(&r->factors[index][j], node->at.weights[c], &factors[j].m[0][0], 3);
+        for (int j = 0; j <= index; j++) m3_add_scaled(&r->factors[index][j], node->at.weights[c], &factors[j]);
     }
     for (int a = 0; a < 3; a++) r->factors[index][index].m[a][a] -= 1.0;
 }
@@ -144,7 +144,7 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
         border->nominal[border->nominal_count++] = nominal;
         border->coupling[p] = (mat3){{{0}}};
     }
-    add_scaled(&border->coupling[p], weight, &c->m[0][0], 3);
+    m3_add_scaled(&border->coupling[p], weight, c);
 }
 
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
@@ -192,7 +192,7 @@ static trocar_status border_face(nested_remesher *r, int index, report *why) {
         mat3 transposed = m3_transposed(&c[q]), factor = factor_of(r, index, p->nodes[q], factors[q]);
         add_product(&reached, &transposed, &factor);
     }
-    add_scaled(&own_stiffness, -1.0, &reached.m[0][0], 3);
+    m3_add_scaled(&own_stiffness, -1.0, &reached);
     if (!(m3_determinant(&own_stiffness) > 0.0)) return fail(why, TROCAR_NUMERIC, "contact node %d on a face has no stiffness", index);
     border->surplus = m3_inverse(&own_stiffness);
     return TROCAR_OK;
@@ -242,11 +242,11 @@ static void add_row(nested_remesher *r, int index, int handle) {
     for (int c = 0; c < 4; c++) {
         if (node->at.weights[c] == 0.0) continue;
         mat3 block = corner_to_handle(r, index, node->at.corners[c], handle);
-        add_scaled(&sum, node->at.weights[c], &block.m[0][0], 3);
+        m3_add_scaled(&sum, node->at.weights[c], &block);
     }
     if (border->on_face || handle == index) {
         mat3 factor = m3_transposed(&r->factors[handle][index]), surplus = m3_multiply(&border->surplus, &factor);
-        add_scaled(&sum, -1.0, &surplus.m[0][0], 3);
+        m3_add_scaled(&sum, -1.0, &surplus);
     }
     handle_put(&r->shared, index, handle, &sum);
 }

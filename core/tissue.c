@@ -4,9 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "moduli.h"
+
 mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio) {
-    double mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio));
-    double lambda = youngs_modulus * poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio));
+    double mu = shear_modulus(youngs_modulus, poisson_ratio), lambda = lame_lambda(youngs_modulus, poisson_ratio);
     const double a[3] = {ga.x, ga.y, ga.z}, b[3] = {gb.x, gb.y, gb.z};
     double shear = mu * v3_dot(ga, gb);
     mat3 k;
@@ -66,22 +67,18 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
         }
 }
 
-/* Lame's lambda, Pa. */
-static double volumetric_modulus(const region_material *m) {
-    return m->youngs_modulus * m->poisson_ratio / ((1.0 + m->poisson_ratio) * (1.0 - 2.0 * m->poisson_ratio));
-}
-
 /* One element's share in the mean volumetric strain of its nodes: a column for each node of the region. */
 static void add_divergence(const tissue *t, int tet, const double *node_volume, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];
     for (int c = 0; c < 4; c++) corners[c] = m->nodes[m->tets[tet][c]];
-    double volume = tet_gradients(corners, g), modulus = volumetric_modulus(&t->materials[m->region[tet]]);
+    const region_material *material = &t->materials[m->region[tet]];
+    double volume = tet_gradients(corners, g), lambda = lame_lambda(material->youngs_modulus, material->poisson_ratio);
     int *rows = triplets->i, *columns = triplets->j;
     double *values = triplets->x;
     for (int a = 0; a < 4; a++) {
         int node = m->tets[tet][a];
-        double weight = 0.25 * volume * sqrt(modulus / node_volume[node]);
+        double weight = 0.25 * volume * sqrt(lambda / node_volume[node]);
         for (int c = 0; c < 4; c++) {
             int dof = t->dof[m->tets[tet][c]];
             for (int k = 0; k < 3 && dof >= 0; k++) {

@@ -60,6 +60,12 @@ static inline mat3 m3_inverse(const mat3 *a) {
         }
     return b;
 }
+/* sum += s times a 3 x 3 block of a larger matrix. */
+static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
+}
+static inline void m3_add_scaled(mat3 *sum, double s, const mat3 *a) { m3_add_block(sum, s, &a->m[0][0], 3); }
 /* Matrix whose columns are a, b, c. */
 static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
@@ -80,9 +86,9 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-static inline mat3 q_matrix(quat q) {
-    return m3_columns(q_rotate(q, v3(1, 0, 0)), q_rotate(q, v3(0, 1, 0)), q_rotate(q, v3(0, 0, 1)));
-}
+/* The body's z axis: a needle's direction. */
+static inline vec3 q_axis(quat q) { return q_rotate(q, v3(0, 0, 1)); }
+static inline mat3 q_matrix(quat q) { return m3_columns(q_rotate(q, v3(1, 0, 0)), q_rotate(q, v3(0, 1, 0)), q_axis(q)); }
 /* Rotation by the vector `r` (axis times angle). */
 static inline quat q_exp(vec3 r) {
     double angle = v3_norm(r);

@@ -25,20 +25,14 @@ bool window_covers(const compliance_snapshot *snapshot, const int nodes[4], int 
 }
 
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other) {
-    const double *block = &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other];
-    mat3 c;
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) c.m[a][b] = block[a * SNAPSHOT_LD + b];
-    return c;
+    mat3 block = {{{0}}};
+    m3_add_block(&block, 1.0, &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
+    return block;
 }
 
 mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
     mat3 sum = {{{0}}};
-    for (int c = 0; c < 4; c++) {
-        const double *block = &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other];
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) sum.m[a][b] += weights[c] * block[a * SNAPSHOT_LD + b];
-    }
+    for (int c = 0; c < 4; c++) m3_add_block(&sum, weights[c], &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
     return sum;
 }
 
@@ -100,7 +94,7 @@ static void add_track(const mesh *m, const insertion_state *state, node_list *li
 static node_list wanted_nodes(const insertion_model *model, const insertion_state *state) {
     const mesh *m = model->mesh;
     int n = model->needle->given.segments;
-    vec3 direction = q_rotate(state->needle.frames[n - 1], v3(0, 0, 1)), end = state->needle.joints[n];
+    vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
     node_list list = {.count = 0};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
@@ -138,7 +132,7 @@ static bool window_suffices(const remesh_request *request, const node_list *want
 static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
     int n = model->needle->given.segments;
     *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->needle.joints[n];
-    *direction = q_rotate(state->needle.frames[n - 1], v3(0, 0, 1));
+    *direction = q_axis(state->needle.frames[n - 1]);
 }
 
 static bool same_line(const remesh_request *request, vec3 tip, vec3 direction) {

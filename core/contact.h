@@ -6,6 +6,7 @@
 #include "remesh.h"
 
 enum { MAX_POINTS = MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 200 };
+_Static_assert(CONTACT_LD >= MAX_UNKNOWNS, "a row holds all unknowns");
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 

@@ -70,7 +70,8 @@ static vec3 displacement_behind(const insertion_model *model, const insertion_st
 }
 
 /* The same of the point up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own where the snapshot does not cover it. */
-static vec3 displacement_ahead(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, vec3 direction, vec3 at_tip) {
+static vec3 displacement_ahead(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot,
+                               vec3 direction, vec3 at_tip) {
     const mesh *m = model->mesh;
     double left = WINDOW_SPAN, chord;
     vec3 x = state->tip.nominal;
@@ -133,7 +134,8 @@ static void activate_contact(const insertion_model *model, insertion_state *stat
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
 }
 
-static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, double dt, insertion_wrench *wrench) {
+static void accept_snapshot(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, double dt,
+                            insertion_wrench *wrench) {
     int known = window_known_contacts(snapshot, &state->refined), passed = contacts_passed(state);
     while (state->active < known && state->active < passed) {
         int index = state->active++;

@@ -67,6 +67,10 @@ cmake -S "$source/tests/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake
 planner/planner || fail "the planner: status $?"
 cc "$source/tests/install/planner.c" -o planner/with-pkg-config $(pkg-config --cflags --libs trocar-core trocar-types) || fail "pkg-config trocar-core"
 planner/with-pkg-config || fail "the planner made with pkg-config: status $?"
+for header in "$prefix"/include/trocar/core/*.h; do
+    cc -fsyntax-only -include "$header" -x c /dev/null || fail "$header does not stand alone"
+done
+! ls "$prefix"/include/trocar/core | grep -E '_(method|owner|kind)\.h' || fail "a header of the core's own is installed"
 
 # The README's whole bridge is this one; with its two functions filled in it drives a device.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge_example.c - || fail "the README shows another bridge"

@@ -7,16 +7,17 @@
 #include <sched.h>
 #include <signal.h>
 #include <string.h>
-#include <sys/random.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "poselog.h"
+#include "realtime.h"
+#include "session.h"
+#include "timing.h"
 #include "trocar_command_t.h"
 
 static const double last_answers = 0.008; /* s to listen after the last pose: less than the server holds the wrench */
-static const int fifo_priority = 70;      /* below the server's threads */
 
 typedef struct {
     const play_settings *settings;
@@ -38,17 +39,7 @@ static void interrupt(int signal) {
     interrupted = 1;
 }
 
-static double seconds(clockid_t clock) {
-    struct timespec now;
-    clock_gettime(clock, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
-static int64_t wall_microseconds(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
-    return now.tv_sec * INT64_C(1000000) + now.tv_nsec / 1000;
-}
+static double now(void) { return 1e-9 * (double)monotonic_ns(); } /* s */
 
 static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
     (void)channel;
@@ -58,7 +49,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (wrench.session != p->record->session) return;
     p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
     p->wrench_tick = wrench.tick;
-    trocar_status status = recording_add_wrench(p->record, seconds(CLOCK_MONOTONIC), &wrench, p->why);
+    trocar_status status = recording_add_wrench(p->record, now(), &wrench, p->why);
     if (p->status == TROCAR_OK) p->status = status;
 }
 
@@ -73,9 +64,9 @@ static pose next_pose(player *p, double t) {
 static trocar_status send_pose(player *p, double t) {
     recording *r = p->record;
     pose base = next_pose(p, t);
-    trocar_needle_pose_t message = message_of_pose(base, wall_microseconds(), r->session, r->sent_count);
+    trocar_needle_pose_t message = message_of_pose(base, wall_us(), r->session, r->sent_count);
     message.wrench_tick = p->wrench_tick;
-    trocar_status status = recording_add_pose(r, seconds(CLOCK_MONOTONIC), base, p->why);
+    trocar_status status = recording_add_pose(r, now(), base, p->why);
     if (status != TROCAR_OK) return status;
     if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;
     return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (README.md)?", POSE_CHANNEL);
@@ -93,13 +84,13 @@ static int wait_event(player *p) {
 
 /* Sends poses of rest until the server's first answer. */
 static trocar_status await_server(player *p) {
-    double deadline = seconds(CLOCK_MONOTONIC) + p->settings->patience;
+    double deadline = now() + p->settings->patience;
     while (p->record->received_count == 0) {
         int periods = wait_event(p);
         if (periods < 0) return fail(p->why, TROCAR_SYSTEM, "interrupted before the server answered");
         trocar_status status = periods ? send_pose(p, 0) : p->status;
         if (status != TROCAR_OK) return status;
-        if (seconds(CLOCK_MONOTONIC) > deadline)
+        if (now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
                         "no answer in %g s: does trocar-server run with the same LCM URL, and does no other device own the needle?",
                         p->settings->patience);
@@ -109,12 +100,12 @@ static trocar_status await_server(player *p) {
 
 /* Rests for `settle`, plays the script, then listens a little longer. */
 static trocar_status play_script(player *p) {
-    double start = seconds(CLOCK_MONOTONIC) + p->settings->settle, t = 0;
+    double start = now() + p->settings->settle, t = 0;
     p->record->start = start;
     while (t < p->settings->duration + last_answers && p->status == TROCAR_OK) {
         int periods = wait_event(p);
         if (periods < 0) break;
-        t = seconds(CLOCK_MONOTONIC) - start;
+        t = now() - start;
         if (periods > 1 && t > 0) p->record->skipped_periods += periods - 1;
         if (periods == 0 || t >= p->settings->duration) continue;
         trocar_status status = send_pose(p, t);
@@ -124,14 +115,14 @@ static trocar_status play_script(player *p) {
 }
 
 static void release_needle(player *p) {
-    trocar_command_t release = {.utime = wall_microseconds(), .session = p->record->session,
+    trocar_command_t release = {.utime = wall_us(), .session = p->record->session,
                                 .command = TROCAR_COMMAND_T_RELEASE};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &release);
 }
 
 /* Before LCM is created: its reader thread inherits the priority. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = fifo_priority};
+    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
     if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0)
         fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(errno));
 }
@@ -156,16 +147,8 @@ static void close_links(player *p) {
     if (p->lcm) lcm_destroy(p->lcm);
 }
 
-/* Other sessions are told apart by a random number, never 0. */
-static int64_t random_session(void) {
-    int64_t session = 0;
-    if (getrandom(&session, sizeof session, 0) != sizeof session) session = wall_microseconds();
-    session &= INT64_MAX;
-    return session ? session : 1;
-}
-
 trocar_status play(const play_settings *settings, recording *r, report *why) {
-    *r = (recording){.session = random_session()};
+    *r = (recording){.session = session_new()};
     player p = {.settings = settings, .record = r, .timer = -1, .period = 1.0 / settings->rate, .hand = settings->hand,
                 .why = why};
     p.hand.position = settings->start.position;

@@ -5,13 +5,13 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "dashboard.h"
 #include "message_fit.h"
 #include "options.h"
 #include "report.h"
+#include "timing.h"
 
 const char *argp_program_version = "trocar-top " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
@@ -52,11 +52,7 @@ static const struct argp parser = {
 
 /* ---- messages ---------------------------------------------------------------------------------------------------- */
 
-static double now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static double now(void) { return 1e-9 * (double)monotonic_ns(); } /* s */
 
 static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;

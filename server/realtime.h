@@ -6,7 +6,7 @@
 
 #include "report.h"
 
-enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75 };
+enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75, PRIORITY_DEVICE = 70 };
 
 /* Faults in and locks the memory that the process has now (but for large buffers that nobody has touched), and what it
    touches later. SYSTEM with the limit to raise. */

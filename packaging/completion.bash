@@ -6,7 +6,7 @@ _trocar() {
         --scene) _filedir '@(yaml|yml)' ;;
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
-        --csv) _filedir csv ;;
+        --csv | --shift) _filedir csv ;;
         --png) _filedir png ;;
         --page) _filedir -d ;;
         --json | --report) _filedir json ;;

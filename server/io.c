@@ -4,6 +4,7 @@
 #include <poll.h>
 #include <string.h>
 
+#include "network.h"
 #include "realtime.h"
 #include "timing.h"
 #include "trocar_needle_wrench_t.h"
@@ -40,14 +41,10 @@ static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
 }
 
 trocar_status io_open(io *o) {
-    o->lcm = lcm_create(o->url);
-    if (o->lcm == NULL)
-        return fail(&o->why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": check --lcm-url and the multicast route",
-                    o->url ? o->url : "its default URL");
-    if (!subscribe(o, "TROCAR_POSE", on_pose) || !subscribe(o, "TROCAR_COMMAND", on_command))
-        return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive on \"%s\": check the multicast route",
-                    o->url ? o->url : "its default URL");
-    return TROCAR_OK;
+    trocar_status status = network_open(o->url, &o->lcm, &o->why);
+    if (status != TROCAR_OK) return status;
+    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_COMMAND", on_command)) return TROCAR_OK;
+    return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
 }
 
 void io_close(io *o) {

@@ -69,9 +69,10 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-static int complain(const report *why) {
+/* Says why; returns the exit status. 2 tells a supervisor that another start would end in the same way. */
+static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
-    return 2;
+    return status == TROCAR_BAD_INPUT ? 2 : 1;
 }
 
 int main(int argc, char **argv) {
@@ -84,11 +85,12 @@ int main(int argc, char **argv) {
     report why;
     server *s;
     int signals = stop_signals();
-    if (server_create(&chosen, &s, &why) != TROCAR_OK) return complain(&why);
+    trocar_status status = server_create(&chosen, &s, &why);
+    if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);
-    trocar_status status = server_run(s, signals, say_ready, &why);
+    status = server_run(s, signals, say_ready, &why);
     if (status == TROCAR_OK) server_summarise(s, stdout);
-    int exit_status = status == TROCAR_OK ? 0 : complain(&why);
+    int exit_status = status == TROCAR_OK ? 0 : complain(status, &why);
     if (server_busy(s)) { /* its thread must not see the libraries close */
         fflush(NULL);
         _exit(exit_status);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "network.h"
 #include "realtime.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
@@ -26,11 +27,9 @@ trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, si
         telemetry_free(t);
         return fail(why, TROCAR_NO_MEMORY, "cannot allocate telemetry's buffers");
     }
-    t->lcm = lcm_create(url);
-    if (t->lcm != NULL) return TROCAR_OK;
-    telemetry_free(t);
-    return fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": check --lcm-url and the multicast route",
-                url ? url : "its default URL");
+    status = network_open(url, &t->lcm, why);
+    if (status != TROCAR_OK) telemetry_free(t);
+    return status;
 }
 
 void telemetry_free(telemetry *t) {

@@ -32,7 +32,7 @@ typedef struct {
     sight sight;                 /* the latter's own */
 } telemetry;
 
-/* Connects to LCM. `s`, `w` and `x` must outlive it. BAD_INPUT if the URL is of no use. */
+/* Connects to LCM. `s`, `w` and `x` must outlive it. The network's errors: see network_open. */
 trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 

@@ -1,15 +1,9 @@
 #!/bin/sh
-# Server and device over LCM in a private network namespace: the figure-8 motion, then each way to end.
-# usage: end_to_end.sh SERVER DEVICE SCENE
+# Server and device over LCM: the figure-8 motion, then each way to end.
+# usage: end_to_end.sh SERVER DEVICE SCENE; in a private network namespace (scripts/netns).
 set -eu
 
-if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
-    unshare -n true 2>/dev/null || { echo "skipped: no permission for a network namespace (run as root)"; exit 77; }
-    TROCAR_NAMESPACE=yes exec unshare -n "$0" "$@"
-fi
 server=$1 device=$2 scene=$3
-ip link set lo up multicast on
-ip route add 224.0.0.0/4 dev lo
 work=$(mktemp -d)
 pid=
 trap 'test -z "$pid" || kill -KILL "$pid" 2>/dev/null || true; rm -rf "$work"' EXIT
@@ -74,6 +68,7 @@ refuses() {
 }
 refuses none.yaml --scene "$work/none.yaml"
 refuses --scene
+refuses nonsense:// --scene "$scene" --lcm-url nonsense://
 sed "s|^rate_hz:|rat_hz:|" "$scene" >"$work/key.yaml"
 refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key" --scene "$work/key.yaml"
 head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"

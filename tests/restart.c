@@ -1,4 +1,4 @@
-/* A server that is killed in the middle of an insertion, under the loop that starts it again.
+/* A server that is killed in the middle of an insertion or finds no network, under the loop that starts it again.
    usage: restart KEEP_ALIVE SERVER; in a private network namespace. */
 #define _GNU_SOURCE
 #include <fcntl.h>
@@ -19,6 +19,8 @@
 
 #define SCENE MESHES "/figure8.yaml"
 
+static const double BACK = 1.0;      /* s from the death to the next wrench */
+
 static char *const *programs;
 static pid_t supervisor;
 static int64_t started;              /* ns */
@@ -32,12 +34,16 @@ static pid_t server_of(pid_t parent) {
     return length > 0 ? (pid_t)strtol(text, NULL, 10) : 0;
 }
 
+static bool start_supervisor(void) {
+    char *const command[] = {programs[1], programs[2], "--scene", SCENE, "--allow-non-rt", NULL};
+    started = monotonic_ns();
+    return posix_spawn(&supervisor, command[0], NULL, NULL, command, environ) == 0;
+}
+
 static int start(void **state) {
     static client c;
-    char *const command[] = {programs[1], programs[2], "--scene", SCENE, "--allow-non-rt", NULL};
     *state = &c;
-    started = monotonic_ns();
-    return posix_spawn(&supervisor, command[0], NULL, NULL, command, environ) == 0 && client_open(&c, SCENE) ? 0 : -1;
+    return start_supervisor() && client_open(&c, SCENE) ? 0 : -1;
 }
 
 static int stop(void **state) {
@@ -48,41 +54,79 @@ static int stop(void **state) {
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
 }
 
-static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
-    client *c = *state;
-    PASS_UNTIL(c, c->wrenches > 0);
-    double first = 1e-9 * (double)(monotonic_ns() - started);
-    client_insert(c);
-    double force = force_of(c);
+/* Kills the server; returns how long the next one was in coming, s from the kill to its first wrench. */
+static double kill_server(client *c) {
     pid_t killed = server_of(supervisor);
     assert_true(killed > 0);
-
+    int64_t died = monotonic_ns();
     kill(killed, SIGKILL);
     pass(c, 0.02);
-    int64_t wrenches = c->wrenches, died = monotonic_ns();
+    int64_t wrenches = c->wrenches;
     pass(c, 0.05);
     assert_int_equal(c->wrenches, wrenches); /* it stops: the device's own watchdog lets go */
 
     c->wrenches = 0; /* another server: no step from the last wrench of the first one is meant */
     PASS_UNTIL(c, c->wrenches > 0);
-    double away = 1e-9 * (double)(monotonic_ns() - died);
-    print_message("back after %.2f s; the first start took %.2f s\n", away + 0.02, first);
-    if (in_time()) assert_true(away < 1.5 * first + 0.2); /* no longer than any start */
     assert_true(server_of(supervisor) != killed && c->wrench.tick < 1000);
-    assert_true(force_of(c) < 0.2 * force); /* safe: nothing at once */
+    return 1e-9 * (double)(monotonic_ns() - died);
+}
 
-    watch(c);
-    PASS_UNTIL(c, force_of(c) > 0.0 && c->wrench.pose_seq > 0);
-    assert_true(c->seen & FLAG(RAMPING));
-    assert_true(force_of(c) < 0.2 * force);
-    pass(c, 0.3);
-    assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue, where it was */
-    client_insert(c);                     /* drawn back, it goes in again as ever */
+/* A start takes seconds where a dozen others want each processor. */
+static bool machine_has_room(void) {
+    double load;
+    return getloadavg(&load, 1) == 1 && load < 2.0 * (double)sysconf(_SC_NPROCESSORS_ONLN);
+}
+
+static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
+    client *c = *state;
+    PASS_UNTIL(c, c->wrenches > 0);
+    double first = 1e-9 * (double)(monotonic_ns() - started), shortest = INFINITY; /* of three: others use the machine too */
+    for (int attempts = in_time() ? 3 : 1; attempts > 0 && !(shortest < BACK); attempts--) {
+        client_insert(c);
+        double force = force_of(c), away = kill_server(c);
+        print_message("back after %.2f s; the first start took %.2f s\n", away, first);
+        shortest = fmin(shortest, away);
+        assert_true(force_of(c) < 0.2 * force); /* safe: nothing at once */
+
+        watch(c);
+        PASS_UNTIL(c, force_of(c) > 0.0 && c->wrench.pose_seq > 0);
+        assert_true(c->seen & FLAG(RAMPING));
+        assert_true(force_of(c) < 0.2 * force);
+        pass(c, 0.3);
+        assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue, where it was */
+    }
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* no longer than any start */
+    client_insert(c); /* drawn back, it goes in again as ever */
+}
+
+static int start_without_route(void **state) {
+    static client c;
+    *state = &c;
+    return system("ip route del 224.0.0.0/4 dev lo") == 0 && start_supervisor() ? 0 : -1;
+}
+
+/* As at boot: the server is tried again until the network is there. */
+static void a_server_without_a_route_comes_up_once_there_is_one(void **state) {
+    int64_t end = monotonic_ns() + 20000000000;
+    pid_t first = 0, now = 0;
+    for (; now == first && monotonic_ns() < end; usleep(10000)) {
+        now = server_of(supervisor);
+        if (first == 0) first = now;
+        if (now == 0) now = first; /* between two servers */
+    }
+    assert_true(now != first);
+
+    assert_int_equal(system("ip route add 224.0.0.0/4 dev lo"), 0);
+    assert_true(client_open(*state, SCENE));
+    client_insert(*state);
 }
 
 int main(int count, char **arguments) {
     if (count != 3) return 2;
     programs = arguments;
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_killed_server_is_back_and_engages_by_a_ramp)};
-    return cmocka_run_group_tests(tests, start, stop);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(a_killed_server_is_back_and_engages_by_a_ramp, start, stop),
+        cmocka_unit_test_setup_teardown(a_server_without_a_route_comes_up_once_there_is_one, start_without_route, stop),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -56,6 +56,7 @@ offers trocar-device --script fig | grep -qx figure8 || fail "trocar-device --sc
 offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers trocar-bench t)"
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 touch scene.yaml scene.csv
+[ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
 # Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.

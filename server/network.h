@@ -1,0 +1,13 @@
+/* The way onto the LCM network. */
+#ifndef TROCAR_NETWORK_H
+#define TROCAR_NETWORK_H
+
+#include <lcm/lcm.h>
+
+#include "report.h"
+
+/* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT where LCM has no such provider, which
+   stays so; SYSTEM for all else, as the route of a network that is not up yet. */
+trocar_status network_open(const char *url, lcm_t **opened, report *why);
+
+#endif

@@ -1,0 +1,51 @@
+/* What keeps a server off the network for good is told apart from what may pass. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "network.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static void expect(const char *url, trocar_status expected, const char *named) {
+    lcm_t *lcm = NULL;
+    report why = {""};
+    assert_int_equal(network_open(url, &lcm, &why), expected);
+    if (named != NULL) assert_non_null(strstr(why.text, named));
+    if (expected == TROCAR_OK) lcm_destroy(lcm);
+    else assert_null(lcm);
+}
+
+static void a_provider_that_lcm_does_not_have_is_bad_input(void **unused) {
+    (void)unused;
+    expect("nonsense://", TROCAR_BAD_INPUT, "nonsense://");
+    expect("239.255.76.67:7667", TROCAR_BAD_INPUT, "udpm://GROUP:PORT");
+}
+
+static void a_network_that_is_not_there_is_not(void **unused) {
+    (void)unused;
+    expect("udpm://nowhere:7667", TROCAR_SYSTEM, "nowhere");
+    expect("memq://", TROCAR_OK, NULL);
+}
+
+static void without_a_url_the_environment_counts(void **unused) {
+    (void)unused;
+    setenv("LCM_DEFAULT_URL", "nonsense://", 1);
+    expect(NULL, TROCAR_BAD_INPUT, "nonsense://");
+    expect("", TROCAR_BAD_INPUT, "nonsense://");
+    expect("memq://", TROCAR_OK, NULL);
+    setenv("LCM_DEFAULT_URL", "memq://", 1);
+    expect(NULL, TROCAR_OK, NULL);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_provider_that_lcm_does_not_have_is_bad_input),
+        cmocka_unit_test(a_network_that_is_not_there_is_not),
+        cmocka_unit_test(without_a_url_the_environment_counts),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

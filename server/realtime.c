@@ -78,12 +78,12 @@ void realtime_flush_denormals(void) {
 #endif
 }
 
-int realtime_stay_awake(void) {
-    int descriptor = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+int realtime_stay_awake(report *why) {
+    static const char path[] = "/dev/cpu_dma_latency";
+    int descriptor = open(path, O_WRONLY | O_CLOEXEC);
     int32_t microseconds = 0;
-    if (descriptor >= 0 && write(descriptor, &microseconds, sizeof microseconds) != (ssize_t)sizeof microseconds) {
-        close(descriptor);
-        return -1;
-    }
-    return descriptor;
+    if (descriptor >= 0 && write(descriptor, &microseconds, sizeof microseconds) == (ssize_t)sizeof microseconds) return descriptor;
+    fail(why, TROCAR_SYSTEM, "%s: %s; let the server's user write to it (group trocar)", path, strerror(errno));
+    if (descriptor >= 0) close(descriptor);
+    return -1;
 }

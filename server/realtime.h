@@ -31,8 +31,7 @@ void realtime_touch_stack(void);
    that computes calls this, live and in lockstep, or the two would differ. */
 void realtime_flush_denormals(void);
 
-/* Keeps the processors out of deep sleep, where waking takes long. Returns a descriptor to keep open, or -1 where the
-   machine has no such switch. */
-int realtime_stay_awake(void);
+/* Keeps the processors out of deep sleep, where waking takes long. Returns a descriptor to keep open, or -1 and why. */
+int realtime_stay_awake(report *why);
 
 #endif

@@ -33,6 +33,7 @@ struct server {
     bool realtime;
     report refused;              /* why it is not */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
+    report asleep;               /* why they are not kept awake */
     int shutdown_wake;           /* eventfd */
     simulation simulation;
     exchange exchange;
@@ -67,7 +68,7 @@ static trocar_status ask_for_realtime(server *s, report *why) {
     trocar_status status = realtime_try_priority(PRIORITY_HAPTIC, &s->refused);
     if (status == TROCAR_OK) status = realtime_lock_memory(&s->refused);
     s->realtime = status == TROCAR_OK;
-    if (s->realtime) s->awake = realtime_stay_awake();
+    if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
     *why = s->refused;
     return status;
@@ -237,8 +238,13 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "unknowns   %d; node addition by %s\n", s->simulation.tissue.dof_count, remesh_name(config->remeshing));
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
-    if (s->realtime) fprintf(out, "real time  yes, SCHED_FIFO %d\n", PRIORITY_HAPTIC);
-    else fprintf(out, "real time  NO: %s\n", s->refused.text);
+    if (!s->realtime) {
+        fprintf(out, "real time  NO: %s\n", s->refused.text);
+        return;
+    }
+    fprintf(out, "real time  yes, SCHED_FIFO %d\n", PRIORITY_HAPTIC);
+    if (s->awake >= 0) fputs("processors kept awake\n", out);
+    else fprintf(out, "processors may sleep deeply: %s\n", s->asleep.text);
 }
 
 static void print_times(FILE *out, const char *name, const histogram *h) {

@@ -1,10 +1,12 @@
 /* What realtime.c asks of Linux has its effect, or says which limit to raise. */
 #define _GNU_SOURCE
+#include <fcntl.h>
 #include <float.h>
 #include <pthread.h>
 #include <stdbool.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <unistd.h>
 
 #include "realtime.h"
 #include "timing.h"
@@ -121,6 +123,22 @@ static void memory_is_locked_or_the_limit_named(void **unused) {
     munlockall();
 }
 
+static void processors_are_kept_awake_or_it_is_said_why(void **unused) {
+    (void)unused;
+    report why = {""};
+    int32_t allowed = -1;
+    int descriptor = realtime_stay_awake(&why);
+    if (descriptor < 0) {
+        assert_non_null(strstr(why.text, "/dev/cpu_dma_latency: "));
+        return;
+    }
+    int reader = open("/dev/cpu_dma_latency", O_RDONLY);
+    if (reader >= 0) assert_int_equal(read(reader, &allowed, sizeof allowed), sizeof allowed);
+    if (reader >= 0) assert_int_equal(allowed, 0); /* us until a processor is awake */
+    if (reader >= 0) close(reader);
+    close(descriptor);
+}
+
 static void *policy_of_this_thread(void *unused) {
     (void)unused;
     return (void *)(intptr_t)sched_getscheduler(0);
@@ -147,6 +165,7 @@ int main(void) {
         cmocka_unit_test(priority_is_set_or_the_limit_named),
         cmocka_unit_test(trying_a_priority_leaves_the_thread_alone),
         cmocka_unit_test(memory_is_locked_or_the_limit_named),
+        cmocka_unit_test(processors_are_kept_awake_or_it_is_said_why),
         cmocka_unit_test(hurry_is_not_inherited), /* last: it leaves a flag behind */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

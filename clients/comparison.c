@@ -65,9 +65,17 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
         d.golden = i;
         if (d.share > tolerance && c->differing++ == 0) c->first = d;
         if (c->compared++ == 0 || d.share > c->largest.share) c->largest = d;
+        c->last = d;
+        c->bins[(int)(1e3 * fmin(d.share, 1.0))]++;
     }
     if (c->compared > 0) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: of another recording?", golden_path);
+}
+
+double comparison_quantile(const comparison *c, double q) {
+    int bin = 0;
+    for (int seen = c->bins[0]; seen < q * c->compared && bin < SHARE_BINS - 1;) seen += c->bins[++bin];
+    return 1e-3 * (bin + 1);
 }
 
 static double time_of(const trocar_needle_wrench_t *replayed, int at) {
@@ -100,4 +108,7 @@ void comparison_print(const comparison *c, const wrench_log *golden, const char 
     }
     fprintf(out, "  largest: ");
     print_deviation(&c->largest, replayed, out);
+    fprintf(out, "  last:    ");
+    print_deviation(&c->last, replayed, out);
+    fprintf(out, "  95 %% of them are off by less than %.1f %%\n", 100.0 * comparison_quantile(c, 0.95));
 }

@@ -12,10 +12,14 @@ typedef struct {
     double share;            /* of the component's peak in the golden log */
 } deviation;
 
+enum { SHARE_BINS = 1001 };
+
 typedef struct {
     int compared, differing; /* golden wrenches */
     deviation first;         /* beyond the tolerance; meaningless if none differs */
     deviation largest;
+    deviation last;          /* of the last golden wrench */
+    int bins[SHARE_BINS];    /* golden wrenches by share: bin k those from k/1000 of the peak, the last one also the rest */
 } comparison;
 
 /* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may be off by `tolerance`
@@ -25,6 +29,9 @@ typedef struct {
    was not replayed, or none is left. */
 trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
                                int count, double tolerance, comparison *c, report *why);
+
+/* The share that a part q of the golden wrenches does not pass, to 0.001. */
+double comparison_quantile(const comparison *c, double q);
 
 /* Says in words what compare_wrenches found. */
 void comparison_print(const comparison *c, const wrench_log *golden, const char *golden_path,

@@ -79,6 +79,21 @@ static void neighbours_count_and_the_first_difference_is_kept(void **state) {
     assert_int_equal(compare(f, 0.02).differing, 0);
 }
 
+/* Of 20 golden wrenches the third is off by more than its peak, the last by 2 % of it. */
+static void quantiles_and_the_end_are_told(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[2].raw_torque[0] += 5e-3;
+    f->golden.wrenches[19].raw_torque[0] -= 0.02 * 6e-3;
+    comparison c = compare(f, 0);
+    assert_int_equal(c.differing, 2);
+    assert_int_equal(c.last.golden, 19);
+    assert_int_equal(c.last.component, 3);
+    assert_close(c.last.share, 0.02, 1e-12);
+    assert_close(comparison_quantile(&c, 0.90), 0.001, 1e-12); /* 18 are off by nothing */
+    assert_close(comparison_quantile(&c, 0.95), 0.02, 1.1e-3);
+    assert_close(comparison_quantile(&c, 1.0), 5.0 / 6.0, 1.1e-3);
+}
+
 /* Components that are nearly zero are held to a share of 0.1 N and 2 mN m. */
 static void small_components_have_a_least_peak(void **state) {
     fixture *f = *state;
@@ -141,6 +156,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         TEST(equal_wrenches_agree_exactly),
         TEST(neighbours_count_and_the_first_difference_is_kept),
+        TEST(quantiles_and_the_end_are_told),
         TEST(small_components_have_a_least_peak),
         TEST(what_is_not_a_number_differs),
         TEST(rendered_wrenches_do_not_count),

@@ -1,5 +1,7 @@
 #include "remesh_method.h"
 
+#include <cblas.h>
+#include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -96,6 +98,23 @@ static void gathered_free(gathered_blocks *g) {
     free(g->row_of);
     free(g->column_of);
     free(g->blocks);
+}
+
+/* ---- low-rank changes -------------------------------------------------------------------------------------------- */
+
+trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why) {
+    double system[MAX_RANK * MAX_RANK];
+    lapack_int pivots[MAX_RANK];
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change, change_ld, block, block_ld, 0.0, system, n);
+    for (int a = 0; a < n; a++) {
+        system[a * n + a] += 1.0;
+        memmove(middle + a * n, change + a * change_ld, (size_t)n * sizeof *middle);
+    }
+    if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, n, system, n, pivots, middle, n) != 0)
+        return fail(why, TROCAR_NUMERIC, "the change of stiffness at a contact node is singular");
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < a; b++) middle[a * n + b] = middle[b * n + a] = 0.5 * (middle[a * n + b] + middle[b * n + a]);
+    return TROCAR_OK;
 }
 
 /* ---- methods ----------------------------------------------------------------------------------------------------- */
@@ -258,8 +277,8 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     if (status != TROCAR_OK) return status;
-    if (r->operations->gather) r->operations->gather(r);
     snapshot->serial = request->serial;
     snapshot->added_count = r->refined.count;
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;

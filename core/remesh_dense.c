@@ -55,8 +55,11 @@ static void collect_change(dense_remesher *r, int index) {
 
 static trocar_status dense_add(remesher *shared, int index, report *why) {
     dense_remesher *r = (dense_remesher *)shared;
+    if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
     collect_change(r, index);
-    return r->operations->update(r, &r->change, why);
+    trocar_status status = r->operations->update(r, &r->change, why);
+    r->spoilt = status != TROCAR_OK;
+    return status;
 }
 
 /* The nominal inverse is at hand: no rounding is left when the last contact node has gone. */
@@ -64,19 +67,30 @@ static void restore(dense_remesher *r) {
     size_t n = (size_t)r->shared.tissue->dof_count;
     const double *nominal = inverse_dense(r->shared.inverse);
     for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, nominal + j * n + j, (n - j) * sizeof *nominal);
+    r->spoilt = false;
 }
 
 static void dense_remove(remesher *shared, int index) {
     dense_remesher *r = (dense_remesher *)shared;
-    report unused; /* what was positive definite before the node came is so again */
-    collect_change(r, index);
+    report unused; /* all nodes that stay are added again then, and that tells */
     if (index == 0) restore(r);
-    else r->operations->undo(r, &r->change, &unused);
-    dense_isolate(r, &r->change, 0.0);
+    if (r->spoilt || index == 0) return;
+    collect_change(r, index);
+    r->spoilt = r->operations->undo(r, &r->change, &unused) != TROCAR_OK;
 }
 
-static void dense_gather_rows(remesher *shared) {
+/* An update that failed half way leaves nothing of use: all nodes again, from the nominal inverse. */
+static trocar_status rebuild(dense_remesher *r, report *why) {
+    trocar_status status = TROCAR_OK;
+    restore(r);
+    for (int i = 0; i < r->shared.refined.count && status == TROCAR_OK; i++) status = dense_add(&r->shared, i, why);
+    return status;
+}
+
+static trocar_status dense_gather_rows(remesher *shared, report *why) {
     dense_remesher *r = (dense_remesher *)shared;
+    trocar_status status = r->spoilt ? rebuild(r, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
     int handles[MAX_HANDLES], dofs[MAX_HANDLES], count = handles_in_use(shared, handles);
     for (int i = 0; i < count; i++) dofs[i] = first_dof(shared, handle_node(shared, handles[i]));
     for (int i = 0; i < count; i++)
@@ -85,6 +99,7 @@ static void dense_gather_rows(remesher *shared) {
             for (int a = 0; a < 9 && dofs[i] >= 0 && dofs[j] >= 0; a++) block.m[a / 3][a % 3] = *entry(r, dofs[i] + a / 3, dofs[j] + a % 3);
             handle_put(shared, handles[i], handles[j], &block);
         }
+    return TROCAR_OK;
 }
 
 static void dense_release(remesher *shared) {
@@ -108,7 +123,8 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     r->columns = calloc(n * ranks, sizeof(double)); /* pages that no change has reached stay untouched */
     r->weighted = calloc(n * ranks, sizeof(double));
     if (!r->matrix || !r->columns || !r->weighted)
-        return fail(why, TROCAR_NO_MEMORY, "no memory for a second dense inverse (%.1f GB); choose remeshing: nested or implicit", 8e-9 * (double)(n * n));
+        return fail(why, TROCAR_NO_MEMORY, "no memory for a second dense inverse (%.1f GB); choose remeshing: nested or implicit",
+                    8e-9 * (double)(n * n));
     restore(r);
     return status;
 }

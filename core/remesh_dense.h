@@ -2,8 +2,6 @@
 #ifndef TROCAR_REMESH_DENSE_H
 #define TROCAR_REMESH_DENSE_H
 
-#include <lapacke.h>
-
 #include "remesh_method.h"
 
 typedef struct dense_remesher dense_remesher;
@@ -27,12 +25,12 @@ struct dense_remesher {
     remesher shared;
     const dense_operations *operations;
     dense_change change;
+    bool spoilt;             /* an update or undo has failed: the matrix is to be made anew */
     int ranks[MAX_CONTACTS]; /* dofs that each contact node touches */
     int ld;                  /* of `matrix` */
     double *matrix;          /* inverse, column-major, lower triangle: nominal dofs, then three for each contact node, m/N */
     double *columns, *weighted;        /* ld x ranks, column-major */
-    double block[MAX_RANK * MAX_RANK]; /* scratch, as what follows */
-    lapack_int pivots[MAX_RANK];
+    double block[MAX_RANK * MAX_RANK]; /* scratch */
 };
 
 trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, report *why);

@@ -7,7 +7,6 @@
 #include "remesh_method.h"
 
 #include <cblas.h>
-#include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,8 +23,7 @@ typedef struct {
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
     double *chain;                        /* ALL_RANKS square, row-major: column block j holds M_i F_i(touched_j)^T, i < j */
     double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes that a new change touches */
-    double system[MAX_RANK * MAX_RANK];   /* scratch, as all that follows */
-    double *product, *packed, *packed_middle; /* SNAPSHOT_LD square; SNAPSHOT_LD x MAX_RANK twice */
+    double *product, *packed, *packed_middle; /* scratch: SNAPSHOT_LD square; SNAPSHOT_LD x MAX_RANK twice */
 } implicit_remesher;
 
 static double *factor_row(implicit_remesher *r, int handle) { return r->factors + (size_t)3 * (size_t)handle * ALL_RANKS; }
@@ -54,32 +52,16 @@ static void extend_factors(implicit_remesher *r, int index, int node, double *ro
                     r->chain + change->first, ALL_RANKS, 1.0, row + change->first, ALL_RANKS);
 }
 
-/* M = change (I + B change)^-1 = (I + change B)^-1 change, with B = F_j(touched_j) the inverse so far. */
-static trocar_status find_middle(implicit_remesher *r, int index, report *why) {
-    low_rank *change = &r->changes[index];
-    const patch *p = &r->shared.patch;
-    int n = change->rank;
-    double *system = r->system;
-    lapack_int pivots[MAX_RANK];
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, &p->change[0][0], MAX_RANK, r->touched + change->first, ALL_RANKS, 0.0, system, n);
-    for (int a = 0; a < n; a++) {
-        system[a * n + a] += 1.0;
-        memcpy(change->middle + a * n, p->change[a], (size_t)n * sizeof(double));
-    }
-    if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, n, system, n, pivots, change->middle, n) != 0)
-        return fail(why, TROCAR_NUMERIC, "the change of contact node %d is singular", index);
-    for (int a = 0; a < n; a++)
-        for (int b = 0; b < a; b++) change->middle[a * n + b] = change->middle[b * n + a] = 0.5 * (change->middle[a * n + b] + change->middle[b * n + a]);
-    return TROCAR_OK;
-}
-
 /* The rows in use lose F M F^T of change `index` (sign -1), or gain it back. */
 static void update_rows(implicit_remesher *r, int index, double sign) {
     const low_rank *change = &r->changes[index];
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles), n = change->rank;
-    for (int i = 0; i < 3 * count; i++)
-        memcpy(r->packed + (size_t)i * MAX_RANK, factor_row(r, handles[i / 3]) + (size_t)(i % 3) * ALL_RANKS + change->first, (size_t)n * sizeof(double));
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, 3 * count, n, n, 1.0, r->packed, MAX_RANK, change->middle, n, 0.0, r->packed_middle, MAX_RANK);
+    for (int i = 0; i < 3 * count; i++) {
+        const double *row = factor_row(r, handles[i / 3]) + (size_t)(i % 3) * ALL_RANKS;
+        memcpy(r->packed + (size_t)i * MAX_RANK, row + change->first, (size_t)n * sizeof *row);
+    }
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, 3 * count, n, n, 1.0, r->packed, MAX_RANK, change->middle, n, 0.0,
+                r->packed_middle, MAX_RANK);
     cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasTrans, 3 * count, 3 * count, n, sign, r->packed_middle, MAX_RANK, r->packed, MAX_RANK, 0.0,
                 r->product, SNAPSHOT_LD);
     for (int i = 0; i < count; i++)
@@ -169,7 +151,7 @@ static trocar_status implicit_add(remesher *shared, int index, report *why) {
     trocar_status status = gather_factors(r, index, why);
     if (status != TROCAR_OK) return status;
     touch_nodes(r, index);
-    status = find_middle(r, index, why);
+    status = change_middle(change->rank, &p->change[0][0], MAX_RANK, r->touched + change->first, ALL_RANKS, change->middle, why);
     if (status != TROCAR_OK) return status;
 
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);

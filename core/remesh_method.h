@@ -18,8 +18,8 @@ typedef struct {
 typedef struct {
     trocar_status (*add)(remesher *, int index, report *);  /* puts contact node `index`, the last one, into the inverse */
     void (*remove)(remesher *, int index);                  /* and takes it out again */
-    trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills the rows of nodes new in the window; NULL: not needed */
-    void (*gather)(remesher *);                             /* fills all rows in use; NULL: they are kept up to date */
+    trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills rows of nodes new in the window; NULL: not needed */
+    trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL: they are kept up to date */
     void (*release)(remesher *);                            /* all but the shared part */
 } remesh_operations;
 
@@ -37,6 +37,10 @@ struct remesher {
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };
+
+/* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: what a change of stiffness at `n` dofs takes off the inverse
+   between their columns (Woodbury), where `block` is the inverse between them. Row-major; `middle`, n square, may be `change`. */
+trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why);
 
 trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why);
 

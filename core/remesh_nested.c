@@ -300,7 +300,8 @@ static trocar_status nested_take_nodes(remesher *shared, int count, const int *h
     gather_start(shared);
     for (int i = 0; i < count; i++) gather_row(shared, handle_node(shared, handles[i]));
     trocar_status status = gather_factors(r, shared->refined.count, why);
-    for (int i = 0; i < count && status == TROCAR_OK; i++) factors_of(r, shared->refined.count, handle_node(shared, handles[i]), r->factors[handles[i]]);
+    for (int i = 0; i < count && status == TROCAR_OK; i++)
+        factors_of(r, shared->refined.count, handle_node(shared, handles[i]), r->factors[handles[i]]);
     for (int i = 0; i < count && status == TROCAR_OK; i++) fill_row(r, handles[i]);
     return status;
 }

@@ -11,29 +11,30 @@
 
 enum { BLOCK = 192 };        /* columns of one triangle updated at a time: the rectangle beside them is wasted on the diagonal only */
 
-static void gather_block(const dense_remesher *r, const dense_change *c, const double *columns, double *block) {
-    for (int a = 0; a < c->count; a++)
-        for (int b = 0; b < c->count; b++) block[a * c->count + b] = columns[(size_t)b * (size_t)r->ld + (size_t)c->dofs[a]];
-}
-
 /* Leaves A in the change's own part of `columns` and A M in that of `weighted`, where `undo` finds them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {
     int n = c->count;
-    size_t first = (size_t)c->first * (size_t)r->ld;
-    double spring = r->matrix[0], *change = r->block, block[MAX_RANK * MAX_RANK], system[MAX_RANK * MAX_RANK];
+    double spring = r->matrix[0], *middle = r->block, block[MAX_RANK * MAX_RANK];
+    double *columns = r->columns + (size_t)c->first * (size_t)r->ld, *weighted = r->weighted + (size_t)c->first * (size_t)r->ld;
     dense_isolate(r, c, spring);
-    dense_take_columns(r, c->n, n, c->dofs, r->columns + first);
-    memcpy(change, c->change, (size_t)(n * n) * sizeof *change);
-    for (int a = n - c->fresh; a < n; a++) change[a * n + a] -= 1.0 / spring;
-    gather_block(r, c, r->columns + first, block);
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change, n, block, n, 0.0, system, n);
-    for (int a = 0; a < n; a++) system[a * n + a] += 1.0;
-    if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, n, system, n, r->pivots, change, n) != 0)
-        return fail(why, TROCAR_NUMERIC, "Woodbury's update is singular");
+    dense_take_columns(r, c->n, n, c->dofs, columns);
     for (int a = 0; a < n; a++)
-        for (int b = 0; b < a; b++) change[a * n + b] = change[b * n + a] = 0.5 * (change[a * n + b] + change[b * n + a]);
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, c->n, n, n, 1.0, r->columns + first, r->ld, change, n, 0.0, r->weighted + first, r->ld);
+        for (int b = 0; b < n; b++) block[a * n + b] = columns[(size_t)b * (size_t)r->ld + (size_t)c->dofs[a]];
+    memcpy(middle, c->change, (size_t)(n * n) * sizeof *middle);
+    for (int a = n - c->fresh; a < n; a++) middle[a * n + a] -= 1.0 / spring;
+    trocar_status status = change_middle(n, middle, n, block, n, middle, why);
+    if (status != TROCAR_OK) return status;
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, c->n, n, n, 1.0, columns, r->ld, middle, n, 0.0, weighted, r->ld);
     return TROCAR_OK;
+}
+
+/* Adds `sign` times A M A^T. */
+typedef void (*addition)(dense_remesher *, const dense_change *, double sign);
+
+static trocar_status update(dense_remesher *r, const dense_change *c, addition add, report *why) {
+    trocar_status status = factor_change(r, c, why);
+    if (status == TROCAR_OK) add(r, c, -1.0);
+    return status;
 }
 
 /* ---- in one triangle ------------------------------------------------------------------------------------------------ */
@@ -47,11 +48,7 @@ static void add_to_triangle(dense_remesher *r, const dense_change *c, double sig
     }
 }
 
-static trocar_status update_triangle(dense_remesher *r, const dense_change *c, report *why) {
-    trocar_status status = factor_change(r, c, why);
-    if (status == TROCAR_OK) add_to_triangle(r, c, -1.0);
-    return status;
-}
+static trocar_status update_triangle(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, add_to_triangle, why); }
 
 static trocar_status undo_triangle(dense_remesher *r, const dense_change *c, report *why) {
     (void)why;
@@ -70,11 +67,7 @@ static void add_to_square(dense_remesher *r, const dense_change *c, double sign)
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, c->n, c->n, c->count, sign, left, r->ld, right, r->ld, 1.0, r->matrix, r->ld);
 }
 
-static trocar_status update_square(dense_remesher *r, const dense_change *c, report *why) {
-    trocar_status status = factor_change(r, c, why);
-    if (status == TROCAR_OK) add_to_square(r, c, -1.0);
-    return status;
-}
+static trocar_status update_square(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, add_to_square, why); }
 
 static trocar_status undo_square(dense_remesher *r, const dense_change *c, report *why) {
     (void)why;
@@ -84,4 +77,6 @@ static trocar_status undo_square(dense_remesher *r, const dense_change *c, repor
 
 static const dense_operations square = {update_square, undo_square, ALL_RANKS};
 
-trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why) { return dense_remesher_create(inv, &square, created, why); }
+trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why) {
+    return dense_remesher_create(inv, &square, created, why);
+}

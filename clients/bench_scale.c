@@ -1,6 +1,7 @@
 #include "bench_scale.h"
 
 #include <cblas.h>
+#include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -79,7 +80,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Pushes the needle in at 5, 20 and 50 mm/s on each scene and plays the motion figure8: time of a tick by the number of contacts "
-    "(1 mm apart or more), from crossing a face to the answer of the worker, to start, and memory. All times but the start's are processor time of one thread.", NULL, NULL, NULL};
+    "(1 mm apart or more), from crossing a face to the new contact node's row being at hand, to start, and memory. All times but the "
+    "start's are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
@@ -127,16 +129,18 @@ static trocar_status measure(const options *o, measured *m, report *why) {
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
 static void print_motion(const char *name, const scale_timing *s, FILE *out) {
-    fprintf(out, "%-7s  %9d  %6d  %10d  %13.2f  %6.2f  %6.2f  %12.2f  %6.2f  %11.1f  %8d\n", name, s->crossings, s->late_crossings, s->late_ticks,
-            1e3 * histogram_quantile(&s->crossing, 0.5), 1e3 * histogram_quantile(&s->crossing, 0.99), 1e3 * histogram_max(&s->crossing),
-            1e3 * histogram_quantile(&s->serve, 0.5), 1e3 * histogram_max(&s->serve), 1e6 * histogram_quantile(&s->tick, 0.5), s->most_contacts);
+    fprintf(out, "%-7s  %9d  %6d  %10d  %8d  %10d  %13.2f  %6.2f  %6.2f  %16.2f  %12.2f  %6.2f  %11.1f  %8d\n", name, s->crossings, s->late_crossings,
+            s->late_ticks, s->contacts, s->unanswered, 1e3 * histogram_quantile(&s->crossing, 0.5), 1e3 * histogram_quantile(&s->crossing, 0.99),
+            1e3 * histogram_max(&s->crossing), 1e3 * histogram_max(&s->activation), 1e3 * histogram_quantile(&s->serve, 0.5),
+            1e3 * histogram_max(&s->serve), 1e6 * histogram_quantile(&s->tick, 0.5), s->most_contacts);
 }
 
 static void print_scene(const measured *m, FILE *out) {
     const mesh *body = &m->simulation.mesh;
     fprintf(out, "\n%s: %d nodes, %d tetrahedra; inverse: %s\n", m->scene.path, body->node_count, body->tet_count, m->simulation.about_inverse.text);
     fprintf(out, "start %.1f s (processor %.1f s), memory at most %.2f GB\n", m->start_seconds, m->start_processor_seconds, 1e-9 * m->peak_bytes);
-    fprintf(out, "motion   crossings    late  late ticks  answer p50 ms  p99 ms  max ms  serve p50 ms  max ms  tick p50 us  contacts\n");
+    fprintf(out, "motion   crossings    late  late ticks  contacts  unanswered  answer p50 ms  p99 ms  max ms  active late max  serve p50 ms  "
+                 "max ms  tick p50 us   at most\n");
     for (int i = 0; i < SPEEDS; i++) {
         char name[32];
         snprintf(name, sizeof name, "%.0f mm/s", 1e3 * speeds[i]);
@@ -144,19 +148,22 @@ static void print_scene(const measured *m, FILE *out) {
     }
     print_motion("figure8", &m->figure8, out);
     for (int i = 0; i < m->counts; i++)
-        fprintf(out, "tick with %2d contacts: p50 %.1f us, p99 %.1f us, %.2f passes\n", contact_counts[i], 1e6 * histogram_quantile(&m->ticks[i].time, 0.5),
-                1e6 * histogram_quantile(&m->ticks[i].time, 0.99), m->ticks[i].passes);
+        fprintf(out, "tick with %2d contacts: p50 %.1f us, p99 %.1f us, %.2f passes\n", contact_counts[i],
+                1e6 * histogram_quantile(&m->ticks[i].time, 0.5), 1e6 * histogram_quantile(&m->ticks[i].time, 0.99), m->ticks[i].passes);
 }
 
 /* Members of an object, and its end. */
 static void json_motion(const scale_timing *s, FILE *out) {
-    fprintf(out, "\"ticks\": %d, \"crossings\": %d, \"late_crossings\": %d, \"late_ticks\": %d, \"most_contacts\": %d,\n       \"tick\": {",
-            s->ticks, s->crossings, s->late_crossings, s->late_ticks, s->most_contacts);
+    fprintf(out, "\"ticks\": %d, \"crossings\": %d, \"late_crossings\": %d, \"late_ticks\": %d, \"contacts\": %d, \"unanswered\": %d, "
+                 "\"most_contacts\": %d,\n       \"tick\": {",
+            s->ticks, s->crossings, s->late_crossings, s->late_ticks, s->contacts, s->unanswered, s->most_contacts);
     json_time(&s->tick, out);
     fprintf(out, "}, \"serve\": {");
     json_time(&s->serve, out);
     fprintf(out, "}, \"crossing\": {");
     json_time(&s->crossing, out);
+    fprintf(out, "}, \"activation\": {\"count\": %" PRId64 ", ", s->activation.count);
+    json_time(&s->activation, out);
     fprintf(out, "}}");
 }
 

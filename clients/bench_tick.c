@@ -117,9 +117,7 @@ static double per_baseline(const bench *b, const histogram *time) {
 }
 
 static void print_row(const bench *b, timed_motion motion, const tick_timing *row, FILE *out) {
-    char contacts[32];
-    snprintf(contacts, sizeof contacts, row->least == row->most ? "%d" : "%d to %d", row->least, row->most);
-    fprintf(out, "%8s  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f", contacts, timed_motion_name(motion),
+    fprintf(out, "%8d  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f", row->contacts, timed_motion_name(motion),
             1e6 * histogram_quantile(&row->time, 0.5), 1e6 * histogram_quantile(&row->time, 0.99),
             1e6 * histogram_max(&row->time), per_baseline(b, &row->time), row->passes, row->switches);
     if (row->unstable) fprintf(out, "  (%d ticks without equilibrium)", row->unstable);
@@ -140,8 +138,8 @@ static void print_table(const bench *b, FILE *out) {
 
 static void json_row(const bench *b, int index, timed_motion motion, FILE *out) {
     const tick_timing *row = &b->rows[index][motion];
-    fprintf(out, "    {\"contacts\": %d, \"motion\": \"%s\", \"least_contacts\": %d, \"most_contacts\": %d, ",
-            b->options->counts[index], timed_motion_name(motion), row->least, row->most);
+    fprintf(out, "    {\"contacts\": %d, \"motion\": \"%s\", \"timed_contacts\": %d, ",
+            b->options->counts[index], timed_motion_name(motion), row->contacts);
     json_time(&row->time, out);
     fprintf(out, ", \"p50_per_baseline\": %.6g, \"passes\": %.6g, \"switches\": %.6g, \"unstable\": %d}",
             per_baseline(b, &row->time), row->passes, row->switches, row->unstable);

@@ -5,8 +5,17 @@
 #include <time.h>
 
 #include "tip.h"
+#include "window.h"
 
 static const double REST = 0.5; /* s, before a script begins: the needle's line is known by then */
+
+/* A contact node of the needle, from being asked for to taking part. */
+typedef struct {
+    uint64_t id;
+    double asked;            /* s: when */
+    double due;              /* s: when it should be active, as the tip has left its element; INFINITY: it has not */
+    bool answered, active, late;
+} followed;
 
 typedef struct {
     simulation *simulation;
@@ -15,12 +24,10 @@ typedef struct {
     double speed;            /* m/s, of the hand, never below 1 mm/s */
     double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
     double idle;             /* s: up to where the worker's idle time is used */
-    uint64_t crossed;        /* request of the last crossing, 0: answered */
-    double crossed_at;       /* s */
     int tet;                 /* that the tip is in, */
     double entered_at, entered_depth; /* s, m: since when and from where */
-    int left;                /* contact nodes in elements that the tip has left, */
-    double due[MAX_CONTACTS];         /* s: when each of them should be active; INFINITY once it has been counted */
+    int contact_count;
+    followed contacts[MAX_CONTACTS];  /* those of the state */
     scale_timing *result;
 } scale_run;
 
@@ -63,41 +70,56 @@ static trocar_status work(scale_run *run, report *why) {
     return status;
 }
 
-static void note_answer(scale_run *run) {
-    if (!run->crossed || run->snapshot->serial < run->crossed) return;
-    histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - run->crossed_at)));
-    run->crossed = 0;
+/* The contact nodes behind the first `kept` are gone. */
+static void forget(scale_run *run, int kept) {
+    for (; run->contact_count > kept; run->contact_count--) run->result->unanswered += !run->contacts[run->contact_count - 1].answered;
+}
+
+static void follow_contacts(scale_run *run) {
+    const refinement *now = &run->state.refined;
+    int kept = 0;
+    while (kept < run->contact_count && kept < now->count && run->contacts[kept].id == now->nodes[kept].id) kept++;
+    forget(run, kept);
+    for (; run->contact_count < now->count; run->contact_count++, run->result->contacts++)
+        run->contacts[run->contact_count] = (followed){.id = now->nodes[run->contact_count].id, .asked = run->now, .due = INFINITY};
 }
 
 /* The contact node of an element should be active when the tip leaves it; where the tip leapt (a membrane gave way), when the hand
    would have taken it through. */
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
-    for (; run->left < contacts_passed(&run->state); run->left++) run->due[run->left] = due;
+    for (int i = 0; i < contacts_passed(&run->state); i++)
+        if (run->state.refined.nodes[i].tet != run->state.tip.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
     run->result->crossings++;
-    run->crossed = run->state.request.serial;
-    run->crossed_at = run->now;
 }
 
-static void count_late(scale_run *run) {
-    for (int i = run->state.active; i < run->left; i++)
-        if (run->now >= run->due[i]) {
-            run->due[i] = INFINITY;
+static void note_progress(scale_run *run) {
+    int known = window_known_contacts(run->snapshot, &run->state.refined);
+    for (int i = 0; i < run->contact_count; i++) {
+        followed *contact = &run->contacts[i];
+        bool takes_part = i < run->state.active;
+        if (i < known && !contact->answered) histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - contact->asked)));
+        if (takes_part && !contact->active) histogram_add(&run->result->activation, (int64_t)(1e9 * fmax(run->now - contact->due, 0.0)));
+        if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* pulled back over it */
+        if (!takes_part && !contact->active && !contact->late && run->now >= contact->due) {
+            contact->late = true;
             run->result->late_crossings++;
         }
+        contact->answered |= i < known;
+        contact->active |= takes_part;
+    }
 }
 
 static void note_crossing(scale_run *run) {
     const insertion_state *state = &run->state;
     int tet = state->tip.phase == TIP_INSIDE ? state->tip.tet : -1;
-    note_answer(run);
+    follow_contacts(run);
     if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.depth > run->entered_depth) leave_element(run);
     if (tet >= 0 && tet != run->tet) {
         run->entered_at = run->now;
         run->entered_depth = state->tip.depth;
     }
-    if (run->left > contacts_passed(state)) run->left = contacts_passed(state); /* pulled back over them */
-    count_late(run);
+    note_progress(run);
     run->tet = tet;
 }
 
@@ -140,6 +162,7 @@ trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scal
         before = base;
     }
     if (run) {
+        forget(run, 0);
         free(run->snapshot);
         free(run->next);
     }

@@ -18,7 +18,10 @@ typedef struct {
     int ticks, most_contacts;
     histogram tick;          /* of insertion_tick, processor time */
     histogram serve;         /* of each answer, processor time */
-    histogram crossing;      /* from crossing a face to the snapshot that answers what was asked for then */
+    int contacts;            /* contact nodes asked for, each as the tip crosses the face into its element: */
+    histogram crossing;      /* from there to the tick that could take it, if the tip had come so far */
+    histogram activation;    /* of those that took part: how long after the tip had left their element (0: before) */
+    int unanswered;          /* gone again before their row was there, or still without at the end */
     int crossings;           /* of faces between elements, on the way in */
     int late_crossings;      /* whose contact node was not active yet when the tip had crossed the element (at the hand's speed) */
     int late_ticks;          /* whose snapshot did not cover the tip */

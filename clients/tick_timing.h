@@ -6,7 +6,7 @@
 #include "timing.h"
 
 typedef enum {
-    TIMED_ADVANCE,           /* on along the needle's axis at 20 mm/s: contacts are added on the way */
+    TIMED_ADVANCE,           /* on along the needle's axis at 20 mm/s */
     TIMED_SWEEP,             /* sideways to and fro at 30 mm/s, 7.5 mm to each side, once a second */
     TIMED_MOTIONS
 } timed_motion;
@@ -17,14 +17,14 @@ const char *timed_motion_name(timed_motion motion);
 typedef struct {
     pose start;              /* of the needle's base, tip before the skin; the needle goes in along its axis */
     double dt;               /* s, length of a tick */
-    int contacts;            /* the needle goes in until it has these; then the clock runs */
-    int ticks;               /* timed */
+    int contacts;            /* the needle goes in until it has these; then the clock runs, as long as there are as many, */
+    int ticks;               /* again and again until so many ticks have been timed */
     timed_motion motion;
 } timing_case;
 
 typedef struct {
     histogram time;          /* of insertion_tick alone, without what the worker would do */
-    int least, most;         /* contacts while timed */
+    int contacts;            /* there while timed */
     double passes, switches; /* a tick, mean */
     int unstable;            /* ticks without an equilibrium */
 } tick_timing;

@@ -14,4 +14,7 @@ for scene in bench["scenes"]:
         assert row["crossings"] > 0 and 0 <= row["late_crossings"] <= row["crossings"] and row["late_ticks"] < row["ticks"], row
         for part in ("tick", "serve", "crossing"):
             assert 0 < row[part]["p50_s"] <= row[part]["p99_s"] <= row[part]["max_s"] < 60, (part, row)
+        late = row["activation"]
+        assert 0 <= late["p50_s"] <= late["p99_s"] <= late["max_s"] < 60 and (late["max_s"] == 0 or row["late_crossings"] > 0), row
+        assert row["most_contacts"] <= late["count"] <= row["contacts"] - row["unanswered"], row
     assert scene["contacts"] and all(0 < row["p50_s"] <= row["p99_s"] and row["passes"] >= 1 for row in scene["contacts"]), scene

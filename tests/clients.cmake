@@ -23,5 +23,7 @@ add_test(NAME hosts COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_hosts.sh ${PROJECT_
 set_tests_properties(hosts PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 60 RUN_SERIAL TRUE LABELS release_only)
 add_test(NAME soak COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_soak.py ${PROJECT_SOURCE_DIR})
 set_tests_properties(soak PROPERTIES LABELS release_only)
+add_test(NAME bench_server COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_bench_server.py ${PROJECT_SOURCE_DIR})
+set_tests_properties(bench_server PROPERTIES LABELS release_only)
 add_test(NAME spy COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_spy.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(spy PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 60 RUN_SERIAL TRUE LABELS release_only)

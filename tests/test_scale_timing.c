@@ -8,25 +8,38 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static scale_timing *measured(const motion *script, double speed, double dt, inverse_choice owner) {
+static const double ASIDE = 1e-3; /* m: there no element is crossed so near to its edge that one tick does it */
+
+static scale_timing *measured(double aside, const motion *script, double speed, double dt, inverse_choice owner) {
     simulation_config config = lockstep_config();
     simulation s;
     report why;
     config.inverse = owner;
     static scale_timing result;
     assert_int_equal(simulation_create(&config, &s, &why), TROCAR_OK);
-    scale_case wanted = {.start = lockstep_start(), .script = script, .speed = speed, .depth = 0.066, .dt = dt};
+    pose start = lockstep_start();
+    start.position.x += aside;
+    scale_case wanted = {.start = start, .script = script, .speed = speed, .depth = 0.066, .dt = dt};
     assert_int_equal(scale_timing_measure(&s, &wanted, &result, &why), TROCAR_OK);
     simulation_free(&s);
     return &result;
 }
 
+/* Every contact node asked for is answered once or counted as unanswered; every one that takes part was answered. */
+static void check_counts(const scale_timing *r) {
+    assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
+    assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
+}
+
 static void crossings_are_counted_and_answered(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(NULL, 0.02, 1e-3, INVERSE_DENSE);
+    const scale_timing *r = measured(ASIDE, NULL, 0.02, 1e-3, INVERSE_DENSE);
     assert_int_equal(r->ticks, 3300);
     assert_int_equal(r->tick.count, 3300);
-    assert_true(r->crossings > 5 && r->crossing.count <= r->crossings);
+    check_counts(r);
+    assert_true(r->crossings > 5 && r->contacts > 5);
+    assert_true(r->unanswered <= 1); /* the last one may have been asked for in the last tick */
+    assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all were active before the tip left their elements */
     assert_true(r->serve.count >= r->crossings && r->serve.count < r->ticks);
     assert_true(r->most_contacts > 5);
     assert_true(r->crossing.max >= 1000000); /* an answer is there one tick after it was asked for, at the earliest */
@@ -35,18 +48,34 @@ static void crossings_are_counted_and_answered(void **unused) {
 /* In and out again: on the way out contact nodes go, and none of them is late. */
 static void crossings_on_the_way_out_do_not_count(void **unused) {
     (void)unused;
-    scale_timing in = *measured(NULL, 0.05, 1e-3, INVERSE_DENSE);
-    const scale_timing *r = measured(motion_find("insert"), 0, 1e-3, INVERSE_DENSE);
+    scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, INVERSE_DENSE);
+    const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, INVERSE_DENSE);
     assert_int_equal(r->ticks, 3500);
     assert_in_range(r->crossings, in.crossings * 3 / 4, in.crossings * 3 / 2);
     assert_int_equal(r->late_crossings, 0);
+    check_counts(r);
+    assert_true(r->contacts >= r->most_contacts);
 }
 
-/* Ticks of 0.2 us at 100 m/s: no answer can come in time. */
+/* Ticks of 0.2 us at 100 m/s: no answer can come in time. At 2 m/s some come. */
 static void a_worker_that_is_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(NULL, 100.0, 2e-7, INVERSE_SPARSE);
-    assert_true(r->late_crossings > 0 || r->late_ticks > r->ticks / 2);
+    scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, INVERSE_SPARSE);
+    check_counts(&none);
+    assert_true(none.late_crossings > 0 || none.late_ticks > none.ticks / 2);
+    const scale_timing *some = measured(ASIDE, NULL, 2.0, 1e-5, INVERSE_SPARSE);
+    check_counts(some);
+    assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
+}
+
+/* 3 mm a tick: some elements are crossed in one, and what is asked for in one is there two ticks later. */
+static void a_contact_node_that_comes_late_is_counted(void **unused) {
+    (void)unused;
+    const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, INVERSE_DENSE);
+    check_counts(r);
+    print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
+    assert_in_range(r->late_crossings, 1, r->contacts);
+    assert_in_range(r->activation.max, 900000, 2100000);
 }
 
 int main(void) {
@@ -54,6 +83,7 @@ int main(void) {
         cmocka_unit_test(crossings_are_counted_and_answered),
         cmocka_unit_test(crossings_on_the_way_out_do_not_count),
         cmocka_unit_test(a_worker_that_is_slower_than_the_needle_is_late),
+        cmocka_unit_test(a_contact_node_that_comes_late_is_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,6 @@
 #include "guard.h"
 
-#include <stddef.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "trocar_needle_wrench_t.h"
@@ -10,31 +10,43 @@ guard_limits guard_defaults(void) {
                           .max_speed = 2.0, .max_turn_rate = 20.0, .hold_time = 0.01, .ramp_time = 0.1};
 }
 
-/* Nominal values as the makers and common device libraries give them, from memory: hold them against your device's own data
-   sheet. A torque of 0: it renders none, the default stays. */
+/* Largest force, torque and stiffness of a virtual wall; where they come from: meshes/PARAMETERS.md. Torque 0: it renders none. */
 static const struct { const char *name; double force, torque, stiffness; } PROFILES[] = {
-    {"touch", 3.3, 0.0, 1000.0},
-    {"touch-x", 7.9, 0.0, 1480.0},
-    {"premium-1.5-6dof", 8.5, 0.17, 3500.0},
+    {"touch", 3.3, 0.0, 400.0},
+    {"touch-x", 7.9, 0.0, 1000.0},
+    {"premium-1.5-6dof", 8.5, 0.188, 800.0},
     {"falcon", 8.0, 0.0, 3000.0},
-    {"omega.3", 12.0, 0.0, 14500.0},
-    {"delta.6", 20.0, 0.15, 14500.0},
-    {"sigma.7", 20.0, 0.4, 14500.0},
+    {"omega.3", 12.0, 0.0, 5000.0},
+    {"delta.6", 20.0, 0.2, 5000.0},
+    {"sigma.7", 12.0, 0.2, 4000.0},
 };
 enum { PROFILE_COUNT = sizeof PROFILES / sizeof *PROFILES };
+
+/* s from nothing to the largest force. Faster than a hand can tell; slower (5 ms), the force of a hard knock would lag behind
+   the hand so far that it drives a light one (tests/test_port.c). */
+static const double FULL_SLEW = 3e-3;
 
 bool guard_use_profile(const char *name, guard_limits *limits) {
     for (int i = 0; i < PROFILE_COUNT; i++) {
         if (strcmp(PROFILES[i].name, name) != 0) continue;
-        limits->max_force = PROFILES[i].force;
         limits->max_stiffness = PROFILES[i].stiffness;
-        if (PROFILES[i].torque > 0.0) limits->max_torque = PROFILES[i].torque;
+        limits->max_force = PROFILES[i].force;
+        limits->max_force_rate = PROFILES[i].force / FULL_SLEW;
+        if (PROFILES[i].torque == 0.0) return true;
+        limits->max_torque = PROFILES[i].torque;
+        limits->max_torque_rate = PROFILES[i].torque / FULL_SLEW;
         return true;
     }
     return false;
 }
 
-const char *guard_profile_names(void) { return "touch, touch-x, premium-1.5-6dof, falcon, omega.3, delta.6 or sigma.7"; }
+void guard_profile_names(char *names, size_t size) {
+    size_t used = 0;
+    for (int i = 0; i < PROFILE_COUNT && used < size; i++) {
+        const char *before = i == 0 ? "" : i < PROFILE_COUNT - 1 ? ", " : " or ";
+        used += (size_t)snprintf(names + used, size - used, "%s%s", before, PROFILES[i].name);
+    }
+}
 
 static bool finite3(vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
 

@@ -4,6 +4,7 @@
 #define TROCAR_GUARD_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "vec.h"
@@ -22,9 +23,10 @@ typedef struct {
 
 guard_limits guard_defaults(void);
 
-/* Sets the limits of force, torque and stiffness to those of a device by name; false if it is not in the table. */
+/* Sets the limits of force and torque, of their rates, and of stiffness to those of a device by name; false if it is not in the
+   table. A device that renders no torque leaves torque as it is. */
 bool guard_use_profile(const char *name, guard_limits *limits);
-const char *guard_profile_names(void); /* of all, for messages */
+void guard_profile_names(char *names, size_t size); /* "a, b or c" */
 
 /* What became of one pose; each has its counter in status_t. */
 typedef enum {

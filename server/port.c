@@ -3,18 +3,21 @@
 static const double LIGHTEST_HAND = 0.05;   /* kg, with the device's handle */
 static const double FAR = 5e-3;             /* s, round trip until it is known */
 static const double RISE = 0.02, FALL = 0.002; /* parts of the way, for each round trip: follows the longest one in ten */
+static const double MEAN = 0.02;            /* part of the way to the newest interval, for each pose */
 static const double ACTIVE_ENERGY = 1e-3;   /* J */
 
 /* A hand of mass m at the end of a spring K and a damper B that answer after T is stable for K T^2 / m <= 0.3 with
    B = 2 K T: the delay acts as a damper of -K T, and the damper itself must stay slow beside the delay, B T / m <= 0.6.
    A softer thing in series, whatever its stiffness, then needs no more than K T / 8 of damping in the hand. */
-static const double DELAY_MARGIN = 0.3, DAMPING = 2.0;
+static const double DELAY_MARGIN = 0.25, DAMPING = 2.0;
 
 void port_engage(port *p, const pose_sample *hand) {
     p->received = hand->received;
     p->hand = hand->base;
     p->delay = FAR;
-    p->stretch = v3(0, 0, 0);
+    p->interval = 0.0;
+    p->stretch = p->before = v3(0, 0, 0);
+    p->age = 0.0;
     p->energy = p->lowest = 0.0;
 }
 
@@ -35,6 +38,9 @@ int64_t port_receive(port *p, const pose_sample *hand) {
     if (hand->received == p->received) return -1;
     const port_wrench *felt = wrench_felt(p, hand->wrench_tick);
     note_energy(p, felt, &hand->base);
+    p->interval += MEAN * (1e-9 * (double)(hand->received - p->received) - p->interval);
+    p->before = p->stretch;
+    p->age = 0.0;
     p->received = hand->received;
     p->hand = hand->base;
     if (felt->tick != hand->wrench_tick || felt->tick <= p->felt) return -1;
@@ -48,12 +54,14 @@ int64_t port_receive(port *p, const pose_sample *hand) {
 pose port_hold(port *p, double limit, pose hand, double dt, double *compliance) {
     *compliance = p->stiffness = p->damping = 0.0;
     if (isinf(limit)) return hand;
-    double delay = p->delay + dt; /* a pose waits for the next tick */
+    double hold = fmax(p->interval, dt), delay = p->delay + hold; /* a pose is in force, or waits, that long */
+    if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending: the damper comes to rest */
+    p->age += dt;
     p->stiffness = fmin(limit, DELAY_MARGIN * LIGHTEST_HAND / (delay * delay));
     p->damping = DAMPING * p->stiffness * delay;
-    *compliance = 1.0 / (p->stiffness + p->damping / dt);
-    double memory = p->damping / dt * *compliance; /* what the damper leaves of the stretch */
-    return (pose){v3_axpy(-memory, p->stretch, hand.position), hand.orientation};
+    *compliance = 1.0 / (p->stiffness + p->damping / hold);
+    double memory = p->damping / hold * *compliance; /* what the damper leaves of the stretch */
+    return (pose){v3_axpy(-memory, p->before, hand.position), hand.orientation};
 }
 
 vec3 port_yield(port *p, pose hand, vec3 base, vec3 force, vec3 torque) {

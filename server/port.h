@@ -22,8 +22,11 @@ typedef struct {
     int64_t received;        /* ns, when the last pose came */
     pose hand;               /* in that pose */
     double delay;            /* s, round trip, nearly the longest of late */
+    double interval;         /* s, between poses, mean of late */
     double stiffness, damping; /* N/m and N s/m, of the coupling now; 0 when it is rigid */
     vec3 stretch;            /* m, of the coupling: from the needle's base to the hand */
+    vec3 before;             /* m, stretch when the last pose came: what the damper starts from */
+    double age;              /* s of ticks since then */
     double energy, lowest;   /* J, from the hand into the port since the engagement, and the least that it was */
 } port;
 

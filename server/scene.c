@@ -191,9 +191,10 @@ static void take_contact(checker *c, const contact_text *text, insertion_setting
 }
 
 static void take_device(checker *c, const device_text *text, guard_limits *limits) {
+    char names[256];
     enter_section(c, "device.");
-    if (text->profile && !guard_use_profile(text->profile, limits))
-        reject(c, "profile", "\"%s\": expected %s", text->profile, guard_profile_names());
+    guard_profile_names(names, sizeof names);
+    if (text->profile && !guard_use_profile(text->profile, limits)) reject(c, "profile", "\"%s\": expected %s", text->profile, names);
     take_number(c, "max_stiffness", "N/m", text->max_stiffness, STIFFNESS, &limits->max_stiffness);
     take_number(c, "max_force", "N", text->max_force, POSITIVE, &limits->max_force);
     take_number(c, "max_torque", "N m", text->max_torque, POSITIVE, &limits->max_torque);

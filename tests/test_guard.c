@@ -1,5 +1,5 @@
 /* The guard, tick by tick, with a clock made by hand. */
-#define _GNU_SOURCE
+#include <stdio.h>
 #include <string.h>
 
 #include "guard.h"
@@ -159,25 +159,54 @@ static void limits_keep_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
+/* Full force takes 3 ms; a device that renders no torque leaves its limits. */
 static void a_profile_sets_what_its_device_has(void **unused) {
     (void)unused;
     guard_limits limits = guard_defaults(), before = limits;
     assert_false(guard_use_profile("nonsense", &limits));
     assert_memory_equal(&limits, &before, sizeof limits);
     assert_true(guard_use_profile("touch", &limits));
-    assert_true(limits.max_force == 3.3 && limits.max_stiffness == 1000);
-    assert_true(limits.max_torque == before.max_torque && limits.max_force_rate == before.max_force_rate);
-    char names[256], *rest = names;
-    strcpy(names, guard_profile_names());
-    int count = 0;
-    for (char *name; (name = strsep(&rest, " ,")) != NULL;) {
-        if (*name == '\0' || strcmp(name, "or") == 0) continue;
-        limits = before;
-        assert_true(guard_use_profile(name, &limits)); /* the message names what there is */
-        assert_true(limits.max_force > 0 && limits.max_torque > 0 && limits.max_stiffness > 0 && isfinite(limits.max_stiffness));
+    assert_true(limits.max_force == 3.3 && limits.max_stiffness == 400);
+    assert_true(fabs(limits.max_force_rate - 1100) < 1e-9);
+    assert_true(limits.max_torque == before.max_torque && limits.max_torque_rate == before.max_torque_rate);
+    assert_true(guard_use_profile("delta.6", &limits));
+    assert_true(fabs(limits.max_force_rate - 20 / 3e-3) < 1e-9);
+    assert_true(limits.max_torque == 0.2 && fabs(limits.max_torque_rate - 0.2 / 3e-3) < 1e-9);
+    assert_true(limits.max_speed == before.max_speed && limits.ramp_time == before.ramp_time);
+
+    guard g = engaged(&limits, 0, 0.0);
+    vec3 force;
+    assert_int_equal(tick(&g, &limits, false, 40.0, &force), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(force.x - 20 / 3.0) < 1e-9);
+    for (int i = 0; i < 3; i++) tick(&g, &limits, false, 40.0, &force);
+    assert_true(fabs(force.x - 20) < 1e-9);
+}
+
+/* Reads a row of the table "Devices" in PARAMETERS.md: name, N, N m, N/mm. */
+static bool read_device(const char *line, char name[64], double values[3]) {
+    return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf |", name, &values[0], &values[1], &values[2]) == 4;
+}
+
+static void the_table_of_devices_is_true(void **unused) {
+    (void)unused;
+    char line[1024], name[64], names[256];
+    double values[3];
+    int count = 0, listed = 1;
+    guard_profile_names(names, sizeof names);
+    for (const char *c = names; *c; c++) listed += *c == ',' || strncmp(c, " or ", 4) == 0;
+    FILE *table = fopen(MESHES "/PARAMETERS.md", "r");
+    assert_non_null(table);
+    while (fgets(line, sizeof line, table)) {
+        if (!read_device(line, name, values)) continue;
+        guard_limits limits = guard_defaults();
+        if (!guard_use_profile(name, &limits) || !strstr(names, name)) fail_msg("PARAMETERS.md: no device %s in \"%s\"", name, names);
+        double torque = values[1] > 0 ? values[1] : guard_defaults().max_torque;
+        bool same = limits.max_force == values[0] && limits.max_torque == torque && fabs(limits.max_stiffness - 1e3 * values[2]) < 1e-9;
+        if (!same) fail_msg("PARAMETERS.md: %s has %g N, %g N m, %g N/m", name, limits.max_force, limits.max_torque, limits.max_stiffness);
         count++;
     }
-    assert_int_equal(count, 7);
+    fclose(table);
+    assert_int_equal(count, listed);
 }
 
 static void slew_is_limited(void **unused) {
@@ -254,6 +283,7 @@ int main(void) {
         cmocka_unit_test(a_new_engagement_begins_anew_and_a_release_ramps_out),
         cmocka_unit_test(limits_keep_the_direction),
         cmocka_unit_test(a_profile_sets_what_its_device_has),
+        cmocka_unit_test(the_table_of_devices_is_true),
         cmocka_unit_test(slew_is_limited),
         cmocka_unit_test(a_wrench_that_is_not_finite_never_leaves),
         cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),

@@ -118,8 +118,19 @@ static void every_value_arrives(void **state) {
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
     const guard_limits *g = &s.guard;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
-    assert_true(g->max_stiffness == 1000); /* the profile's; its force is overruled */
+    assert_true(g->max_stiffness == 400); /* the profile's; its force is overruled */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
+}
+
+static void a_device_brings_its_limits(void **state) {
+    (void)state;
+    scene s;
+    guard_limits expected = guard_defaults();
+    load_good("mesh: /elsewhere/a.msh\nregions: [{name: all}]\nfixed: [bottom]\ndevice: {max_torque_rate: 3, profile: delta.6}\n", &s);
+    assert_true(guard_use_profile("delta.6", &expected));
+    expected.max_torque_rate = 3;
+    assert_memory_equal(&s.guard, &expected, sizeof expected);
+    assert_true(s.guard.max_force_rate != guard_defaults().max_force_rate);
 }
 
 static void what_is_left_out_has_its_default(void **state) {
@@ -386,6 +397,7 @@ static void the_table_of_parameters_is_true(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_value_arrives),
+        cmocka_unit_test(a_device_brings_its_limits),
         cmocka_unit_test(what_is_left_out_has_its_default),
         cmocka_unit_test(owner_and_region_of_interest_arrive),
         cmocka_unit_test(a_bad_region_of_interest_is_refused),

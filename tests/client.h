@@ -18,6 +18,15 @@
 
 #define FLAG(name) TROCAR_NEEDLE_WRENCH_T_##name
 
+enum { NEWS_REMEMBERED = 256 };
+
+/* What the timing messages told, since watch(). */
+typedef struct {
+    int count;
+    double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
+    int64_t misses, ticks;           /* at the first */
+} timing_record;
+
 typedef struct {
     guard_limits limits;             /* of the scene */
     lcm_t *lcm;
@@ -31,8 +40,10 @@ typedef struct {
     trocar_status_t *status;
     trocar_loop_timing_t timing;
     int64_t wrenches;
+    timing_record record;            /* since watch() */
     double oldest_snapshot;          /* s, since watch() */
     int seen, always;                /* flags that any wrench had since watch(), that all had */
+    int told;                        /* flags that any status had since watch() */
     double least, most;              /* N, norm of the force since watch() */
 } client;
 
@@ -70,18 +81,25 @@ static inline void on_status(const lcm_recv_buf_t *b, const char *channel, const
     client *c = context;
     if (c->status != NULL) trocar_status_t_destroy(c->status);
     c->status = trocar_status_t_copy(s);
+    c->told |= s->flags;
 }
 
 static inline void on_timing(const lcm_recv_buf_t *b, const char *channel, const trocar_loop_timing_t *t, void *context) {
     (void)b, (void)channel;
     client *c = context;
+    timing_record *r = &c->record;
+    if (r->count == 0) r->misses = t->misses, r->ticks = t->ticks;
+    if (r->count < NEWS_REMEMBERED) {
+        r->lateness_p99[r->count] = t->lateness_p99;
+        r->compute_p99[r->count++] = t->compute_p99;
+    }
     c->timing = *t;
     c->oldest_snapshot = fmax(c->oldest_snapshot, t->snapshot_age);
 }
 
-/* Forgets what the wrenches were like so far. */
+/* Forgets what wrenches, status and timing were like so far. */
 static inline void watch(client *c) {
-    c->seen = 0;
+    c->seen = c->told = c->record.count = 0;
     c->always = -1;
     c->least = INFINITY;
     c->most = c->oldest_snapshot = 0.0;
@@ -147,7 +165,7 @@ static inline void expect_health(client *c) {
     pass(c, 0.2);
     double rate = 1e9 * (double)(c->wrench.tick - ticks) / (double)(monotonic_ns() - start);
     if (in_time()) assert_true(rate > 0.7 * c->timing.rate_hz);
-    PASS_UNTIL(c, faulty_flags(c) == 0);
+    PASS_UNTIL(c, faulty_flags(c) == 0 && (c->status->flags & ~FLAG(NOT_REALTIME)) == 0);
     assert_true(fabs(norm3(c->wrench.raw_force) - force_of(c)) < 1e-9);
 }
 

@@ -16,6 +16,9 @@ value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
 # Is the arithmetic condition true?
 holds() { awk "BEGIN { exit !($1) }"; }
 
+# Datagrams sent in this namespace so far.
+sent() { awk '/^Udp: [0-9]/ { print $5 }' /proc/net/snmp; }
+
 start_server() {
     : >"$work/server.out" # no "ready" of the server before
     "$server" --scene "$scene" --allow-non-rt "$@" >"$work/server.out" 2>&1 &
@@ -55,15 +58,18 @@ if [ "${TROCAR_CHECK_TIMING:-yes}" = yes ]; then
     holds "$(value round_trip_p50_s) < 1.2e-3" || die "round trip longer than a period and 0.2 ms"
 fi
 
+silent=$(sent)
 start_server --rate 500
 end_server INT
+[ "$(sent)" -gt "$silent" ] || die "no datagram of a server that runs was seen"
 
-# What is wrong is said, with exit status 2.
+# What is wrong is said, with exit status 2, before anything is sent.
 refuses() {
-    text=$1 status=0
+    text=$1 status=0 before=$(sent)
     shift
     "$server" "$@" >"$work/bad.out" 2>&1 || status=$?
     [ "$status" = 2 ] || die "exit status $status, not 2: $*"
+    [ "$(sent)" = "$before" ] || die "something was sent: $*"
     grep -qF -- "$text" "$work/bad.out" || die "no '$text' in: $(cat "$work/bad.out")"
 }
 refuses none.yaml --scene "$work/none.yaml"

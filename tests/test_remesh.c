@@ -76,7 +76,7 @@ static void the_sparse_owner_serves_as_well(void **state) {
     inverse_free(sparse);
 }
 
-/* Every node on the line and beside it is at hand, with the right blocks; with contact nodes there, and more after it. */
+/* The blocks are right after it, with contact nodes there, and more of them later. */
 static void looking_ahead_changes_no_answer(void) {
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
         remesher *r = start(method);

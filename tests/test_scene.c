@@ -368,7 +368,7 @@ static void the_table_of_parameters_is_true(void **state) {
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
         ONCE("contact.resolution", simulation.insertion.resolution), ONCE("contact.max_passes", simulation.insertion.max_passes),
         ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
-        ONCE("device.max_force", guard.max_force), ONCE("device.max_torque", guard.max_torque),
+        ONCE("device.max_stiffness", guard.max_stiffness), ONCE("device.max_force", guard.max_force), ONCE("device.max_torque", guard.max_torque),
         ONCE("device.max_force_rate", guard.max_force_rate), ONCE("device.max_torque_rate", guard.max_torque_rate),
         ONCE("device.max_speed", guard.max_speed), ONCE("device.max_turn_rate", guard.max_turn_rate),
         ONCE("device.hold_time", guard.hold_time), ONCE("device.ramp_time", guard.ramp_time),

@@ -45,8 +45,8 @@ def table(rows):
     for row in rows:
         unit = f" {row['unit']}" if row["unit"] else ""
         value, expected = (figure_number(row[key]) and figure_number(row[key]) + unit for key in ("value", "expected"))
-        error, limit = (figure_number(row[key], 2) for key in ("error", "limit"))
-        verdict = ("pass" if row["pass"] else "**fail**") + (f": {row['note']}" if row["note"] else "")
+        error, limit = (figure_number(row.get(key), 2) for key in ("error", "limit"))
+        verdict = ("measured" if row["kind"] == "measured" else "pass" if row["pass"] else "**fail**") + (f": {row['note']}" if row["note"] else "")
         yield "| " + " | ".join(map(cell, (row["check"], row["reference"], value, expected, error, limit, verdict))) + " |"
 
 
@@ -110,20 +110,21 @@ def subject_of(title):
 
 def section_lines(title, entries, folder):
     yield f"### {title}\n"
-    rows = [entry for entry in entries if entry["kind"] == "row"]
+    rows = [entry for entry in entries if entry["kind"] in ("row", "measured")]
     if rows:
         yield "\n".join(table(rows)) + "\n"
     for name in figures(entries, folder):
         yield f"![{Path(name).stem}](plots/{name})\n"
 
 
-def report_lines(entries, folder):
+def report_lines(entries, folder, commit):
     rows = [entry for entry in entries if entry["kind"] == "row"]
     passed = sum(row["pass"] for row in rows)
+    measured = sum(entry["kind"] == "measured" for entry in entries)
     yield "# Verification report\n"
     yield ("Made by `scripts/verify`; do not edit. A row passes if its error is at most its limit; errors are relative "
-           "unless the row says otherwise. What each check does is told at the head of its source in this folder.\n")
-    yield f"**{passed} of {len(rows)} rows pass.** Commit {output_of('git', 'describe', '--always', '--dirty')}. {machine()}\n"
+           "unless the row says otherwise. Rows that are only measured have no limit and are not counted. What each check does is told at the head of its source in this folder.\n")
+    yield f"**{passed} of {len(rows)} rows pass**, {measured} more are measured. Commit {commit}. {machine()}\n"
     failing = [row for row in rows if not row["pass"]]
     if failing:
         yield "Rows that fail:\n"
@@ -142,10 +143,11 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     folder = Path(sys.argv[1])
+    commit = output_of("git", "describe", "--always", "--dirty")  # before the plots are touched
     PLOTS.mkdir(exist_ok=True)
     for old in PLOTS.glob("*.svg"):
         old.unlink()
-    (HERE / "REPORT.md").write_text("\n".join(report_lines(read_entries(folder), folder)))
+    (HERE / "REPORT.md").write_text("\n".join(report_lines(read_entries(folder), folder, commit)))
     return 0
 
 

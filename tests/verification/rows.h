@@ -6,7 +6,8 @@
            return rows_end(&r);
        }
 
-   A section is "Part: subject"; the report sorts by it. tests/verification/rows.py is the same for Python. */
+   rows_measured() writes what there is no limit for: it neither passes nor fails and is not counted. A section is "Part: subject";
+   the report sorts by it. tests/verification/rows.py is the same for Python. */
 #ifndef TROCAR_VERIFICATION_ROWS_H
 #define TROCAR_VERIFICATION_ROWS_H
 
@@ -89,21 +90,33 @@ static inline void rows_open(rows *r, const char *kind) {
     rows_text(r, "section", r->section);
 }
 
+static inline void rows_values(rows *r, const char *kind, const row *entry) {
+    rows_open(r, kind);
+    rows_text(r, "check", entry->check);
+    rows_text(r, "reference", entry->reference);
+    rows_number(r, "value", entry->value);
+    rows_number(r, "expected", entry->expected);
+    rows_number(r, "error", entry->error);
+    rows_text(r, "unit", entry->unit);
+    rows_text(r, "note", entry->note);
+}
+
 static inline void rows_add(rows *r, row entry) {
     bool pass = entry.error <= entry.limit; /* not when NaN */
     r->failed += !pass;
-    rows_open(r, "row");
-    rows_text(r, "check", entry.check);
-    rows_text(r, "reference", entry.reference);
-    rows_number(r, "value", entry.value);
-    rows_number(r, "expected", entry.expected);
-    rows_number(r, "error", entry.error);
+    rows_values(r, "row", &entry);
     rows_number(r, "limit", entry.limit);
-    rows_text(r, "unit", entry.unit);
-    rows_text(r, "note", entry.note);
     fprintf(r->file, ", \"pass\": %s}", pass ? "true" : "false");
     printf("%s  %s: %.6g%s%s (error %.3g, limit %.3g)\n", pass ? "pass" : "FAIL", entry.check, entry.value,
            entry.unit ? " " : "", entry.unit ? entry.unit : "", entry.error, entry.limit);
+    fflush(stdout);
+}
+
+/* A line without limit, and so without pass: entry.limit does not count. */
+static inline void rows_measured(rows *r, row entry) {
+    rows_values(r, "measured", &entry);
+    fputc('}', r->file);
+    printf("      %s: %.6g%s%s (error %.3g, no limit)\n", entry.check, entry.value, entry.unit ? " " : "", entry.unit ? entry.unit : "", entry.error);
     fflush(stdout);
 }
 

@@ -1,5 +1,7 @@
 /* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and how far the base had
-   come and with what force it pushed when each membrane gave way, against the finest. */
+   come since the tip touched the skin, and with what force it pushed, when each membrane gave way. Compared with the finest of
+   these meshes, that is with the project itself: what all of them have in common does not show here, but in
+   verify_resolution.py, where the needle's surface is resolved. */
 #include <unistd.h>
 
 #include "lockstep.h"
@@ -13,7 +15,7 @@ static const double LIMIT = 0.07; /* what people notice of a force (Pang, Tan an
 typedef struct {
     int nodes, punctures;
     double push, pull, sagittal, torque;   /* largest of the figure-8 motion, N and N m */
-    double way[4], force[4];               /* m of base travel and N along the needle at each puncture */
+    double way[4], force[4];               /* m of base travel from the skin on and N along the needle at each puncture */
     double sideways;                       /* N, base moved 5 mm sideways at 55 mm depth */
 } outcome;
 
@@ -22,7 +24,7 @@ static void figure8(lockstep *l, outcome *o) {
     for (int i = 1; i <= 2400; i++) {
         lockstep_tick(l, motion_pose(script, lockstep_start(), i * 1e-3), 1e-3);
         if (l->wrench.events & EVENT_PUNCTURED) {
-            o->way[o->punctures & 3] = l->base.position.z - lockstep_start().position.z;
+            o->way[o->punctures & 3] = l->base.position.z + l->simulation.needle.given.length;
             o->force[o->punctures++ & 3] = -l->wrench.force.z;
         }
         o->push = fmax(o->push, -l->wrench.force.z);
@@ -49,8 +51,8 @@ static outcome run(const char *mesh) {
 }
 
 static void compare(rows *r, const outcome *o, const outcome *finest) {
-    char check[96], reference[48];
-    snprintf(reference, sizeof reference, "%d nodes", finest->nodes);
+    char check[96], reference[64];
+    snprintf(reference, sizeof reference, "own finest mesh, %d nodes", finest->nodes);
     const struct { const char *what, *unit; double value, expected; const char *note; } all[] = {
         {"push, axial peak", "N", o->push, finest->push, AFTER_PUNCTURE}, {"pull, axial peak", "N", o->pull, finest->pull, NULL},
         {"sagittal peak", "N", o->sagittal, finest->sagittal, NULL},      {"sagittal torque", "N m", o->torque, finest->torque, NULL},
@@ -61,8 +63,16 @@ static void compare(rows *r, const outcome *o, const outcome *finest) {
         double error = fabs(all[i].value - all[i].expected) / fabs(all[i].expected);
         snprintf(check, sizeof check, "%s, %d nodes", all[i].what, o->nodes);
         rows_add(r, (row){.check = check, .reference = reference, .value = all[i].value, .expected = all[i].expected, .error = error,
-                          .limit = LIMIT, .unit = all[i].unit, .note = all[i].note});
+                          .limit = LIMIT, .unit = all[i].unit, .note = error > LIMIT ? all[i].note : NULL});
     }
+}
+
+static outcome run_or_fail(rows *r, const char *mesh) {
+    if (access(mesh, R_OK) == 0) return run(mesh);
+    const char *name = strrchr(mesh, '/') + 1;
+    rows_add(r, (row){.check = name, .reference = "", .value = NAN, .expected = NAN, .error = NAN, .limit = LIMIT,
+                      .note = "no such mesh: scripts/meshes makes it"});
+    return (outcome){0};
 }
 
 int main(int argc, char **argv) {
@@ -71,10 +81,10 @@ int main(int argc, char **argv) {
                                         GENERATED "/prostate-20000.msh", GENERATED "/prostate-45000.msh"};
     rows r = rows_begin(argc, argv, "Mesh independence: figure 8 and a sideways push");
     outcome found[sizeof files / sizeof *files];
-    int count = 0, wanted = r.short_form ? 1 : (int)(sizeof files / sizeof *files);
-    for (int i = 0; i < wanted; i++)
-        if (access(files[i], R_OK) == 0) found[count++] = run(files[i]);
-    for (int i = 0; i < count - 1; i++) compare(&r, &found[i], &found[count - 1]);
+    int count = r.short_form ? 1 : (int)(sizeof files / sizeof *files), finest = count - 1;
+    for (int i = 0; i < count; i++) found[i] = run_or_fail(&r, files[i]);
+    for (int i = 0; i < finest; i++)
+        if (found[i].nodes > 0 && found[finest].nodes > 0) compare(&r, &found[i], &found[finest]);
     if (r.short_form) rows_compare(&r, "punctures", "skin and capsule", found[0].punctures, 2, 0.0, NULL);
     return rows_end(&r);
 }

@@ -73,20 +73,16 @@ static void run_hand(smoothness *s, lockstep *l, int run) {
     }
 }
 
-/* Why changes are too large where they are. */
-static const char *at_faces = "; the tip's own compliance falls within tenths of a millimetre as it nears a face of its leaf, so it jerks forward";
-static const char *in_recoil = "; cutting viscosity alone brakes the needle, and faces of leaves go by each few ticks";
-
 static void report_mesh(rows *r, const char *name, int runs, const smoothness *s) {
     char check[160], note[480];
     const distribution *q = &s->quiet, *c = &s->recoil;
     snprintf(check, sizeof check, "%s: largest change of a tick, %d insertions", name, runs);
-    snprintf(note, sizeof note, "%ld ticks; p50 %.3f, p99 %.2f, p99.9 %.2f; %ld above%s", q->count, percentile(q, 0.5), percentile(q, 0.99),
-             percentile(q, 0.999), q->excesses, q->excesses ? at_faces : "");
+    snprintf(note, sizeof note, "%ld ticks; p50 %.3f, p99 %.2f, p99.9 %.2f; %ld above", q->count, percentile(q, 0.5), percentile(q, 0.99),
+             percentile(q, 0.999), q->excesses);
     rows_add(r, (row){.check = check, .reference = "max(7 %, 0.05 N)", .value = q->largest, .expected = NAN, .error = q->largest, .limit = 1.0, .note = note});
     snprintf(check, sizeof check, "%s: the same in the %d ms after a puncture", name, RECOIL);
-    snprintf(note, sizeof note, "the needle springs forward; p50 %.3f, p99 %.2f; %ld of %ld above%s", percentile(c, 0.5), percentile(c, 0.99), c->excesses,
-             c->count, c->excesses ? in_recoil : "");
+    snprintf(note, sizeof note, "the needle springs forward; p50 %.3f, p99 %.2f; %ld of %ld above", percentile(c, 0.5), percentile(c, 0.99), c->excesses,
+             c->count);
     rows_add(r, (row){.check = check, .reference = "max(7 %, 0.05 N)", .value = c->largest, .expected = NAN, .error = c->largest, .limit = 1.0, .note = note});
     snprintf(check, sizeof check, "%s: ticks without equilibrium or room", name);
     bool lost = s->events & (EVENT_UNSTABLE | EVENT_FULL);

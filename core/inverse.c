@@ -19,14 +19,12 @@ void inverse_free(inverse *inv) {
     free(inv);
 }
 
-void inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns,
-                    double *out, int ld) {
-    inv->owner->gather(inv, row_count, rows, column_count, columns, out, ld);
+trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                             report *why) {
+    return inv->owner->gather(inv, row_count, rows, column_count, columns, out, ld, why);
 }
 
-trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why) {
-    return inv->owner->prefetch ? inv->owner->prefetch(inv, count, nodes, why) : TROCAR_OK;
-}
+trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->prepare ? inv->owner->prepare(inv, why) : TROCAR_OK; }
 
 bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
 

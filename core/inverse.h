@@ -14,30 +14,36 @@ trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
 static const double SPARSE_CACHE = 1.5e9; /* bytes, the usual choice */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
+/* Told how far a long start has come, from 0 to 1; NULL: nobody wants to know. */
+typedef void (*inverse_progress)(const char *what, double fraction);
+
 /* Dense between `nodes`, 8 (3 count)^2 bytes; read from `directory` if it is there (see condensed_cache.h), else computed and
    written. What lies outside falls back to a sparse owner. Factors `t` itself, when the factor is needed: not before the
    first field of displacements or node outside if the inverse was on disk. `notice` says where it came from. */
-typedef void (*inverse_progress)(const char *what, double fraction); /* NULL: nobody wants to know */
-trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress, inverse **created,
-                                       report *notice, report *why);
+trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress,
+                                       inverse **created, report *notice, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
-/* Makes ready what gather needs of these nodes, in blocks: cheaper than one by one as gather meets them. Worker's side. */
-trocar_status inverse_prefetch(inverse *inv, int count, const int *nodes, report *why);
-bool inverse_prefetches(const inverse *inv); /* it pays to do so in idle time */
+/* Makes now what would else be made when it is first needed: the condensed owner's factor, minutes on a large mesh. Fails as the
+   gather that needs it would. From any thread, beside the others. */
+trocar_status inverse_prepare(inverse *inv, report *why);
+
+/* It pays to gather in idle time what will be wanted later: the second time is much cheaper. */
+bool inverse_prefetches(const inverse *inv);
 
 /* False where the first such node makes the owner factor the whole matrix: only for what can't be done without. */
 bool inverse_holds(const inverse *inv, int node);
 
 /* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
-   out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. */
-void inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns,
-                    double *out, int ld);
+   out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. Fails where the factor of the whole matrix is
+   needed and can't be made; `out` is then untouched. One thread at a time: the worker's side. */
+trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                             report *why);
 
-/* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Uses the factor's workspace:
-   one thread at a time. */
+/* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Zero where the factor is needed and can't
+   be made. Uses the factor's workspace: one thread at a time. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
 /* The dense matrix itself (dof_count square, column-major, full), or NULL where the owner does not keep one. */

@@ -15,8 +15,10 @@ typedef struct {
     int *nodes;              /* count: in the order of the matrix */
     int *place;              /* node_count: index in `nodes`, or -1 */
     double *matrix;          /* 3 count square, full, m/N */
-    mtx_t lock;              /* of `rest`: worker and display may ask for it at once */
-    inverse *rest;           /* NULL: not needed yet */
+    mtx_t lock;              /* of the next three: worker, display and who prepares it may ask for it at once */
+    inverse *rest;           /* NULL: not needed yet, or it can't be made */
+    trocar_status rest_status;
+    report no_rest;          /* why it can't be made */
     int given_count, *given; /* nodes of the region as they came */
 } condensed_inverse;
 
@@ -26,26 +28,29 @@ static trocar_status factor_once(condensed_inverse *c, report *why) {
     return c->shared.tissue->factor ? TROCAR_OK : tissue_factor(c->shared.tissue, c->given_count, c->given, why);
 }
 
-static inverse *rest_of(condensed_inverse *c, report *why) {
+/* One that can't be made is not tried again: that would take minutes each time. */
+static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
     mtx_lock(&c->lock);
-    if (!c->rest && factor_once(c, why) == TROCAR_OK) inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &c->rest, why);
-    inverse *rest = c->rest;
+    if (!c->rest && c->rest_status == TROCAR_OK) {
+        c->rest_status = factor_once(c, &c->no_rest);
+        if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &c->rest, &c->no_rest);
+    }
+    trocar_status status = c->rest_status;
+    *rest = c->rest;
+    if (status != TROCAR_OK) *why = c->no_rest;
     mtx_unlock(&c->lock);
-    return rest;
+    return status;
+}
+
+static trocar_status condensed_prepare(inverse *inv, report *why) {
+    inverse *rest;
+    return rest_of((condensed_inverse *)inv, &rest, why);
 }
 
 static bool is_inside(const condensed_inverse *c, int count, const int *nodes) {
     for (int i = 0; i < count; i++)
         if (c->place[nodes[i]] < 0 && c->shared.tissue->dof[nodes[i]] >= 0) return false;
     return true;
-}
-
-/* Only what lies outside needs anything. */
-static trocar_status condensed_prefetch(inverse *inv, int count, const int *nodes, report *why) {
-    condensed_inverse *c = (condensed_inverse *)inv;
-    if (is_inside(c, count, nodes)) return TROCAR_OK;
-    inverse *rest = rest_of(c, why);
-    return rest ? inverse_prefetch(rest, count, nodes, why) : TROCAR_NO_MEMORY;
 }
 
 static void look_up(const condensed_inverse *c, int row, int column, double *out, int ld) {
@@ -56,26 +61,27 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
         for (size_t b = 0; b < 3; b++) out[a * (size_t)ld + b] = zero ? 0.0 : block[a * n + b];
 }
 
-static void condensed_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+/* Only what lies outside needs more than a look. */
+static trocar_status condensed_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                                      report *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
-    report why;
-    inverse *rest = is_inside(c, row_count, rows) && is_inside(c, column_count, columns) ? NULL : rest_of(c, &why);
-    if (rest) {
-        inverse_gather(rest, row_count, rows, column_count, columns, out, ld);
-        return;
+    if (!is_inside(c, row_count, rows) || !is_inside(c, column_count, columns)) {
+        inverse *rest;
+        trocar_status status = rest_of(c, &rest, why);
+        return status == TROCAR_OK ? inverse_gather(rest, row_count, rows, column_count, columns, out, ld, why) : status;
     }
     for (int i = 0; i < row_count; i++)
         for (int j = 0; j < column_count; j++) look_up(c, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+    return TROCAR_OK;
 }
 
 static void condensed_apply(inverse *inv, const double *force, double *displacement) {
     report why;
-    size_t bytes = (size_t)inv->tissue->dof_count * sizeof *force;
     bool forced = false;
     for (int i = 0; i < inv->tissue->dof_count && !forced; i++) forced = force[i] != 0.0;
-    inverse *rest = forced ? rest_of((condensed_inverse *)inv, &why) : NULL;
-    if (rest) rest->owner->apply(rest, force, displacement);
-    else memset(displacement, 0, bytes); /* no force, no displacement; no factor either */
+    inverse *rest;
+    if (forced && rest_of((condensed_inverse *)inv, &rest, &why) == TROCAR_OK) rest->owner->apply(rest, force, displacement);
+    else memset(displacement, 0, (size_t)inv->tissue->dof_count * sizeof *force); /* no force, no displacement; no factor either */
 }
 
 static void condensed_release(inverse *inv) {
@@ -90,7 +96,8 @@ static void condensed_release(inverse *inv) {
 
 static bool condensed_holds(const inverse *inv, int node) { return is_inside((const condensed_inverse *)inv, 1, &node); }
 
-static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prefetch, condensed_release, false, condensed_holds};
+static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prepare, condensed_release, false,
+                                              condensed_holds};
 
 /* ---- condensation ----------------------------------------------------------------------------------------------------- */
 
@@ -182,15 +189,15 @@ static trocar_status fill(condensed_inverse *c, const char *directory, inverse_p
     }
     trocar_status status = condense(c, progress, why);
     if (status != TROCAR_OK) return status;
-    snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", c->count, found == CACHE_ABSENT ? "written to" : "was damaged, written again to",
-             cache.path);
+    snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", c->count,
+             found == CACHE_ABSENT ? "written to" : "was damaged, written again to", cache.path);
     report unwritten;
     if (condensed_cache_write(&cache, c->count, c->nodes, c->matrix, &unwritten) != TROCAR_OK) *notice = unwritten;
     return TROCAR_OK;
 }
 
-trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress, inverse **created,
-                                       report *notice, report *why) {
+trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress,
+                                       inverse **created, report *notice, report *why) {
     condensed_inverse *c = calloc(1, sizeof *c);
     *created = c ? &c->shared : NULL;
     if (!c) return fail(why, TROCAR_NO_MEMORY, "no memory");

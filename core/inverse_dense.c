@@ -12,8 +12,9 @@ typedef struct {
 
 static double *dense_of(inverse *inv) { return ((dense_inverse *)inv)->dense; }
 
-static void dense_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns,
-                         double *out, int ld) {
+static trocar_status dense_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                                  report *why) {
+    (void)why;
     size_t n = (size_t)inv->tissue->dof_count;
     const int *dof = inv->tissue->dof;
     for (int i = 0; i < row_count; i++)
@@ -24,6 +25,7 @@ static void dense_gather(inverse *inv, int row_count, const int *rows, int colum
                 for (int b = 0; b < 3; b++)
                     out[(3 * i + a) * ld + 3 * j + b] = row < 0 || column < 0 ? 0.0 : block[(size_t)a * n + (size_t)b];
         }
+    return TROCAR_OK;
 }
 
 static void dense_apply(inverse *inv, const double *force, double *displacement) {

@@ -6,12 +6,12 @@
 
 typedef struct {
     const char *name;
-    void (*gather)(inverse *, int, const int *, int, const int *, double *, int);
-    void (*apply)(inverse *, const double *force, double *displacement);  /* dof_count each */
-    trocar_status (*prefetch)(inverse *, int, const int *, report *);     /* NULL: everything is at hand */
-    void (*release)(inverse *);                                           /* all but the shared part */
-    bool prefetches;                                                      /* prefetch pays in idle time */
-    bool (*holds)(const inverse *, int node);                             /* NULL: all nodes */
+    trocar_status (*gather)(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld, report *why);
+    void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
+    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: nothing was put off */
+    void (*release)(inverse *inv);                                          /* all but the shared part */
+    bool prefetches;                                                        /* see inverse_prefetches */
+    bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
 } inverse_owner;
 
 /* First member of every owner's struct. */

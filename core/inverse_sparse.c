@@ -59,21 +59,19 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     half_solve(s->half, count, dofs, y);
 }
 
-/* Those that are there are kept from being the oldest before any other goes: LEAST_SLOTS nodes at once stay together. */
-static trocar_status sparse_prefetch(inverse *inv, int count, const int *nodes, report *why) {
-    (void)why;
-    sparse_inverse *s = (sparse_inverse *)inv;
+/* Of nodes that can move. Those that are there are kept from being the oldest before any other goes: LEAST_SLOTS nodes at once
+   stay together. */
+static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++)
         if (s->slot[nodes[i]] >= 0) s->used[s->slot[nodes[i]]] = ++s->time;
     for (int i = 0; i < count; i++) {
-        bool asked = s->slot[nodes[i]] >= 0 || inv->tissue->dof[nodes[i]] < 0;
+        bool asked = s->slot[nodes[i]] >= 0;
         for (int k = 0; k < found; k++) asked |= missing[k] == nodes[i];
         if (!asked) missing[found++] = nodes[i];
         if (found == HALF_BLOCK) solve_halves(s, found, missing), found = 0;
     }
     if (found > 0) solve_halves(s, found, missing);
-    return TROCAR_OK;
 }
 
 /* One side of a block: the nodes that can move. */
@@ -103,7 +101,7 @@ static void gather_block(sparse_inverse *s, int row_count, const int *rows, int 
     int both[LEAST_SLOTS];
     memcpy(both, left.node, (size_t)left.count * sizeof *both);
     memcpy(both + left.count, right.node, (size_t)right.count * sizeof *both);
-    sparse_prefetch(&s->shared, left.count + right.count, both, NULL);
+    solve_missing(s, left.count + right.count, both);
     point_to_halves(s, &left);
     point_to_halves(s, &right);
     half_product(s->half, left.count, left.dof, left.y, right.count, right.dof, right.y, s->block, 3 * PRODUCT_BLOCK);
@@ -111,7 +109,8 @@ static void gather_block(sparse_inverse *s, int row_count, const int *rows, int 
     for (int i = 0; i < left.count; i++)
         for (int j = 0; j < right.count; j++)
             for (int a = 0; a < 3; a++)
-                memcpy(out + (size_t)(3 * left.place[i] + a) * (size_t)ld + 3 * right.place[j], s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *out);
+                memcpy(out + (size_t)(3 * left.place[i] + a) * (size_t)ld + 3 * right.place[j],
+                       s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *out);
 }
 
 static int least(int a, int b) { return a < b ? a : b; }
@@ -149,15 +148,18 @@ static void compute_missing(sparse_inverse *s, int row_count, const int *rows, i
         }
 }
 
-static void sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
+static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                                   report *why) {
+    (void)why;
     sparse_inverse *s = (sparse_inverse *)inv;
     if (!block_cache_take(&s->blocks, row_count, rows, column_count, columns)) {
         gather_afresh(s, row_count, rows, column_count, columns, out, ld);
-        return;
+        return TROCAR_OK;
     }
     compute_missing(s, row_count, rows, column_count, columns);
     for (int i = 0; i < row_count; i++)
         for (int j = 0; j < column_count; j++) block_cache_get(&s->blocks, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+    return TROCAR_OK;
 }
 
 static bool solver_create(solver *w, size_t n, size_t columns) {
@@ -204,7 +206,7 @@ static void sparse_release(inverse *inv) {
     block_cache_free(&s->blocks);
 }
 
-static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, sparse_prefetch, sparse_release, true, NULL};
+static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, NULL, sparse_release, true, NULL};
 
 static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;

@@ -54,6 +54,7 @@ void gather_start(remesher *r) {
     gathered_blocks *g = &r->gathered;
     while (g->row_count > 0) g->row_of[g->rows[--g->row_count]] = -1;
     while (g->column_count > 0) g->column_of[g->columns[--g->column_count]] = -1;
+    g->status = TROCAR_OK;
 }
 
 static void list_once(int node, int *place_of, int *nodes, int *count, int most) {
@@ -68,13 +69,11 @@ void gather_column(remesher *r, int node) { list_once(node, r->gathered.column_o
 
 trocar_status gather_finish(remesher *r, report *why) {
     gathered_blocks *g = &r->gathered;
-    trocar_status status = inverse_prefetch(r->inverse, g->row_count, g->rows, why);
-    if (status == TROCAR_OK) inverse_gather(r->inverse, g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS);
-    return status;
+    return inverse_gather(r->inverse, g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS, why);
 }
 
 mat3 nominal_block(remesher *r, int node, int other) {
-    const gathered_blocks *g = &r->gathered;
+    gathered_blocks *g = &r->gathered;
     mat3 block = {{{0}}};
     bool straight = g->row_of[node] >= 0 && g->column_of[other] >= 0;
     if (straight || (g->row_of[other] >= 0 && g->column_of[node] >= 0)) {
@@ -82,7 +81,8 @@ mat3 nominal_block(remesher *r, int node, int other) {
         m3_add_block(&block, 1.0, g->blocks + (size_t)(3 * row) * 3 * MAX_COLUMNS + 3 * column, 3 * MAX_COLUMNS);
         return straight ? block : m3_transposed(&block);
     }
-    inverse_gather(r->inverse, 1, &node, 1, &other, &block.m[0][0], 3);
+    trocar_status status = inverse_gather(r->inverse, 1, &node, 1, &other, &block.m[0][0], 3, &g->why);
+    if (status != TROCAR_OK) g->status = status;
     return block;
 }
 
@@ -168,8 +168,24 @@ void remesher_free(remesher *r) {
 
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
+/* A step that went well, unless it met blocks that the inverse's owner could not give. */
+static trocar_status confirm(const remesher *r, report *why) {
+    if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
+    return r->gathered.status;
+}
+
 static trocar_status take_nodes(remesher *r, int count, const int *handles, report *why) {
-    return count > 0 && r->operations->take_nodes ? r->operations->take_nodes(r, count, handles, why) : TROCAR_OK;
+    if (count == 0 || !r->operations->take_nodes) return TROCAR_OK;
+    trocar_status status = r->operations->take_nodes(r, count, handles, why);
+    return status == TROCAR_OK ? confirm(r, why) : status;
+}
+
+static trocar_status add_node(remesher *r, int index, report *why) {
+    trocar_status status = r->operations->add(r, index, why);
+    if (status != TROCAR_OK) return status;
+    status = confirm(r, why);
+    if (status != TROCAR_OK) r->operations->remove(r, index);
+    return status;
 }
 
 /* Nodes that are still wanted keep their places; new ones take the free places. */
@@ -198,7 +214,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
     while (r->refined.count > kept) r->operations->remove(r, --r->refined.count);
     for (; r->refined.count < wanted->count; r->refined.count++) {
         r->refined.nodes[r->refined.count] = wanted->nodes[r->refined.count];
-        trocar_status status = r->operations->add(r, r->refined.count, why);
+        trocar_status status = add_node(r, r->refined.count, why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;

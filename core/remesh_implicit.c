@@ -192,10 +192,10 @@ trocar_status remesher_create_implicit(inverse *inv, remesher **created, report 
     r->packed_middle = calloc((size_t)SNAPSHOT_LD * MAX_RANK, sizeof(double));
     if (!r->factors || !r->chain || !r->touched || !r->product || !r->packed || !r->packed_middle)
         status = fail(why, TROCAR_NO_MEMORY, "no memory for the factors of the remeshing");
-    double row[9];
+    double row[9] = {0};
     int node = 0;
-    while (inverse_tissue(inv)->fixed[node]) node++;
-    inverse_gather(inv, 1, &node, 1, &node, row, 3);
+    while (inverse_tissue(inv)->fixed[node] || !inverse_holds(inv, node)) node++;
+    if (status == TROCAR_OK) status = inverse_gather(inv, 1, &node, 1, &node, row, 3, why);
     r->spring = row[0]; /* of any size, as it is taken away again; the compliances' own does not lose digits */
     return status;
 }

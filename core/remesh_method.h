@@ -13,6 +13,8 @@ typedef struct {
     int row_count, rows[MAX_ROWS], column_count, columns[MAX_COLUMNS]; /* nominal nodes, each once */
     int *row_of, *column_of;         /* node_count: place among those, or -1 */
     double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
+    trocar_status status;            /* of those asked for one by one since the start: the last failure, */
+    report why;                      /* and its reason */
 } gathered_blocks;
 
 typedef struct {
@@ -70,7 +72,8 @@ void gather_row(remesher *r, int node);
 void gather_column(remesher *r, int node);
 trocar_status gather_finish(remesher *r, report *why);
 
-/* A block of the nominal inverse between nominal nodes: one of those gathered, in either order, or else from the owner. */
+/* A block of the nominal inverse between nominal nodes: one of those gathered, in either order, or else from the owner. Zero where
+   that fails: what was made of it is then given up (gathered.status). */
 mat3 nominal_block(remesher *r, int node, int other);
 
 #endif

@@ -215,7 +215,7 @@ static bool analyse(tissue *t, const bool *last) {
     return t->factor != NULL;
 }
 
-trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
     static const double LOOSE = 1e-13;
     bool *last = calloc((size_t)t->dof_count / 3, sizeof *last);
     for (int i = 0; last && i < count; i++)
@@ -230,6 +230,12 @@ trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why)
         return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not hold the whole body: name a surface or region "
                     "under `fixed` that every part of the mesh hangs on");
     return TROCAR_OK;
+}
+
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+    trocar_status status = factor(t, count, nodes, why);
+    if (status != TROCAR_OK) cholmod_free_factor(&t->factor, &t->common);
+    return status;
 }
 
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,

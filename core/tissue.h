@@ -41,7 +41,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
                               tissue *t, report *why);
 
 /* Factors K. These nodes are eliminated last: rows of the inverse between them then cost a small part of the factor.
-   BAD_INPUT when the fixed nodes do not hold the body. */
+   BAD_INPUT when the fixed nodes do not hold the body. There is no factor where it fails. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 /* Both, in an order that favours no node: for tests. A simulation factors when it knows which nodes come last, or never. */

@@ -84,6 +84,12 @@ static inline void cube_free(cube *c) {
     mesh_free(&c->mesh);
 }
 
+/* K becomes zero: no factor can be made of it any more. */
+static inline void cube_loosen(tissue *t) {
+    size_t entries = (size_t)((const int *)t->stiffness->p)[t->stiffness->ncol];
+    memset(t->stiffness->x, 0, entries * sizeof(double));
+}
+
 /* A point of this tet with random weights, at least `margin` of it from each corner's opposite face. */
 static inline vec3 cube_point(const cube *c, int tet, double margin) {
     double w[4], sum = 0.0;

@@ -21,7 +21,7 @@ static int create(void **state) {
     int all[CUBE_NODES];
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
-    inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, inverse_blocks, N);
+    assert_int_equal(inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, inverse_blocks, N, &why), TROCAR_OK);
     for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(inverse_blocks[i]));
     return 0;
 }

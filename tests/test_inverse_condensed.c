@@ -26,7 +26,7 @@ static int create(void **state) {
     if (!mkdtemp(directory) || cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     for (int i = 0; i < REGION; i++) region[i] = 3 + 4 * i;
-    inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N);
+    if (inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N, &why) != TROCAR_OK) return -1;
     for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(dense[i]));
     return 0;
 }
@@ -63,8 +63,7 @@ static void stop(condensed *c) {
 static void assert_blocks(condensed *c, int count, const int *nodes) {
     static double found[N * N];
     report why;
-    assert_int_equal(inverse_prefetch(c->inverse, count, nodes, &why), TROCAR_OK);
-    inverse_gather(c->inverse, count, nodes, count, nodes, found, N);
+    assert_int_equal(inverse_gather(c->inverse, count, nodes, count, nodes, found, N, &why), TROCAR_OK);
     for (int i = 0; i < 3 * count; i++)
         for (int j = 0; j < 3 * count; j++)
             assert_close(found[i * N + j], dense[(3 * nodes[i / 3] + i % 3) * N + 3 * nodes[j / 3] + j % 3], 1e-12 * largest);
@@ -102,6 +101,53 @@ static void a_second_start_needs_no_factor(void **state) {
     inverse_apply(body.inverse, force, one);
     inverse_apply(c.inverse, force, other);
     for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(other[i], one[i], 1e-11 * N * largest);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+/* Outside, a factor is needed. Where none can be made, nobody is told of a body that does not move there. */
+static void what_cannot_be_made_is_refused(void **state) {
+    (void)state;
+    condensed c;
+    start(&c, 1.0);
+    stop(&c);
+    start(&c, 1.0);
+    cube_loosen(&c.tissue);
+    int outside = 61, inside = 27;
+    assert_false(inverse_holds(c.inverse, outside));
+    assert_true(inverse_holds(c.inverse, inside));
+    double block[9] = {7.0};
+    for (int i = 0; i < 2; i++) {
+        report why = {""};
+        assert_int_equal(inverse_gather(c.inverse, 1, &inside, 1, &outside, block, 3, &why), TROCAR_BAD_INPUT);
+        assert_non_null(strstr(why.text, "do not hold the whole body"));
+        assert_true(block[0] == 7.0);
+    }
+    report why = {""};
+    assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "do not hold the whole body"));
+    assert_null(c.tissue.factor);
+    assert_blocks(&c, REGION, region);
+    vec3 field[CUBE_NODES];
+    for (int i = 0; i < CUBE_NODES; i++) field[i] = v3(1, 2, 3);
+    inverse_apply(c.inverse, field, field);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(field[i], v3(0, 0, 0), 0.0);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+static void the_factor_can_be_made_before_it_is_needed(void **state) {
+    (void)state;
+    condensed c;
+    report why;
+    start(&c, 1.0);
+    stop(&c);
+    start(&c, 1.0);
+    assert_null(c.tissue.factor);
+    assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_OK);
+    assert_non_null(c.tissue.factor);
+    assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_OK);
+    assert_blocks(&c, CUBE_NODES, all);
     stop(&c);
     assert_int_equal(unlink(c.path), 0);
 }
@@ -197,6 +243,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(blocks_are_those_of_the_dense_inverse),
         cmocka_unit_test(a_second_start_needs_no_factor),
+        cmocka_unit_test(what_cannot_be_made_is_refused),
+        cmocka_unit_test(the_factor_can_be_made_before_it_is_needed),
         cmocka_unit_test(a_damaged_file_is_found_out_and_replaced),
         cmocka_unit_test(another_tissue_has_another_file),
         cmocka_unit_test(a_region_that_cannot_move_is_refused),

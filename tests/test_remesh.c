@@ -103,21 +103,30 @@ static void the_sparse_owner_looks_ahead(void **state) {
     inverse_free(sparse);
 }
 
-/* What a condensed owner does not hold would need a factor of the whole: only what the tick needs is worth that. */
-static void costly_nodes_are_left_out_unless_needed(void **state) {
-    (void)state;
-    tissue t;
-    inverse *condensed;
+enum { HELD = CUBE_NODES / 2 };
+
+/* An owner that holds the lower half, in `t`, which it has not factored: its file was there. */
+static inverse *lower_half(tissue *t) {
+    inverse *condensed = NULL;
     report notice, why = {""};
-    int held[CUBE_NODES / 2];
-    for (int i = 0; i < CUBE_NODES / 2; i++) held[i] = i;
-    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    char directory[] = "/tmp/test_remesh.XXXXXX";
+    char directory[] = "/tmp/test_remesh.XXXXXX", command[64];
+    int held[HELD];
+    for (int i = 0; i < HELD; i++) held[i] = i;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, t, &why), TROCAR_OK);
     assert_non_null(mkdtemp(directory));
-    assert_int_equal(inverse_create_condensed(&t, CUBE_NODES / 2, held, directory, NULL, &condensed, &notice, &why), TROCAR_OK);
-    const tissue *had = tested;
-    tested = &t;
-    tested_inverse = condensed;
+    for (int starts = 0; starts < 2; starts++) {
+        inverse_free(condensed);
+        cholmod_free_factor(&t->factor, &t->common);
+        assert_int_equal(inverse_create_condensed(t, HELD, held, directory, NULL, &condensed, &notice, &why), TROCAR_OK);
+    }
+    assert_null(t->factor);
+    snprintf(command, sizeof command, "rm -r %s", directory);
+    assert_int_equal(system(command), 0);
+    return condensed;
+}
+
+/* What a condensed owner does not hold would need a factor of the whole: only what the tick needs is worth that. */
+static void check_costly_nodes(void) {
     remesher *r = start(REMESH_NESTED);
     int outside = CUBE_NODES - 1;
     request.window_count = 60;
@@ -125,7 +134,8 @@ static void costly_nodes_are_left_out_unless_needed(void **state) {
     serve(r);
     int inside = 0;
     for (int k = 0; k < MAX_WINDOW; k++) inside += snapshot.window[k] >= 0;
-    for (int k = 0; k < MAX_WINDOW; k++) assert_true(snapshot.window[k] < CUBE_NODES / 2);
+    for (int k = 0; k < MAX_WINDOW; k++) assert_true(snapshot.window[k] < HELD);
+    assert_null(tested->factor);
     assert_true(inside > 10);
     request.needed = 1;
     serve(r);
@@ -133,13 +143,55 @@ static void costly_nodes_are_left_out_unless_needed(void **state) {
     for (int k = 0; k < MAX_WINDOW; k++) there |= snapshot.window[k] == outside;
     assert_true(there);
     remesher_free(r);
+}
+
+static void costly_nodes_are_left_out_unless_needed(void **state) {
+    (void)state;
+    tissue t;
+    inverse *condensed = lower_half(&t);
+    with_tissue(&t, condensed, check_costly_nodes);
     inverse_free(condensed);
     tissue_free(&t);
-    tested = had;
-    tested_inverse = body.inverse;
-    char file[1200];
-    snprintf(file, sizeof file, "rm -r %s", directory);
-    assert_int_equal(system(file), 0);
+}
+
+/* An element whose nodes are all held, or none of them. */
+static int element_of(bool held) {
+    for (int tet = 0;; tet++) {
+        int found = 0;
+        for (int c = 0; c < 4; c++) found += tested->mesh->tets[tet][c] < HELD;
+        if (found == (held ? 4 : 0)) return tet;
+    }
+}
+
+/* No node is put in whose rows can't be had, and what comes after it is right. */
+static void check_refusals(void) {
+    static const kind kinds[] = {INSIDE, ON_FACE};
+    for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++)
+        for (int k = 0; k < 2; k++) {
+            report why = {""};
+            remesher *r = start(method);
+            request.window_count = 30;
+            for (int i = 0; i < 30; i++) request.window[i] = 2 * i;
+            add_node(kinds[k], element_of(true), point_in(element_of(true), 0.1));
+            check(r);
+            add_node(kinds[k], element_of(false), point_in(element_of(false), 0.1));
+            request.serial++;
+            assert_int_equal(remesher_serve(r, &request, &snapshot, &why), TROCAR_BAD_INPUT);
+            assert_non_null(strstr(why.text, "do not hold the whole body"));
+            request.wanted.count--;
+            check(r);
+            remesher_free(r);
+        }
+}
+
+static void what_the_owner_cannot_give_is_refused(void **state) {
+    (void)state;
+    tissue t;
+    inverse *condensed = lower_half(&t);
+    cube_loosen(&t);
+    with_tissue(&t, condensed, check_refusals);
+    inverse_free(condensed);
+    tissue_free(&t);
 }
 
 int main(void) {
@@ -150,6 +202,7 @@ int main(void) {
         cmocka_unit_test(the_sparse_owner_serves_as_well),
         cmocka_unit_test(the_sparse_owner_looks_ahead),
         cmocka_unit_test(costly_nodes_are_left_out_unless_needed),
+        cmocka_unit_test(what_the_owner_cannot_give_is_refused),
         cmocka_unit_test(full_inverse_methods_need_the_dense_owner),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);

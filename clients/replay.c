@@ -7,6 +7,7 @@
 
 #include "comparison.h"
 #include "events.h"
+#include "messages.h"
 #include "options.h"
 #include "output.h"
 #include "poselog.h"
@@ -172,14 +173,12 @@ static void clean_up(replay *r) {
 
 static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     const trocar_needle_pose_t *p = &r->poses.poses[tick];
-    const vec3 f = r->wrench.force, m = r->wrench.torque;
-    return (trocar_needle_wrench_t){
-        .utime = p->utime, .tick = tick, .session = p->session, .pose_seq = p->seq, .pose_utime = p->utime,
-        .force = {f.x, f.y, f.z}, .torque = {m.x, m.y, m.z}, .raw_force = {f.x, f.y, f.z}, .raw_torque = {m.x, m.y, m.z},
-        .depth = r->wrench.depth, .contacts = r->wrench.contacts, .events = (int32_t)r->wrench.events,
-        .membrane = r->wrench.membrane,
-        .flags = (r->wrench.events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0)
-               | (r->wrench.events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0)};
+    trocar_needle_wrench_t m = wrench_message(&r->wrench);
+    m.utime = m.pose_utime = p->utime;
+    m.tick = tick;
+    m.session = p->session;
+    m.pose_seq = p->seq;
+    return m;
 }
 
 static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, report *why) {

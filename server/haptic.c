@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "messages.h"
 #include "trocar_loop_timing_t.h"
-#include "trocar_needle_wrench_t.h"
 
 enum { VIEWS_HZ = 60 };
 
@@ -62,25 +62,13 @@ static insertion_wrench run_model(haptic *h, guard_decision decision, const pose
     return wrench;
 }
 
-static int flags_of(unsigned events) {
-    int late = events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
-    int unstable = events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;
-    return late | unstable;
-}
-
-static void store(vec3 v, double out[3]) {
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
-}
-
 static trocar_needle_wrench_t message_of(const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
-    trocar_needle_wrench_t m = {
-        .utime = wall_us(), .tick = tick, .session = answered->session,
-        .pose_seq = answered->held ? answered->seq : -1, .pose_utime = answered->held ? answered->utime : 0,
-        .depth = raw->depth, .contacts = raw->contacts, .events = (int32_t)raw->events, .membrane = raw->membrane};
-    store(raw->force, m.raw_force);
-    store(raw->torque, m.raw_torque);
+    trocar_needle_wrench_t m = wrench_message(raw);
+    m.utime = wall_us();
+    m.tick = tick;
+    m.session = answered->session;
+    m.pose_seq = answered->held ? answered->seq : -1;
+    m.pose_utime = answered->held ? answered->utime : 0;
     return m;
 }
 
@@ -161,12 +149,11 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t message = message_of(&raw, newest, wake->tick);
 
     vec3 force = raw.force, torque = raw.torque;
-    message.flags = h->flags | flags_of(raw.events)
-                  | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
+    message.flags |= h->flags | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
     if (port_active(&h->port)) message.flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
     h->saturated_ticks += (message.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
-    store(force, message.force);
-    store(torque, message.torque);
+    store_vec3(force, message.force);
+    store_vec3(torque, message.torque);
     port_send(&h->port, wake->tick, wake->now, force, torque);
     send_wrench(h, &message);
 

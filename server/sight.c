@@ -2,6 +2,8 @@
 
 #include <stdlib.h>
 
+#include "messages.h"
+
 static void lay_out_rows(sight *v) {
     for (int n = 0; n < v->simulation->mesh.node_count; n++) v->displacement_rows[n] = v->displacement + 3 * (size_t)n;
     for (int j = 0; j <= NEEDLE_MAX_SEGMENTS; j++) v->joint_rows[j] = v->joints[j];
@@ -34,16 +36,10 @@ void sight_free(sight *v) {
     *v = (sight){0};
 }
 
-static void store(vec3 x, double out[3]) {
-    out[0] = x.x;
-    out[1] = x.y;
-    out[2] = x.z;
-}
-
 static void add_contact(sight *v, vec3 position, vec3 force, double arc, friction_state friction) {
     int i = v->contacts.contact_count++;
-    store(position, v->positions[i]);
-    store(force, v->forces[i]);
+    store_vec3(position, v->positions[i]);
+    store_vec3(force, v->forces[i]);
     v->arc[i] = arc;
     v->sliding[i] = (int8_t)friction;
 }
@@ -54,7 +50,7 @@ static void take_needle(sight *v, const insertion_state *state) {
     quat q = state->needle.base.orientation;
     v->contacts = (trocar_contacts_t){.orientation = {q.w, q.x, q.y, q.z}, .joint_count = segments + 1, .centreline = v->joint_rows,
                                       .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding};
-    for (int j = 0; j <= segments; j++) store(state->needle.joints[j], v->joints[j]);
+    for (int j = 0; j <= segments; j++) store_vec3(state->needle.joints[j], v->joints[j]);
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *c = &state->contacts[i];
         add_contact(v, needle_at(needle, &state->needle, c->arc).position, c->force, c->arc, c->friction);

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "feed.h"
+#include "messages.h"
 #include "poselog.h"
 #include "sight.h"
 
@@ -38,11 +39,6 @@ static void clean_up(playback *p) {
     free(p->state);
     free(p->snapshot);
     pose_log_free(&p->poses);
-}
-
-static trocar_needle_wrench_t wrench_message(const insertion_wrench *w) {
-    return (trocar_needle_wrench_t){.force = {w->force.x, w->force.y, w->force.z}, .torque = {w->torque.x, w->torque.y, w->torque.z},
-                                    .depth = w->depth, .contacts = w->contacts, .events = (int32_t)w->events, .membrane = w->membrane};
 }
 
 static trocar_status add_picture(playback *p, int tick, double time, report *why) {

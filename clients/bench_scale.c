@@ -51,10 +51,10 @@ static const struct argp_option option_list[] = {
 };
 
 static inverse_choice parse_inverse(const struct argp_state *state, const char *text) {
-    if (strcmp(text, "dense") == 0) return INVERSE_DENSE;
-    if (strcmp(text, "sparse") == 0) return INVERSE_SPARSE;
-    if (strcmp(text, "condensed") != 0) argp_error(state, "--inverse: '%s': dense, sparse or condensed", text);
-    return INVERSE_CONDENSED;
+    for (int i = INVERSE_AUTO + 1; i < INVERSE_CHOICES; i++)
+        if (strcmp(text, inverse_choice_name((inverse_choice)i)) == 0) return (inverse_choice)i;
+    argp_error(state, "--inverse: '%s': dense, sparse or condensed", text);
+    return INVERSE_AUTO;
 }
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {

@@ -1,7 +1,11 @@
 #include "condensed_cache.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
+#include <fnmatch.h>
 #include <hdf5.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -49,7 +53,8 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
 
 static bool read_dataset(hid_t file, const char *name, hid_t type, hsize_t numbers, void *into) {
     hid_t set = H5Dopen2(file, name, H5P_DEFAULT), space = set < 0 ? -1 : H5Dget_space(set);
-    bool good = space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)numbers && H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, into) >= 0;
+    bool good = space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)numbers
+             && H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, into) >= 0;
     if (space >= 0) H5Sclose(space);
     if (set >= 0) H5Dclose(set);
     return good;
@@ -68,6 +73,7 @@ cache_state condensed_cache_read(const condensed_cache *cache, int count, int *o
              && read_dataset(file, "nodes", H5T_NATIVE_INT, n, order)
              && read_dataset(file, "inverse", H5T_NATIVE_DOUBLE, 9 * n * n, matrix);
     H5Fclose(file);
+    if (good) utimensat(AT_FDCWD, cache->path, NULL, 0); /* used now */
     return good ? CACHE_READ : CACHE_DAMAGED;
 }
 
@@ -109,11 +115,49 @@ static bool write_file(const char *path, uint64_t key, int count, const int *ord
     return H5Fclose(file) >= 0 && good;
 }
 
+/* ---- room ------------------------------------------------------------------------------------------------------------- */
+
+static bool is_older(const struct timespec *a, const struct timespec *b) {
+    return a->tv_sec != b->tv_sec ? a->tv_sec < b->tv_sec : a->tv_nsec < b->tv_nsec;
+}
+
+/* Bytes of all cached inverses in a directory, left over halves as well; `oldest` gets the name of the least recently used one but
+   for `kept`, or "". */
+static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]) {
+    double bytes = 0.0;
+    struct stat s;
+    struct timespec least = {0};
+    oldest[0] = '\0';
+    rewinddir(directory);
+    for (struct dirent *entry; (entry = readdir(directory)) != NULL;) {
+        if (fnmatch("condensed-????????????????.h5*", entry->d_name, 0) != 0 || fstatat(dirfd(directory), entry->d_name, &s, 0) != 0) continue;
+        bytes += (double)s.st_size;
+        if (strcmp(entry->d_name, kept) == 0 || (oldest[0] && !is_older(&s.st_mtim, &least))) continue;
+        least = s.st_mtim;
+        strcpy(oldest, entry->d_name);
+    }
+    return bytes;
+}
+
+void condensed_cache_trim(const condensed_cache *kept, double bytes) {
+    char folder[sizeof kept->path], oldest[NAME_MAX + 1];
+    strcpy(folder, kept->path);
+    char *slash = strrchr(folder, '/');
+    *slash = '\0';
+    DIR *directory = opendir(folder);
+    while (directory && survey(directory, slash + 1, oldest) > bytes && oldest[0] && unlinkat(dirfd(directory), oldest, 0) == 0) continue;
+    if (directory) closedir(directory);
+}
+
 trocar_status condensed_cache_write(const condensed_cache *cache, int count, const int *order, const double *matrix, report *why) {
     char beside[sizeof cache->path + 32];
     silence();
     snprintf(beside, sizeof beside, "%s.%ld", cache->path, (long)getpid());
-    if (make_folders(cache->path) && write_file(beside, cache->key, count, order, matrix) && rename(beside, cache->path) == 0) return TROCAR_OK;
+    if (make_folders(cache->path) && write_file(beside, cache->key, count, order, matrix) && rename(beside, cache->path) == 0) {
+        condensed_cache_trim(cache, CONDENSED_CACHE_ROOM);
+        return TROCAR_OK;
+    }
     unlink(beside);
-    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; is there room, and may one write there?", cache->path);
+    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; is there room, and may one write there?",
+                cache->path);
 }

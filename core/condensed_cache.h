@@ -5,6 +5,7 @@
 #include "tissue.h"
 
 enum { CONDENSED_CACHE_VERSION = 1 }; /* raise it when the same stiffness matrix gives another file */
+static const double CONDENSED_CACHE_ROOM = 8e9; /* bytes that the files of one directory may take */
 
 typedef struct { char path[1200]; uint64_t key; } condensed_cache;
 
@@ -15,10 +16,13 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
 typedef enum { CACHE_READ, CACHE_ABSENT, CACHE_DAMAGED } cache_state;
 
 /* Reads `matrix`, 3 count square, and `order`, its `count` nodes. Damaged: there is a file, but it is truncated, fails its
-   checksums or belongs to something else. */
+   checksums or belongs to something else. One that was read counts as used now. */
 cache_state condensed_cache_read(const condensed_cache *cache, int count, int *order, double *matrix);
 
-/* Written beside and renamed: there is never half a file. SYSTEM when it can't be written. */
+/* Written beside and renamed: there is never half a file. Then trims to CONDENSED_CACHE_ROOM. SYSTEM when it can't be written. */
 trocar_status condensed_cache_write(const condensed_cache *cache, int count, const int *order, const double *matrix, report *why);
+
+/* Removes the least recently used files beside this one, but never this one, until all take no more than so many bytes. */
+void condensed_cache_trim(const condensed_cache *kept, double bytes);
 
 #endif

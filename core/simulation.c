@@ -95,29 +95,16 @@ static double available_memory(void) {
     return 1024.0 * kilobytes;
 }
 
-/* What a scene leaves open: dense where that is small; condensed where the scene says where needles go; else sparse. */
-static inverse_choice choose_inverse(simulation *s, int reach_count, report *about) {
-    static const char *const names[] = {"", "dense", "sparse", "condensed"};
-    static const double LITTLE = 1e9, MUCH = 4e9, SHARE = 0.25; /* bytes; of the memory at hand */
-    const simulation_config *config = &s->config;
-    int nodes = s->mesh.node_count;
-    double dense = 8.0 * s->tissue.dof_count * s->tissue.dof_count, condensed = 72.0 * reach_count * reach_count, memory = SHARE * available_memory();
-    inverse_choice choice = config->inverse;
-    char why[160] = "as the scene asks";
-    if (choice == INVERSE_AUTO) {
-        bool small = dense <= fmin(LITTLE, memory), narrow = reach_given(&config->reach) && condensed <= fmin(MUCH, memory);
-        choice = remesh_needs_dense(config->remeshing) || small ? INVERSE_DENSE : narrow ? INVERSE_CONDENSED : INVERSE_SPARSE;
-        snprintf(why, sizeof why, small ? "%d nodes: %.2g GB" : "%d nodes: dense would take %.2g GB", nodes, 1e-9 * dense);
-    }
-    snprintf(about->text, sizeof about->text, "%s (%s)", names[choice], why);
-    return choice;
-}
-
 static trocar_status build_owner(simulation *s, int reach_count, const int *reach, report *why) {
     report notice;
-    inverse_choice choice = choose_inverse(s, reach_count, &s->about_inverse);
+    const simulation_config *config = &s->config;
+    inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
+                           .dof_count = s->tissue.dof_count, .reach_given = reach_given(&config->reach), .reach_count = reach_count,
+                           .memory = available_memory()};
+    inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        trocar_status status = inverse_create_condensed(&s->tissue, reach_count, reach, s->config.cache, s->config.progress, &s->inverse, &notice, why);
+        trocar_status status = inverse_create_condensed(&s->tissue, reach_count, reach, config->cache, config->progress, &s->inverse,
+                                                        &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
@@ -130,7 +117,8 @@ static trocar_status build_owner(simulation *s, int reach_count, const int *reac
 
 static trocar_status build_inverse(simulation *s, report *why) {
     int *reach, reach_count;
-    trocar_status status = reach_find(&s->mesh, &s->config.reach, s->config.membrane_count > 0 ? s->membranes[0].group : -1, &reach, &reach_count, why);
+    int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
+    trocar_status status = reach_find(&s->mesh, &s->config.reach, surface, &reach, &reach_count, why);
     if (status != TROCAR_OK) return status;
     status = build_owner(s, reach_count, reach, why);
     free(reach);
@@ -151,7 +139,8 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
     if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; choose volumetric_strain: element");
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
+                    "choose volumetric_strain: element");
     s->config = *config;
     trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
     if (status != TROCAR_OK) return status;

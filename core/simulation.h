@@ -3,19 +3,13 @@
 #define TROCAR_SIMULATION_H
 
 #include "insertion.h"
+#include "inverse_choice.h"
 #include "reach.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
-
-typedef enum {
-    INVERSE_AUTO,            /* by size and memory: see choose_inverse */
-    INVERSE_DENSE,
-    INVERSE_SPARSE,
-    INVERSE_CONDENSED,
-} inverse_choice;
 
 typedef struct {
     char mesh_path[1024];

@@ -100,11 +100,20 @@ static int list_length(checker *c, const char *key, unsigned count, int low, int
     return count > (unsigned)high ? 0 : (int)count;
 }
 
-/* One of a list of words ("a, b or c"), its place from 0; nothing given: the default stays. */
-static int take_word(checker *c, const char *key, const char *text, const char *const *words, const char *list, int given) {
+/* "a, b or c" */
+static void list_words(const char *const *words, char *list, size_t size) {
+    size_t used = 0;
+    for (int i = 0; words[i] && used < size; i++)
+        used += (size_t)snprintf(list + used, size - used, "%s%s", i == 0 ? "" : words[i + 1] ? ", " : " or ", words[i]);
+}
+
+/* The place of one of these words, from 0; nothing given: the default stays. */
+static int take_word(checker *c, const char *key, const char *text, const char *const *words, int given) {
+    char list[256];
     if (!text) return given;
     for (int i = 0; words[i]; i++)
         if (strcmp(text, words[i]) == 0) return i;
+    list_words(words, list, sizeof list);
     reject(c, key, "\"%s\": expected %s", text, list);
     return given;
 }
@@ -155,16 +164,10 @@ static void take_fixed(checker *c, const scene_text *text, simulation_config *co
     }
 }
 
-static void take_needle_model(checker *c, const char *text, needle_choice *kind) {
-    if (!text) return;
-    if (strcmp(text, "rod") == 0) *kind = NEEDLE_ROD;
-    else if (strcmp(text, "tetrahedra") == 0) *kind = NEEDLE_TETRAHEDRA;
-    else reject(c, "model", "\"%s\": expected rod or tetrahedra", text);
-}
-
 static void take_needle(checker *c, const needle_text *text, needle_parameters *n) {
     enter_section(c, "needle.");
-    take_needle_model(c, text->model, &n->kind);
+    static const char *const models[] = {[NEEDLE_ROD] = "rod", [NEEDLE_TETRAHEDRA] = "tetrahedra", NULL};
+    n->kind = (needle_choice)take_word(c, "model", text->model, models, (int)n->kind);
     take_number(c, "length", "m", text->length, POSITIVE, &n->length);
     take_number(c, "outer_diameter", "m", text->outer_diameter, POSITIVE, &n->outer_diameter);
     take_number(c, "inner_diameter", "m", text->inner_diameter, NOT_NEGATIVE, &n->inner_diameter);
@@ -181,7 +184,7 @@ static void take_needle(checker *c, const needle_text *text, needle_parameters *
 static void take_contact(checker *c, const contact_text *text, insertion_settings *s) {
     enter_section(c, "contact.");
     static const char *const placements[] = {"inside", "faces", "moved", NULL};
-    s->placement = (contact_placement)take_word(c, "placement", text->placement, placements, "inside, faces or moved", (int)s->placement);
+    s->placement = (contact_placement)take_word(c, "placement", text->placement, placements, (int)s->placement);
     take_number(c, "spacing", "m", text->spacing, POSITIVE, &s->contact_spacing);
     take_number(c, "resolution", "", text->resolution, POSITIVE, &s->resolution);
     take_number(c, "weakening_distance", "m", text->weakening_distance, POSITIVE, &s->weakening_distance);
@@ -246,12 +249,13 @@ static void take_path(checker *c, const char *key, const char *what, const char 
 
 static void take_methods(checker *c, const scene_text *text, simulation_config *s) {
     enter_section(c, "%s", "");
-    static const char *const remeshing[] = {"nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked", NULL}, *const inverses[] = {"auto", "dense", "sparse", "condensed", NULL},
-                      *const strains[] = {"node", "element", NULL};
-    s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, remeshing,
-                                            "nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked", (int)s->remeshing);
-    s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, inverses, "auto, dense, sparse or condensed", (int)s->inverse);
-    s->volumetric = (volumetric_strain)take_word(c, "volumetric_strain", text->volumetric_strain, strains, "node or element", (int)s->volumetric);
+    static const char *const strains[] = {[STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element", NULL};
+    const char *methods[REMESH_METHODS + 1] = {NULL}, *owners[INVERSE_CHOICES + 1] = {NULL};
+    for (int i = 0; i < REMESH_METHODS; i++) methods[i] = remesh_name((remesh_method)i);
+    for (int i = 0; i < INVERSE_CHOICES; i++) owners[i] = inverse_choice_name((inverse_choice)i);
+    s->remeshing = (remesh_method)take_word(c, "remeshing", text->remeshing, methods, (int)s->remeshing);
+    s->inverse = (inverse_choice)take_word(c, "inverse", text->inverse, owners, (int)s->inverse);
+    s->volumetric = (volumetric_strain)take_word(c, "volumetric_strain", text->volumetric_strain, strains, (int)s->volumetric);
 }
 
 static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {

@@ -39,9 +39,9 @@ static const cyaml_schema_field_t contact_fields[] = {
     TEXT(contact_text, prefetch_distance), TEXT(contact_text, max_passes), TEXT(contact_text, tolerance), CYAML_FIELD_END};
 
 static const cyaml_schema_field_t device_fields[] = {
-    TEXT(device_text, profile), TEXT(device_text, max_stiffness), TEXT(device_text, max_force), TEXT(device_text, max_torque), TEXT(device_text, max_force_rate),
-    TEXT(device_text, max_torque_rate), TEXT(device_text, max_speed), TEXT(device_text, max_turn_rate),
-    TEXT(device_text, hold_time), TEXT(device_text, ramp_time), CYAML_FIELD_END};
+    TEXT(device_text, profile), TEXT(device_text, max_stiffness), TEXT(device_text, max_force),
+    TEXT(device_text, max_torque), TEXT(device_text, max_force_rate),
+    TEXT(device_text, max_torque_rate), TEXT(device_text, max_speed), TEXT(device_text, max_turn_rate), TEXT(device_text, hold_time), TEXT(device_text, ramp_time), CYAML_FIELD_END};
 
 static const cyaml_schema_value_t region_entry = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, region_text, region_fields)};
 static const cyaml_schema_value_t membrane_entry = {CYAML_VALUE_MAPPING(CYAML_FLAG_DEFAULT, membrane_text, membrane_fields)};

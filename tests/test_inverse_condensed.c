@@ -1,5 +1,6 @@
 /* The condensed inverse against the dense one, in the region, across its edge and outside; computed, read back, and computed
    again where the file on disk is no good. */
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -79,6 +80,21 @@ static void blocks_are_those_of_the_dense_inverse(void **state) {
     assert_blocks(&c, REGION, region);
     assert_blocks(&c, CUBE_NODES, all);
     stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+static void a_file_that_is_read_counts_as_used(void **state) {
+    (void)state;
+    condensed c;
+    struct stat s;
+    const struct timespec long_ago[2] = {{1000, 0}, {1000, 0}};
+    start(&c, 1.0);
+    stop(&c);
+    assert_int_equal(utimensat(AT_FDCWD, c.path, long_ago, 0), 0);
+    start(&c, 1.0);
+    stop(&c);
+    assert_int_equal(stat(c.path, &s), 0);
+    assert_true(s.st_mtim.tv_sec > 1000);
     assert_int_equal(unlink(c.path), 0);
 }
 
@@ -242,6 +258,7 @@ int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(blocks_are_those_of_the_dense_inverse),
+        cmocka_unit_test(a_file_that_is_read_counts_as_used),
         cmocka_unit_test(a_second_start_needs_no_factor),
         cmocka_unit_test(what_cannot_be_made_is_refused),
         cmocka_unit_test(the_factor_can_be_made_before_it_is_needed),

@@ -1,0 +1,79 @@
+/* The directory of condensed inverses does not grow without end. What is in the files: test_inverse_condensed.c. */
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "condensed_cache.h"
+
+#include <cmocka.h>
+
+static char directory[] = "/tmp/test_cache.XXXXXX";
+
+enum { FILES = 5, BYTES = 1000 };
+/* Used at these times, s; another program's file, and a half that was left over. */
+static const struct { const char *name; long used; } files[FILES] = {
+    {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
+    {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};
+
+static void path_of(int file, char path[200]) { snprintf(path, 200, "%s/%s", directory, files[file].name); }
+
+static void put_files(void) {
+    static const char nothing[BYTES];
+    for (int i = 0; i < FILES; i++) {
+        char path[200];
+        path_of(i, path);
+        FILE *file = fopen(path, "wb");
+        assert_non_null(file);
+        assert_int_equal(fwrite(nothing, 1, BYTES, file), BYTES);
+        fclose(file);
+        struct timespec times[2] = {{files[i].used, 0}, {files[i].used, 0}};
+        assert_int_equal(utimensat(AT_FDCWD, path, times, 0), 0);
+    }
+}
+
+static void the_least_recently_used_go_first(void **state) {
+    (void)state;
+    static const struct { int kept; double bytes; bool there[FILES]; } cases[] = {
+        {0, 4000, {1, 1, 1, 1, 1}}, {0, 3999, {1, 0, 1, 1, 1}}, {0, 2000, {1, 0, 1, 0, 1}}, {0, 1999, {1, 0, 0, 0, 1}},
+        {0, 0, {1, 0, 0, 0, 1}}, {1, 2000, {1, 1, 0, 0, 1}}, {1, 0, {0, 1, 0, 0, 1}},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        condensed_cache kept = {.key = 0};
+        char path[200];
+        put_files();
+        path_of(cases[i].kept, path);
+        strcpy(kept.path, path);
+        condensed_cache_trim(&kept, cases[i].bytes);
+        for (int k = 0; k < FILES; k++) {
+            path_of(k, path);
+            assert_int_equal(access(path, F_OK) == 0, cases[i].there[k]);
+        }
+    }
+}
+
+static int create(void **state) {
+    (void)state;
+    return mkdtemp(directory) ? 0 : -1;
+}
+
+static int destroy(void **state) {
+    (void)state;
+    for (int i = 0; i < FILES; i++) {
+        char path[200];
+        path_of(i, path);
+        unlink(path);
+    }
+    return rmdir(directory);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(the_least_recently_used_go_first)};
+    return cmocka_run_group_tests(tests, create, destroy);
+}

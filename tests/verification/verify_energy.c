@@ -235,9 +235,8 @@ static void draw(rows *r, const char *figure, const balance *b) {
     rows_curve(r, c);
 }
 
-static const char FORCE_TIMES_WAY[] = "so much more than the work is force times way: at the skin's puncture the tip goes from the surface into the "
-                                      "depth, later into the stiffer gland, and the tissue, which yields less there, springs back and helps to cut; it "
-                                      "would with any tick";
+static const char FORCE_TIMES_WAY[] = "more than the work: at the skin's puncture the tip goes from the surface into the depth, later into the "
+                                      "stiffer gland, and the tissue, which yields less there, springs back and helps to cut; it would with any tick";
 
 static void check_once(rows *r, const char *name, const balance *b) {
     const energies *e = &b->total;

@@ -190,7 +190,7 @@ static trocar_status add_node(remesher *r, int index, report *why) {
 
 /* Nodes that are still wanted keep their places; new ones take the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
-    int fresh[MAX_WINDOW], count = 0;
+    int fresh[MAX_WINDOW] = {0}, count = 0;
     for (int k = 0; k < MAX_WINDOW; k++) {
         bool wanted = false;
         for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];

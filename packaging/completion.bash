@@ -8,6 +8,7 @@ _trocar() {
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift) _filedir csv ;;
         --png) _filedir png ;;
+        --picture) _filedir svg ;;
         --page) _filedir -d ;;
         --json | --report) _filedir json ;;
         *)
@@ -18,6 +19,8 @@ _trocar() {
                 [[ ${COMPREPLY[0]-} != *= ]] || compopt -o nospace
             elif [[ $1 == *trocar-bench && $cword -eq 1 ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]*\)    .*/\1/p')" -- "$cur")
+            elif [[ $1 == *trocar-anatomy ]]; then
+                _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy

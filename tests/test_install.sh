@@ -16,18 +16,37 @@ package=$(echo trocar_*.deb)
 dpkg-deb --extract "$package" root
 prefix=$work/root/usr
 
+# Each library that a program names comes with a package that is depended on, and apt agrees.
 depends=$(dpkg-deb --field "$package" Depends)
-for library in liblcm1 libgmsh libopenblas0-pthread libcholmod libcyaml; do
-    [[ $depends == *$library* ]] || fail "$library is missing from: $depends"
+packages_of() { dpkg -S "*/$(basename "$(realpath "$1")")" | cut -d: -f1; }
+for path in "$prefix"/bin/*; do
+    for library in $(objdump -p "$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
+        file=$(ldd "$path" | awk -v library="$library" '$1 == library { print $3 }')
+        grep -qwFf <(packages_of "$file") <<<"$depends" || fail "$path needs $library of $(packages_of "$file"), which is missing from: $depends"
+    done
 done
+[[ $depends == *libopenblas0-pthread* ]] || fail "another OpenBLAS would do: $depends"
+apt-get install --simulate "./$package" >apt.txt 2>&1 && grep -q '^Inst trocar ' apt.txt || fail "$(cat apt.txt)"
 for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
     [ -f "$prefix/$file" ] || fail "no $file"
 done
 ! grep -rlF "$build" "$prefix/lib" "$prefix/share" --include=*.cmake --include=*.pc || fail "a path of the build is left"
 
-for file in $(grep -oE '/usr/[a-z0-9/._-]+' "$prefix/lib/systemd/system/trocar-server.service"); do
-    [ -e "root$file" ] || fail "the unit names $file, which is not in the package"
-done
+# The unit names what is installed, whatever the prefix, and a group that is created.
+names_what_is_there() {
+    local unit=$1$2/lib/systemd/system/trocar-server.service file
+    grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another: $(cat "$unit")"
+    for file in $(grep -oE "$2/[a-z0-9/._-]+" "$unit"); do
+        [ -e "$1$file" ] || fail "the unit names $file, which is not installed"
+    done
+}
+names_what_is_there "$work/root" /usr
+mkdir root/etc
+systemd-sysusers --root="$work/root" 2>sysusers.txt || fail "$(cat sysusers.txt)"
+grep -q "^$(sed -n 's/^SupplementaryGroups=//p' "$prefix/lib/systemd/system/trocar-server.service"):" root/etc/group || fail "$(cat sysusers.txt)"
+cmake --install "$build" --prefix "$work/local" >cmake.txt || fail "$(cat cmake.txt)"
+names_what_is_there "" "$work/local"
+"$work/local/bin/trocar-server" --version >version
 
 # Every program says its version, and has a page with its options and a list of completions.
 for path in "$prefix"/bin/*; do
@@ -58,6 +77,8 @@ offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench ti
 touch scene.yaml scene.csv
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
+
+"$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm" | grep -qx Prostate || fail "trocar-anatomy --list"
 
 # Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.
 export PKG_CONFIG_PATH=$prefix/lib/pkgconfig

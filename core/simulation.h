@@ -61,8 +61,9 @@ typedef struct {
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
 
-/* Into this simulation or another one of the same configuration. What follows has the same bits as what followed the save;
-   to rounding only with the Woodbury method or the sparse inverse, whose last bits depend on what was asked before. */
+/* Into this simulation or another one of the same configuration. What follows is what followed the save: to the bit with the
+   nested method on a dense or condensed inverse, and to rounding with other methods, with the sparse inverse and outside a
+   condensed one's region, whose last bits depend on what was asked before. */
 trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
 /* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m.

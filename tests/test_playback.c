@@ -41,6 +41,47 @@ static void the_golden_trace_comes_out_as_it_is_kept(void **unused) {
     timeline_free(&t);
 }
 
+static double time_of_picture(const byte_buffer *encoded) {
+    double time;
+    memcpy(&time, encoded->data + 8, sizeof time);
+    return time;
+}
+
+/* The wrench kept of that tick, not of a neighbour a picture or a sample away. */
+static void one_moment_is_that_of_its_tick(void **unused) {
+    (void)unused;
+    scene s;
+    report why;
+    wrench_log golden;
+    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
+    for (int part = 1; part <= 3; part++) {
+        const trocar_needle_wrench_t *kept = &golden.wrenches[part * (golden.count - 1) / 3];
+        double time = 1e-6 * (double)(kept->utime - golden.wrenches[0].utime);
+        timeline t;
+        assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+        assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &why), TROCAR_OK);
+        assert_true(t.picture_end == 1 && t.sample_end == 1);
+        assert_close(time_of_picture(&t.pictures[0]), time, 1e-6);
+        assert_close(t.samples[0].time, time, 1e-6);
+        for (int a = 0; a < 3; a++) assert_close(t.samples[0].force[a], kept->force[a], 0.02);
+        timeline_free(&t);
+    }
+    wrench_log_free(&golden);
+}
+
+static void a_moment_after_the_log_is_said(void **unused) {
+    (void)unused;
+    scene s;
+    report why;
+    timeline t;
+    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "--at 99 s is after the last pose"));
+    timeline_free(&t);
+}
+
 static void a_missing_log_is_said(void **unused) {
     (void)unused;
     scene s;
@@ -56,6 +97,8 @@ static void a_missing_log_is_said(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_golden_trace_comes_out_as_it_is_kept),
+        cmocka_unit_test(one_moment_is_that_of_its_tick),
+        cmocka_unit_test(a_moment_after_the_log_is_said),
         cmocka_unit_test(a_missing_log_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,4 +1,4 @@
-/* What a reader of the timeline gets: live the newest picture and each kept sample once, of a log everything. */
+/* What a reader of the timeline gets: live the newest picture and each kept sample once, of a log everything or what there is room for. */
 #include "timeline.h"
 
 #include <string.h>
@@ -127,12 +127,36 @@ static void a_log_is_given_whole_in_pieces(void **unused) {
     timeline_free(&t);
 }
 
+/* What has no room is thinned out evenly: the beginning stays, and the newest picture is always there. */
+static void a_long_log_keeps_its_beginning(void **unused) {
+    (void)unused;
+    timeline t;
+    report why;
+    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    play(&t, 0, 30);
+    size_t one = t.pictures[0].room;
+    timeline_free(&t);
+    for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* 100 pictures and more, room for 30 */
+        assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+        t.picture_bytes_most = 30 * one;
+        play(&t, 0, end);
+        assert_true(t.picture_end >= 15 && t.picture_end <= 31);
+        double time[32];
+        for (int i = 0; i < t.picture_end; i++) memcpy(&time[i], t.pictures[i].data + 8, sizeof time[i]);
+        assert_close(time[0], 0, 0);
+        assert_close(time[t.picture_end - 1], 1e-3 * (end - 33), 1e-9);
+        for (int i = 1; i < t.picture_end - 1; i++) assert_close(time[i], 0.033 * 4 * i, 1e-9);
+        timeline_free(&t);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(live_readers_get_the_newest_picture),
         cmocka_unit_test(the_last_minute_is_kept),
         cmocka_unit_test(a_slot_keeps_all_its_events),
         cmocka_unit_test(a_log_is_given_whole_in_pieces),
+        cmocka_unit_test(a_long_log_keeps_its_beginning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -15,8 +15,7 @@ static const int64_t SILENCE = 1000000000; /* ns without a wrench after which no
 static double now(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
 
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
-    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane,
-                     .contacts = w->contacts, .flags = (uint32_t)w->flags};
+    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane};
     for (int a = 0; a < 3; a++) {
         s.force[a] = (float)w->force[a];
         s.torque[a] = (float)w->torque[a];

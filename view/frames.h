@@ -32,11 +32,9 @@ typedef struct {
     float lateness_p99, lateness_max, compute_p99, compute_max; /* s, of the last interval of TROCAR_TIMING */
     uint32_t events;         /* insertion_event */
     int32_t membrane;        /* punctured in this slot, -1: none */
-    int32_t contacts;
-    uint32_t flags;          /* of needle_wrench_t */
     uint32_t unused;
 } plot_sample;
-_Static_assert(sizeof(plot_sample) == 72, "decode.js reads 72 bytes a sample");
+_Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
 /* The scene as the page needs it: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between
    regions, on the outer surface and on named surfaces. `live`: poses come from a server, not from a log. */

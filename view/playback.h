@@ -9,4 +9,8 @@ enum { PLAYBACK_HZ = 30 };  /* pictures a second of the log's time */
 /* Plays the poses of the log at `path` in `scene` and brings what happens to `t`. BAD_INPUT as pose_log_read. */
 trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *why);
 
+/* Plays them to the last one not after `at` (s; INFINITY: the end) and brings that moment only, a sample and a picture, to
+   `t`. BAD_INPUT also where the log ends before `at`. */
+trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *why);
+
 #endif

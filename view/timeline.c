@@ -4,7 +4,7 @@
 #include <string.h>
 
 trocar_status timeline_create(timeline *t, bool live, report *why) {
-    *t = (timeline){.live = live, .gathered.membrane = -1};
+    *t = (timeline){.live = live, .picture_bytes_most = PICTURE_BYTES, .picture_stride = 1, .gathered.membrane = -1};
     t->picture_room = live ? 1 : 1024;
     t->sample_room = (size_t)(SAMPLE_SPAN / SAMPLE_SLOT);
     t->pictures = calloc(t->picture_room, sizeof *t->pictures);
@@ -52,15 +52,38 @@ trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why
     return close_slot(t, why);
 }
 
+/* Every second picture goes. */
+static void thin_out(timeline *t) {
+    int64_t kept = 0;
+    for (int64_t i = 0; i < t->picture_end; i++) {
+        byte_buffer picture = t->pictures[i];
+        t->pictures[i] = (byte_buffer){0};
+        if (i % 2 == 0) t->pictures[kept++] = picture;
+        else t->picture_bytes -= picture.room, bytes_free(&picture);
+    }
+    t->picture_end = kept;
+    t->picture_stride *= 2;
+}
+
+/* Where the next picture goes. In a log the newest one makes way for it unless it is one of those that stay. */
+static byte_buffer *next_place(timeline *t) {
+    if (!t->live && t->picture_end > 0 && (t->pictures_given - 1) % t->picture_stride != 0) t->picture_end--;
+    if (!t->live && t->picture_bytes > t->picture_bytes_most && t->picture_end > 2) thin_out(t);
+    t->pictures_given++;
+    return &t->pictures[(size_t)t->picture_end++ % t->picture_room];
+}
+
 trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue,
                                    report *why) {
     void *array = t->pictures;
     trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);
     t->pictures = array;
     if (status != TROCAR_OK) return status;
-    byte_buffer *place = &t->pictures[(size_t)t->picture_end++ % t->picture_room];
+    byte_buffer *place = next_place(t);
+    t->picture_bytes -= place->room;
     place->length = 0;
     encode_picture(place, time, needle, tissue);
+    t->picture_bytes += place->room;
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
 }
 

@@ -1,5 +1,6 @@
-/* What has happened, as the browsers are told: encoded pictures, samples for the plots, and the state in words. Live, only
-   the newest picture and the last minute of samples are kept; of a log, everything. One thread. */
+/* What has happened, as the browsers are told: encoded pictures and samples for the plots. Live, only the newest picture and
+   the last minute of samples are kept. Of a log all samples are, and all pictures while they have room, then every second,
+   every fourth and so on, always with the newest. One thread. */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
@@ -7,12 +8,15 @@
 
 #define SAMPLE_SLOT 0.01     /* s of ticks that one sample stands for */
 #define SAMPLE_SPAN 60.0     /* s of samples that are kept live */
+#define PICTURE_BYTES ((size_t)256 << 20) /* that the pictures of a log may take */
 
 typedef struct {
     bool live;
     byte_buffer *pictures;   /* encoded; live: one */
     int64_t picture_end;     /* number of the next picture */
     size_t picture_room;
+    size_t picture_bytes, picture_bytes_most; /* taken, and when pictures of a log are thinned out */
+    int64_t pictures_given, picture_stride; /* of a log: one in so many is kept */
     plot_sample *samples;    /* live: a ring */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;

@@ -1,7 +1,6 @@
 /* trocar-view: the live scene, or a recorded log, in a browser; and pictures of a log. */
 #include <argp.h>
 #include <errno.h>
-#include <inttypes.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -28,7 +27,7 @@ static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
 
 typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
-    double at;               /* s; NaN: the end of the log */
+    double at;               /* s; INFINITY: the end of the log */
     web_settings web;
 } options;
 
@@ -48,6 +47,7 @@ typedef struct {
     feed feed;
     pilot pilot;
     pthread_t pilot_thread;
+    bool piloting;           /* that thread runs */
 
     output png;              /* --png only */
     bool png_taken;
@@ -90,7 +90,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case ARGP_KEY_END:
         if (!o->scene_path) argp_error(state, "--scene is missing");
         if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
-        if (!isnan(o->at) && !o->png_path) argp_error(state, "--at needs --png");
+        if (isfinite(o->at) && !o->png_path) argp_error(state, "--at needs --png");
         if (o->png_path) o->web.port = 0, o->web.address = o->web.socket = NULL;
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -119,7 +119,6 @@ static void write_status(const view *v, FILE *out) {
 /* The browser's part of the state and the server's: see page/src/link.js. */
 static char *describe(void *context, bool drives, bool driven) {
     const view *v = context;
-    const trocar_loop_timing_t *t = &v->feed.timing;
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
@@ -128,7 +127,7 @@ static char *describe(void *context, bool drives, bool driven) {
     fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", v->timeline.now, alive ? "true" : "false",
             drives ? "true" : "false", driven ? "true" : "false");
     if (alive) {
-        fprintf(out, ",\"rate\":%g,\"misses\":%" PRId64 ",\"workerMax\":%g", t->rate_hz, t->misses, t->worker_latency_max);
+        fprintf(out, ",\"rate\":%g", v->feed.timing.rate_hz);
         write_status(v, out);
     }
     fprintf(out, "}");
@@ -237,7 +236,8 @@ static trocar_status open_live(view *v, report *why) {
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK) status = pilot_create(&v->pilot, v->lcm, v->home, v->scene.simulation.needle.length, why);
     if (status != TROCAR_OK) return status;
-    if (pthread_create(&v->pilot_thread, NULL, pilot_run, &v->pilot) == 0) return TROCAR_OK;
+    v->piloting = pthread_create(&v->pilot_thread, NULL, pilot_run, &v->pilot) == 0;
+    if (v->piloting) return TROCAR_OK;
     pilot_free(&v->pilot);
     return fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
 }
@@ -246,11 +246,9 @@ static trocar_status open_log(view *v, report *why) {
     const options *o = v->options;
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
-    if (status == TROCAR_OK) status = playback_run(&v->scene, o->log_path, &v->timeline, why);
-    if (status != TROCAR_OK || !o->png_path) return status;
-    if (!isnan(o->at) && o->at > v->timeline.now)
-        return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", o->log_path, o->at, v->timeline.now);
-    return TROCAR_OK;
+    if (status != TROCAR_OK) return status;
+    return o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, why)
+                       : playback_run(&v->scene, o->log_path, &v->timeline, why);
 }
 
 static trocar_status prepare(view *v, report *why) {
@@ -266,7 +264,7 @@ static trocar_status prepare(view *v, report *why) {
 }
 
 static void clean_up(view *v) {
-    if (v->pilot_thread) {
+    if (v->piloting) {
         pilot_tell(&v->pilot, &(pilot_order){.kind = ORDER_END});
         pthread_join(v->pilot_thread, NULL);
         pilot_free(&v->pilot);
@@ -284,8 +282,9 @@ static void clean_up(view *v) {
 
 static void say_ready(const view *v) {
     const web_settings *w = &v->options->web;
+    const char *address = w->address ? w->address : "127.0.0.1";
     if (w->socket) printf("unix:%s\n", w->socket);
-    else printf("http://%s:%d/\n", w->address ? w->address : "127.0.0.1", web_port(v->web));
+    else printf(strchr(address, ':') ? "http://[%s]:%d/\n" : "http://%s:%d/\n", address, web_port(v->web));
     puts("ready");
     fflush(stdout);
 }
@@ -298,8 +297,7 @@ static void serve(view *v) {
 /* The page draws the picture and sends it back. */
 static trocar_status take_picture(view *v, report *why) {
     char url[128];
-    double at = isnan(v->options->at) ? v->timeline.now : v->options->at;
-    snprintf(url, sizeof url, "http://127.0.0.1:%d/?picture=%.6f", web_port(v->web), at);
+    snprintf(url, sizeof url, "http://127.0.0.1:%d/?picture", web_port(v->web));
     chromium browser;
     trocar_status status = chromium_start(&browser, url, why);
     int64_t deadline = monotonic_ns() + PICTURE_PATIENCE;
@@ -315,7 +313,7 @@ static trocar_status take_picture(view *v, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = NAN, .web.port = WEB_PORT};
+    options o = {.at = INFINITY, .web.port = WEB_PORT};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     realtime_flush_denormals();   /* a log gives the same numbers as in trocar-replay */
 

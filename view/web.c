@@ -23,11 +23,11 @@ typedef struct browser {
     timeline_cursor cursor;
     bool has_scene, wants_status;
     int in_flight;
+    int silent;              /* statuses since its last message */
     byte_buffer received;    /* of the message that is arriving */
 } browser;
 
 typedef struct {
-    int descriptor;
     void (*readable)(void *context);
 } watch;
 
@@ -46,16 +46,19 @@ struct web {
 
 /* ---- who may ---- */
 
-/* The name in "name:port" or "[v6]:port". */
+/* Is `given`, "name:port" or "[v6]:port", at `name`? */
 static bool is_host(const char *given, const char *name) {
     size_t length = strlen(name);
-    return strncasecmp(given, name, length) == 0 && (given[length] == '\0' || given[length] == ':');
+    bool v6 = strchr(name, ':') != NULL;
+    if (v6 && *given++ != '[') return false;
+    if (strncasecmp(given, name, length) != 0 || (v6 && given[length++] != ']')) return false;
+    return given[length] == '\0' || given[length] == ':';
 }
 
 bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name) {
     static const char scheme[] = "http://";
     if (strncmp(origin, scheme, sizeof scheme - 1) != 0 || strcasecmp(origin + sizeof scheme - 1, host) != 0) return false;
-    return is_host(host, "127.0.0.1") || is_host(host, "localhost") || is_host(host, "[::1]")
+    return is_host(host, "127.0.0.1") || is_host(host, "localhost") || is_host(host, "::1")
         || (address && is_host(host, address)) || (name && is_host(host, name));
 }
 
@@ -105,19 +108,23 @@ void web_news(web *w) {
     for (const browser *b = w->browsers; b; b = b->next) offer(w, b);
 }
 
+static void set_driver(web *w, browser *b, action_kind kind) {
+    w->driver = b;
+    w->settings.act(w->settings.context, &(web_action){.kind = kind});
+}
+
+/* A page that lives answers each status. They are counted, not timed: a pause of this program is no silence of theirs. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);
-    for (browser *b = w->browsers; b; b = b->next) b->wants_status = true;
+    for (browser *b = w->browsers; b; b = b->next) {
+        b->wants_status = true;
+        if (++b->silent > w->settings.patience && b == w->driver) set_driver(w, NULL, ACTION_RELEASE);
+    }
     web_news(w);
     lws_sul_schedule(w->lws, 0, &w->timer, on_timer, STATUS_PERIOD);
 }
 
 /* ---- receiving ---- */
-
-static void set_driver(web *w, browser *b, action_kind kind) {
-    w->driver = b;
-    w->settings.act(w->settings.context, &(web_action){.kind = kind});
-}
 
 /* The needle is taken by the first who asks; what others ask of it is passed over. */
 static void take_action(web *w, browser *b, const web_action *action) {
@@ -159,6 +166,7 @@ static bool take_message(web *w, browser *b) {
 static int receive(web *w, browser *b, const void *data, size_t length) {
     size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES;
     if (b->received.length + length > most || !lws_frame_is_binary(b->wsi)) return -1;
+    b->silent = 0;
     bytes_append(&b->received, data, length);
     if (!lws_is_final_fragment(b->wsi) || lws_remaining_packet_payload(b->wsi) > 0) return 0;
     bool good = take_message(w, b);
@@ -254,6 +262,7 @@ trocar_status web_create(const web_settings *settings, web **created, report *wh
     web *w = calloc(1, sizeof *w);
     if (!w) return fail(why, TROCAR_NO_MEMORY, "no memory for the web server");
     w->settings = *settings;
+    if (w->settings.patience == 0) w->settings.patience = WEB_PATIENCE;
     lws_set_log_level(LLL_ERR, NULL);
     status = listen_here(w, why);
     if (status != TROCAR_OK) {
@@ -274,12 +283,17 @@ void web_free(web *w) {
 int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
 
 trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why) {
+    if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "no more than %d descriptors can be watched", WATCHES);
+    int own = dup(descriptor); /* libwebsockets closes what it has adopted */
     watch *added = &w->watches[w->watch_count];
-    *added = (watch){dup(descriptor), readable}; /* libwebsockets closes what it has adopted */
-    lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = added->descriptor,
+    *added = (watch){readable};
+    lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own,
                                 .vh_prot_name = "descriptor", .opaque = added};
-    if (w->watch_count == WATCHES || added->descriptor < 0 || !lws_adopt_descriptor_vhost_via_info(&adopted))
-        return fail(why, TROCAR_SYSTEM, "cannot watch a descriptor: %s", strerror(errno));
+    if (own < 0 || !lws_adopt_descriptor_vhost_via_info(&adopted)) {
+        trocar_status status = fail(why, TROCAR_SYSTEM, "cannot watch a descriptor: %s", strerror(errno));
+        if (own >= 0) close(own);
+        return status;
+    }
     w->watch_count++;
     return TROCAR_OK;
 }

@@ -7,7 +7,7 @@
 
 typedef struct web web;
 
-enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32 };
+enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100 };
 
 /* What a browser asks for; little-endian, 32 bytes. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE } action_kind;
@@ -24,6 +24,8 @@ typedef struct {
     const char *socket;      /* path of a Unix socket to listen on instead, or NULL */
     const char *host;        /* name under which browsers may open the page besides localhost and `address`, or NULL */
     int port;                /* 0: any free one */
+    int patience;            /* tenths of a second without a message after which a browser that drives has hung: it loses the
+                                needle; 0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* encoded: sent first */
     void *context;           /* of the functions below */

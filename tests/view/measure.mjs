@@ -1,34 +1,54 @@
 // By hand: what browsers cost the haptic loop, and the time from a pose to its picture; in a private network:
-//   scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS]
+//   scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS]
+// Runs with and without browsers take turns, since what else the machine does changes the loop's times from run to run as
+// much as browsers do; the medians of the runs are compared.
 import { once } from 'node:events'
-import { launch, ready, run, scene } from './parts.mjs'
+import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
-const [seconds = '20', most = '3'] = process.argv.slice(4)
+const [seconds = '8', most = '3', rounds = '9'] = process.argv.slice(4)
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(q * values.length))]
+const median = (values) => quantile(values, 0.5)
 
-/** The device plays the figure 8 while `count` browsers look on; prints what the server says of its loop. */
+/** p50 and p99 in us that the server has printed. */
+const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.]+) us`, 'm').exec(said).slice(1).map(Number)
+
+/** The device plays the figure 8 while `count` browsers look on. */
 async function measure(count) {
-  const server = run('server/trocar-server', '--scene', scene), view = run('view/trocar-view', '--scene', scene)
-  await Promise.all([ready(server), ready(view)])
-  const browser = count && await launch()
-  const pages = []
+  const server = await start('server/trocar-server'), view = await start('view/trocar-view'), browser = count && await launch(), pages = [], pictures = []
   for (let i = 0; i < count; i++) {
     pages.push(await (await browser.newContext({ viewport: { width: 1280, height: 800 } })).newPage())
-    await pages[i].goto('http://127.0.0.1:8686/')
+    await pages[i].goto(ADDRESS)
   }
-  const device = run('clients/trocar-device', '--script', 'figure8', '--duration', seconds, '--realtime'), latencies = []
-  const collect = setInterval(async () => { for (const page of pages) latencies.push(...await page.evaluate('trocar.latency.splice(0)').catch(() => [])) }, 1000)
+  const collect = async () => { for (const page of pages) pictures.push(...await page.evaluate('trocar.latency.splice(0)')) }
+  const device = run('clients/trocar-device', '--script', 'figure8', '--duration', seconds, '--realtime'), timer = setInterval(() => collect().catch(() => {}), 1000)
   await once(device, 'exit')
-  clearInterval(collect)
-  server.kill()
-  await once(server, 'exit')
+  clearInterval(timer)
+  await collect()
+  await stop(server)
   if (browser) await browser.close()
-  view.kill()
-  console.log(`${count} browsers`)
-  console.log(server.said.split('\n').filter((line) => /lateness|compute|tick|misses|round/.test(line)).map((line) => `  ${line}`).join('\n'))
-  const settled = latencies.slice(Math.floor(latencies.length / 5)) // the first pictures load the page
-  if (count) console.log(`  pose to picture: p50 ${quantile(settled, 0.5)?.toFixed(0)} ms, p95 ${quantile(settled, 0.95)?.toFixed(0)} ms, ${settled.length} pictures`)
+  await stop(view)
+  const lateness = times(server.said, 'lateness'), tick = times(server.said, 'compute')
+  console.log(`${count} browsers: lateness ${lateness.join(', ')} us, tick ${tick.join(', ')} us (p50, p99)`)
+  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // the first pictures load the page
 }
 
-for (const count of [0, ...Array.from({ length: Number(most) }, (_, i) => i + 1).filter((n) => n === 1 || n === Number(most)), 0]) await measure(count)
+/** Prints the medians of some runs; returns those of the p99. */
+function summarise(count, runs) {
+  const [late50, late99, tick50, tick99] = ['lateness', 'tick'].flatMap((name) => [0, 1].map((k) => median(runs.map((each) => each[name][k]))))
+  const pictures = runs.flatMap((each) => each.pictures)
+  console.log(`${count} browsers, medians of ${runs.length} runs: lateness p50 ${late50}, p99 ${late99} us; tick p50 ${tick50}, p99 ${tick99} us`
+    + (count ? `; pose to picture p50 ${median(pictures).toFixed(0)}, p95 ${quantile(pictures, 0.95).toFixed(0)} ms, ${pictures.length} pictures` : ''))
+  return { lateness: late99, tick: tick99 }
+}
+
+const without = [], one = [], several = []
+for (let round = 0; round < Number(rounds); round++) {
+  without.push(await measure(0))
+  if (round < Number(rounds) / 3) one.push(await measure(1))
+  several.push(await measure(Number(most)))
+}
+const alone = summarise(0, without)
+summarise(1, one)
+const beside = summarise(Number(most), several)
+console.log(`p99 with ${most} browsers / without: lateness ${(beside.lateness / alone.lateness).toFixed(2)}, tick ${(beside.tick / alone.tick).toFixed(2)}`)
 process.exit(0)

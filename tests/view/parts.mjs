@@ -1,11 +1,14 @@
-// What measure.mjs and soak.mjs share.
+// What page_test.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
+import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'
+import { once } from 'node:events'
 import path from 'node:path'
 
-const [programs, source] = process.argv.slice(2, 4).map((folder) => path.resolve(folder))
+export const [programs, source] = process.argv.slice(2, 4).map((folder) => path.resolve(folder))
 const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
 
+export const ADDRESS = 'http://127.0.0.1:8686/'
 export const scene = path.join(source, 'meshes/prostate.yaml')
 
 /** Starts a program; `said` is what it has printed. */
@@ -16,7 +19,22 @@ export function run(name, ...options) {
   return child
 }
 
-export async function ready(child) { while (!child.said.includes('ready\n')) await new Promise((done) => setTimeout(done, 20)) }
+const ended = (child) => child.exitCode !== null || child.signalCode !== null
+
+/** Starts a program with the scene and waits for its line "ready". */
+export async function start(name, ...options) {
+  const child = run(name, '--scene', scene, ...options)
+  while (!child.said.includes('ready\n')) {
+    assert(!ended(child), `${name} ended: ${child.said}`)
+    await new Promise((done) => setTimeout(done, 20))
+  }
+  return child
+}
+
+export async function stop(child, signal = 'SIGTERM') {
+  child?.kill(signal)
+  if (child && !ended(child)) await once(child, 'exit')
+}
 
 /** Chromium as on a machine without a graphics card: the processor draws. */
-export const launch = (...more) => chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader', ...more] })
+export const launch = () => chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader'] })

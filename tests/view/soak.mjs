@@ -1,34 +1,53 @@
-// By hand: memory of the page and of trocar-view while the figure 8 goes on, minute by minute; fails where it grows. In a
-// private network:
+// By hand: memory of the page, of all of Chromium and of trocar-view while the figure 8 goes on in tissue that is cut open,
+// minute by minute; fails where it grows. In a private network, where no other Chromium runs:
 //   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES]
-import { readFileSync } from 'node:fs'
-import { launch, run, ready, scene } from './parts.mjs'
+import { readdirSync, readFileSync } from 'node:fs'
+import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
 const FULL = 2        // minutes until the last minute's history is full
-const GROWTH = 1.1    // that counts as none
+const GROWTH = 1.1    // that counts as none: of the median of the later half to that of the earlier one
 const minutes = Number(process.argv[4] ?? 10)
 
-/** Resident memory in MB. */
-const resident = (child) => Number(/VmRSS:\s*(\d+)/.exec(readFileSync(`/proc/${child.pid}/status`, 'utf8'))[1]) / 1000
+/** MB of a process that are no file's, what it shares with others divided among them. */
+function resident(id) {
+  try {
+    const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
+    return ['Pss_Anon', 'Pss_Shmem'].reduce((sum, name) => sum + Number(new RegExp(`^${name}:\\s*(\\d+)`, 'm').exec(held)[1]) / 1000, 0)
+  } catch { return 0 /* it has ended */ }
+}
 
-const server = run('server/trocar-server', '--scene', scene, '--allow-non-rt'), view = run('view/trocar-view', '--scene', scene)
-await Promise.all([ready(server), ready(view)])
+function isChromium(id) {
+  try {
+    return /chromium/.test(readFileSync(`/proc/${id}/cmdline`, 'latin1'))
+  } catch { return false }
+}
+
+/** Of a private network: its process numbers are its own. */
+const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
+
+function grows(name) {
+  const values = seen.slice(FULL - 1).map((minute) => minute[name]), half = values.length >> 1
+  const median = (some) => some.sort((a, b) => a - b)[some.length >> 1]
+  return half > 0 && median(values.slice(-half)) > GROWTH * median(values.slice(0, half))
+}
+
+const server = await start('server/trocar-server', '--allow-non-rt'), view = await start('view/trocar-view')
 const device = run('clients/trocar-device', '--script', 'figure8', '--duration', String(60 * minutes + 20))
-const browser = await launch('--js-flags=--expose-gc', '--enable-precise-memory-info'), page = await browser.newPage({ viewport: { width: 1000, height: 640 } })
-await page.goto('http://127.0.0.1:8686/')
+const browser = await launch(), page = await browser.newPage({ viewport: { width: 1000, height: 640 } }), inspector = await page.context().newCDPSession(page)
+await page.goto(ADDRESS)
+await page.selectOption('#cut-axis', 'x')
 
 const seen = []
 for (let minute = 1; minute <= minutes; minute++) {
   await new Promise((done) => setTimeout(done, 60000))
-  const { heap, pictures, shapes } = await page.evaluate(() => {
-    gc()
-    return { heap: performance.memory.usedJSHeapSize / 1e6, pictures: trocar.history.pictures.length, shapes: trocar.stage.renderer.info.memory.geometries }
-  })
-  seen.push({ heap, view: resident(view) })
-  console.log(`minute ${minute}: page ${heap.toFixed(1)} MB, ${pictures} pictures, ${shapes} shapes; trocar-view ${resident(view).toFixed(1)} MB`)
+  await inspector.send('HeapProfiler.collectGarbage')
+  const heap = (await inspector.send('Runtime.getHeapUsage')).usedSize / 1e6
+  const { pictures, marks, shapes } = await page.evaluate('({ pictures: trocar.history.pictures.length, marks: trocar.history.marks.length, shapes: trocar.stage.renderer.info.memory.geometries })')
+  seen.push({ heap, chromium: residentOfChromium(), view: resident(view.pid) })
+  console.log(`minute ${minute}: page ${heap.toFixed(1)} MB (${pictures} pictures, ${marks} marks, ${shapes} shapes), Chromium ${seen.at(-1).chromium.toFixed(0)} MB, trocar-view ${seen.at(-1).view.toFixed(1)} MB`)
 }
 await browser.close()
-for (const child of [device, view, server]) child.kill()
-const grows = ['heap', 'view'].filter((name) => seen.length > FULL && seen.at(-1)[name] > GROWTH * seen[FULL - 1][name])
-console.log(grows.length ? `FAILED: ${grows} grows` : 'no growth')
-process.exit(grows.length)
+for (const child of [device, view, server]) await stop(child)
+const growing = Object.keys(seen[0]).filter(grows)
+console.log(growing.length ? `FAILED: ${growing} grows` : 'no growth')
+process.exit(growing.length)

@@ -1,8 +1,9 @@
 // The tissue in three.js: the translucent body, what lies inside, the cut, the shape at rest.
 import * as THREE from 'three'
+import { Filled, show } from './buffers.js'
 import { ramp, regionColour } from './colours.js'
 
-const OUTSIDE = 0xffffffff
+export const OUTSIDE = 0xffffffff
 const SOLID = { opacity: 1, slant: 0, facets: false, material: { side: THREE.DoubleSide, transparent: false } }
 const colour = new THREE.Color(), mixed = new THREE.Color() // scratch
 
@@ -71,6 +72,14 @@ function edgesOf(triangles) {
   return edges
 }
 
+/** The group of the region that has most of the outer surface. */
+export function hostOf({ triangles }) {
+  const faces = new Map()
+  for (let t = 0; t < triangles.length; t += 6)
+    if (triangles[t + 4] === OUTSIDE) faces.set(triangles[t + 3], (faces.get(triangles[t + 3]) ?? 0) + 1)
+  return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
+}
+
 /** Of the surfaces that nothing goes through. */
 export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
@@ -87,19 +96,11 @@ export class Anatomy {
     this.layers = new Map() // name -> objects
     this.smooth = []        // geometries whose normals follow the nodes
     this.range = 1e-3       // m, full scale of the colours
-    this.host = this.findHost()
+    this.host = hostOf(scene)
     this.addBody()
     scene.regions.forEach((region, i) => { if (region.group !== this.host) this.addRegion(region, i) })
     scene.membranes.forEach((membrane) => this.addMembrane(membrane))
     this.addCut()
-  }
-
-  /** The region that has most of the outer surface. */
-  findHost() {
-    const faces = new Map(), { triangles } = this.scene
-    for (let t = 0; t < triangles.length; t += 6)
-      if (triangles[t + 4] === OUTSIDE) faces.set(triangles[t + 3], (faces.get(triangles[t + 3]) ?? 0) + 1)
-    return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
   }
 
   /** Node triples of the triangles that are `wanted(inside, outside, bits)`; turned over where that gives -1. */
@@ -189,6 +190,7 @@ export class Anatomy {
   /** The tissue's face in the cutting plane. */
   addCut() {
     this.cutGeometry = new THREE.BufferGeometry()
+    this.cutTints = new Filled() // 3 a vertex
     this.cutColours = new Map()
     this.scene.regions.forEach((region, i) => this.cutColours.set(region.group, new THREE.Color(region.group === this.host ? '#7d8fa3' : regionColour(region, i))))
     const material = new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide, transparent: true, opacity: 0.82,
@@ -220,12 +222,14 @@ export class Anatomy {
   cut(normal, offset) {
     for (const object of this.layers.get('cut')) object.visible = normal !== null
     if (!normal) return
-    const { slicer } = this, count = slicer.cut(this.place.array, normal, offset), colours = new Float32Array(3 * count)
-    for (let v = 0; v < count; v++) this.colourOfCut(v).toArray(colours, 3 * v)
-    this.cutGeometry.setAttribute('position', new THREE.BufferAttribute(slicer.place.array.slice(0, 3 * count), 3))
-    this.cutGeometry.setAttribute('color', new THREE.BufferAttribute(colours, 3))
-    const edges = slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside)
-    this.cutEdge.setAttribute('position', new THREE.BufferAttribute(new Float32Array(edges), 3))
+    const { slicer, cutTints } = this, count = slicer.cut(this.place.array, normal, offset)
+    cutTints.count = 0
+    cutTints.reserve(3 * count)
+    for (let v = 0; v < count; v++) this.colourOfCut(v).toArray(cutTints.array, 3 * v)
+    cutTints.count = 3 * count
+    show(this.cutGeometry, 'color', cutTints, 3)
+    show(this.cutGeometry, 'position', slicer.place, 3)
+    show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside), 3)
   }
 
   /** The region's colour, turned towards that of the displacement. */

@@ -1,7 +1,7 @@
 // What trocar-view sends: see view/frames.h.
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
-const SAMPLE_BYTES = 72
+const SAMPLE_BYTES = 64
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
 
@@ -61,7 +61,6 @@ function decodeSamples(message, at, length) {
       time: view.getFloat64(i, true),
       values: [number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7), number(8), number(9), number(10)],
       events: view.getUint32(i + 52, true), membrane: view.getInt32(i + 56, true),
-      contacts: view.getInt32(i + 60, true), flags: view.getUint32(i + 64, true),
     })
   }
   return samples

@@ -19,7 +19,12 @@ class Spring {
     }
     element.addEventListener('pointerdown', (event) => { element.setPointerCapture(event.pointerId); this.held = true; set(event) })
     element.addEventListener('pointermove', (event) => { if (this.held) set(event) })
-    for (const end of ['pointerup', 'pointercancel', 'lostpointercapture']) element.addEventListener(end, () => { this.held = false; this.move(0, 0) })
+    for (const end of ['pointerup', 'pointercancel', 'lostpointercapture']) element.addEventListener(end, () => this.rest())
+  }
+
+  rest() {
+    this.held = false
+    this.move(0, 0)
   }
 
   move(x, y) {
@@ -39,17 +44,23 @@ export class Drive {
     this.pad = new Spring(elements.pad, true, true)
     this.roll = new Spring(elements.roll, true, false)
     elements.tilt.addEventListener('change', () => { elements.does.textContent = elements.tilt.checked ? 'tilt' : 'move' })
-    addEventListener('blur', () => this.pressed.clear())
+    addEventListener('blur', () => this.rest())
     setInterval(() => { if (this.driving) link.steer(this.command()) }, PERIOD)
   }
 
-  /** Returns whether the key is one that steers. */
+  /** Returns whether the key is one that steers. One that comes up is forgotten whoever has the needle by then. */
   key(event, down) {
     this.slow = event.shiftKey
+    if (!down) this.pressed.delete(event.code)
     if (!(event.code in KEYS) || !this.driving) return false
     if (down) this.pressed.add(event.code)
-    else this.pressed.delete(event.code)
     return true
+  }
+
+  /** Nothing is held: what is let go of unseen must not move the needle later. */
+  rest() {
+    this.pressed.clear()
+    for (const spring of [this.lever, this.pad, this.roll]) spring.rest()
   }
 
   /** right, up, forward, pitch, yaw, roll. The page looks along the needle, where x points to the left. */
@@ -81,6 +92,7 @@ export class Drive {
   show(status) {
     const { take, note, controls } = this.elements
     this.driving = status.drives && status.alive
+    if (!this.driving) this.rest()
     controls.hidden = !this.driving
     take.textContent = this.driving ? 'Let go' : 'Drive the needle'
     take.classList.toggle('held', this.driving)

@@ -1,13 +1,14 @@
 // An axial slice as a transrectal ultrasound probe would show it: grey tissue whose speckle moves with it, the flash of
 // the needle with its tail, outlines over it. A likeness for orientation, not a simulation of ultrasound.
 import * as THREE from 'three'
-import { bitsOfBone } from './anatomy.js'
+import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
+import { discard, Filled, show } from './buffers.js'
 import { Slicer } from './slicer.js'
 
 const VERTEX = `
   attribute vec3 rest; attribute float grey;
   varying vec3 seed; varying float level; varying vec2 place;
-  void main() { seed = rest; level = grey; place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`
+  void main() { seed = rest; level = grey; place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position.xy, 0.0, 1.0); }`
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
@@ -72,6 +73,7 @@ export class Echo {
     this.scene = scene
     this.slicer = new Slicer(scene)
     this.nodes = new Float32Array(scene.nodes)
+    discard(this.world)
     this.world.clear()
     this.frameFan(scene)
     this.addTissue(scene)
@@ -80,7 +82,7 @@ export class Echo {
 
   /** The probe lies under the regions of interest; the fan takes them in. */
   frameFan(scene) {
-    const wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== this.hostOf(scene)).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
+    const host = hostOf(scene), wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== host).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
     for (let t = 0; t < scene.tets.length; t += 5)
       if (wanted.has(scene.tets[t]) || wanted.size === 0)
         for (let i = 1; i < 5; i++) box.expandByPoint(p.fromArray(scene.nodes, 3 * scene.tets[t + i]))
@@ -93,20 +95,14 @@ export class Echo {
     this.range = { from: box.min.z - 0.01, to: box.max.z + 0.01 }
   }
 
-  hostOf(scene) {
-    const count = new Map()
-    for (let t = 0; t < scene.triangles.length; t += 6)
-      if (scene.triangles[t + 4] === 0xffffffff) count.set(scene.triangles[t + 3], (count.get(scene.triangles[t + 3]) ?? 0) + 1)
-    return [...count].sort((a, b) => b[1] - a[1])[0]?.[0]
-  }
-
   addTissue(scene) {
-    const host = this.hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread } }
+    const host = hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread } }
     this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.name) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
     const bone = bitsOfBone(scene)
-    this.outlined = (inside, outside) => inside !== outside && outside !== 0xffffffff
+    this.outlined = (inside, outside) => inside !== outside && outside !== OUTSIDE
     this.bony = (inside, outside, bits) => (bits & bone) !== 0
     this.geometry = new THREE.BufferGeometry()
+    this.levels = new Filled() // grey of each vertex
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
     this.flash = new THREE.Mesh(new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0),
       new THREE.ShaderMaterial({ vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
@@ -157,21 +153,23 @@ export class Echo {
     this.coarse = coarse
     const ratio = coarse ? MOVING : Math.min(devicePixelRatio, 2)
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
-    const count = this.slicer.cut(this.nodes, [0, 0, 1], this.place), greys = new Float32Array(count)
-    const flat = this.slicer.place.array.slice(0, 3 * count)
-    for (let v = 0; v < count; v++) {
-      flat[3 * v + 2] = 0
-      greys[v] = this.greys.get(this.slicer.region.array[v]) ?? GREY.other
-    }
-    this.geometry.setAttribute('position', new THREE.BufferAttribute(flat, 3))
-    this.geometry.setAttribute('rest', new THREE.BufferAttribute(this.slicer.nominal.array.slice(0, 3 * count), 3))
-    this.geometry.setAttribute('grey', new THREE.BufferAttribute(greys, 1))
+    this.cutTissue()
     const needle = this.crossing(), { uniforms } = this.flash.material
     uniforms.visible.value = needle ? 1 : 0
     if (needle) uniforms.needle.value.set(needle.x, needle.y)
     this.aim()
     this.renderer.render(this.world, this.camera)
     this.drawMarks(needle)
+  }
+
+  cutTissue() {
+    const { slicer, levels, geometry } = this, count = slicer.cut(this.nodes, [0, 0, 1], this.place)
+    levels.count = 0
+    levels.reserve(count)
+    for (let v = 0; v < count; v++) levels.array[levels.count++] = this.greys.get(slicer.region.array[v]) ?? GREY.other
+    show(geometry, 'position', slicer.place, 3)
+    show(geometry, 'rest', slicer.nominal, 3)
+    show(geometry, 'grey', levels, 1)
   }
 
   /** Seen along the needle: y up, x to the left. */
@@ -213,14 +211,14 @@ export class Echo {
   }
 
   drawOutlines(ink, nodes, wanted, colour, dash, width) {
-    const lines = this.slicer.outline(nodes, [0, 0, 1], this.place, wanted)
+    const { array: ends, count } = this.slicer.outline(nodes, [0, 0, 1], this.place, wanted)
     ink.strokeStyle = colour
     ink.lineWidth = width
     ink.setLineDash(dash)
     ink.beginPath()
-    for (let i = 0; i < lines.length; i += 6) {
-      ink.moveTo(...this.toPixel(lines[i], lines[i + 1]))
-      ink.lineTo(...this.toPixel(lines[i + 3], lines[i + 4]))
+    for (let i = 0; i < count; i += 6) {
+      ink.moveTo(...this.toPixel(ends[i], ends[i + 1]))
+      ink.lineTo(...this.toPixel(ends[i + 3], ends[i + 4]))
     }
     ink.stroke()
     ink.setLineDash([])

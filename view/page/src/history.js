@@ -1,7 +1,7 @@
-// What has been seen: live the last minute, of a log everything. Bounded in memory.
+// What has been seen: live the last minute, of a log all that trocar-view sends. Bounded in memory.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6
+const PICTURE_BYTES = 256e6 // live; of a log trocar-view sends no more
 const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
 
 /** Bits of insertion_event in core/insertion.h. `quiet`: drawn small and without a name. */
@@ -9,7 +9,7 @@ export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
   { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
-  { bit: 1 << 9, name: 'buckled', alarm: true },
+  { bit: 1 << 9, name: 'buckled', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
 ]
 
 export class History {
@@ -21,7 +21,6 @@ export class History {
     this.marks = []
     this.pictures = []
     this.bytes = 0
-    this.latest = null // newest sample
   }
 
   get start() { return this.count ? this.columns[0][0] : 0 }
@@ -34,7 +33,6 @@ export class History {
       s.values.forEach((value, i) => { this.columns[i + 1][this.count] = value })
       this.count++
       this.addMarks(s, membranes)
-      this.latest = s
     }
     if (this.live) this.forget(this.end - SPAN)
   }
@@ -66,7 +64,7 @@ export class History {
     this.pictures.push(picture)
     this.bytes += picture.bytes
     let spare = 0
-    while (this.bytes > PICTURE_BYTES && spare < this.pictures.length - 2) this.bytes -= this.pictures[spare++].bytes
+    while (this.live && this.bytes > PICTURE_BYTES && spare < this.pictures.length - 2) this.bytes -= this.pictures[spare++].bytes
     if (spare) this.pictures.splice(0, spare)
   }
 
@@ -74,7 +72,7 @@ export class History {
     let old = 0
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
-    while (this.marks.length && this.marks[0].until < before) this.marks.shift()
+    if (this.marks[0]?.time < before) this.marks = this.marks.filter((mark) => mark.until >= before) // the first may last
   }
 
   /** Index of the newest picture not after `time`; 0 before the first. */

@@ -11,7 +11,7 @@ import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 
 const STRIP_SPAN = 60 // s, live
-const pictureTime = new URLSearchParams(location.search).get('picture') // s: draw this, send it back, and that is all
+const posing = new URLSearchParams(location.search).has('picture') // draw the one picture there is, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -56,6 +56,7 @@ function takeScene(received) {
   plots.budget = 1 / scene.rate
   stage.load(scene)
   echo.load(scene)
+  setCut(element('cut-axis').value)
   listLayers()
   document.body.classList.toggle('log', !scene.live)
   plots.resize()
@@ -262,8 +263,8 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: timeShown(), range }) }
-const savePicture = async () => save(await takePicture(), `trocar-${timeShown().toFixed(2)}s.png`)
+const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: shown?.time ?? 0, range }) }
+const savePicture = async () => save(await takePicture(), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
@@ -305,12 +306,12 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-if (pictureTime !== null) {
+if (posing) {
   document.body.classList.add('picture')
   const wait = setInterval(async () => {
-    if (!scene || history.pictures.length === 0 || Math.max(history.end, history.pictures.at(-1).time) < status.now - 0.011) return
+    if (history.pictures.length === 0) return
     clearInterval(wait)
-    seek(Number(pictureTime))
+    seek(history.end)
     showPicture()
     link.sendPicture(await (await takePicture()).arrayBuffer())
   }, 50)

@@ -1,15 +1,5 @@
 // Cuts through the deformed tetrahedra: filled triangles and outlines of surfaces.
-
-/** A list of numbers that grows and is filled anew each time. */
-class Filled {
-  constructor() { this.array = new Float32Array(1 << 14); this.count = 0 }
-  reserve(more) {
-    if (this.count + more <= this.array.length) return
-    const wider = new Float32Array(2 * (this.count + more))
-    wider.set(this.array)
-    this.array = wider
-  }
-}
+import { Filled } from './buffers.js'
 
 // Corners of a tetrahedron whose sides of the plane make up the index: those below first; how many are below.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
@@ -28,6 +18,7 @@ export class Slicer {
     this.place = new Filled()   // 3 a vertex, m, deformed
     this.nominal = new Filled() // 3 a vertex, m, undeformed
     this.region = new Filled()  // 1 a vertex
+    this.edges = new Filled()   // 3 an end of a segment, m
   }
 
   measure(nodes, normal, offset) {
@@ -61,19 +52,21 @@ export class Slicer {
     return region.count
   }
 
-  /** Segments (6 numbers each) where the plane crosses those triangles of the scene that `wanted(inside, outside, bits)`. */
+  /** Fills edges with the segments where the plane crosses those triangles of the scene that `wanted(inside, outside, bits)`. */
   outline(nodes, normal, offset, wanted) {
-    const { triangles } = this.scene, { distance } = this, segments = []
+    const { triangles } = this.scene, { distance, edges } = this
     this.measure(nodes, normal, offset)
+    edges.count = 0
     for (let t = 0; t < triangles.length; t += 6) {
       if (!wanted(triangles[t + 3], triangles[t + 4], triangles[t + 5])) continue
+      edges.reserve(6)
       for (let e = 0; e < 3; e++) {
         const p = triangles[t + e], q = triangles[t + (e + 1) % 3]
         if ((distance[p] < 0) === (distance[q] < 0)) continue
         const part = distance[p] / (distance[p] - distance[q])
-        for (let a = 0; a < 3; a++) segments.push(nodes[3 * p + a] + part * (nodes[3 * q + a] - nodes[3 * p + a]))
+        for (let a = 0; a < 3; a++) edges.array[edges.count++] = nodes[3 * p + a] + part * (nodes[3 * q + a] - nodes[3 * p + a])
       }
     }
-    return segments
+    return edges
   }
 }

@@ -2,6 +2,7 @@
 import * as THREE from 'three'
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
+import { discard } from './buffers.js'
 import { ramp } from './colours.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
@@ -86,7 +87,7 @@ export class Stage {
   }
 
   load(scene) {
-    this.dispose()
+    if (this.content) discard(this.content.removeFromParent())
     this.scene = scene
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
     this.needle = new Needle(scene)
@@ -98,12 +99,6 @@ export class Stage {
     this.setCut('')
     this.show(pictureAtHome(scene))
     this.look(1)
-  }
-
-  dispose() {
-    if (!this.content) return
-    this.world.remove(this.content)
-    this.content.traverse((object) => { object.geometry?.dispose(); object.material?.dispose() })
   }
 
   /** The body and the part of the needle outside it, filling the view. */
@@ -119,7 +114,7 @@ export class Stage {
 
   /** `axis` '' for none. What lies on the viewer's side is taken away. */
   setCut(axis, part = 0.5) {
-    if (this.cutPlane) this.content.remove(this.cutPlane.frame)
+    if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())
     this.cutPlane = axis ? new Plane(axis, '#ffb454', this.box) : null
     if (this.cutPlane) {
       this.cutPlane.set(part)

@@ -221,10 +221,10 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** A little behind the tip, so that the needle shows. */
+/** A little behind the tip, so that the needle shows; in the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
-  if (tip.z > stage.box.min.z) setSlice(Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to))
+  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }

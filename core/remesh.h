@@ -62,8 +62,7 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
 bool remesher_look_ahead(remesher *r);
 
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
-   the snapshot answers another request. To the bit, or to rounding:
-   see simulation_restore. */
+   the snapshot answers another request. To the bit or to rounding: see simulation_restore. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why);
 
 #endif

@@ -42,7 +42,7 @@ struct server {
     worker worker;
     io io;
     telemetry telemetry;
-    task haptic_task, worker_task, io_task, telemetry_task;
+    task haptic_task, worker_task, io_task, telemetry_task, prepare_task;
 };
 
 /* --- creation --------------------------------------------------------------------------------------------------- */
@@ -152,15 +152,22 @@ static void join(task *t) {
     t->running = false;
 }
 
-/* Nothing stops the factorisation of a large matrix: a thread that is at one after 5 s is left behind. */
-static void join_or_leave(task *t) {
-    struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
-    until.tv_sec += 5;
-    if (t->running && pthread_timedjoin_np(t->thread, NULL, &until) == 0) t->running = false;
+/* Nothing stops the factorisation of a large matrix: a thread that is at one then, or waits for it, is left behind. */
+static void join_or_leave(task *t, const struct timespec *until) {
+    if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
-bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running; }
+bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
+
+/* What would else be made when the needle leaves the region of interest, or for the first picture of moved tissue. */
+static void *prepare_run(void *context) {
+    const server *s = context;
+    report why;
+    realtime_flush_denormals();
+    if (inverse_prepare(s->simulation.inverse, &why) != TROCAR_OK)
+        fprintf(stderr, "trocar-server: no pictures of the tissue, and nothing outside the region of interest: %s\n", why.text);
+    return NULL;
+}
 
 static void *haptic_run(void *context) {
     server *s = context;
@@ -186,6 +193,7 @@ static trocar_status start_all(server *s, report *why) {
     if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
     if ((status = start(&s->telemetry_task, "trocar-telemetry", 0, telemetry_run, &s->telemetry, why)) != TROCAR_OK)
         return status;
+    if ((status = start(&s->prepare_task, "trocar-prepare", 0, prepare_run, s, why)) != TROCAR_OK) return status;
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
@@ -196,8 +204,12 @@ static void stop_all(server *s) {
     worker_stop(&s->worker);
     telemetry_stop(&s->telemetry);
     io_stop(&s->io);
-    join_or_leave(&s->worker_task);
-    join_or_leave(&s->telemetry_task);
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += 5;
+    join_or_leave(&s->worker_task, &until);
+    join_or_leave(&s->telemetry_task, &until);
+    join_or_leave(&s->prepare_task, &until);
     join(&s->io_task);
 }
 

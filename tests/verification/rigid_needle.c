@@ -2,7 +2,7 @@
    compliances of the insertion: for comparison with a needle whose surface is resolved (resolved_needle.py).
    usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower"
    Needle along -z from the top (z = 0.1 m). Prints: nodes, contacts, and the forces in N for 1 mm: the whole needle
-   sideways along x, the whole needle along z, the tip alone along z. */
+   sideways along x, the whole needle along z, the tip alone along z; then the first two once more by the tick itself. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +18,9 @@ typedef struct {
     compliance_snapshot snapshot;
 } body;
 
+static const double RIGID = 1e7;   /* times steel */
+static const double HOLDS = 1e6;   /* N/m and N: nothing slides, nothing is cut */
+
 static trocar_status configure(char **argument, simulation_config *c, report *why) {
     mesh m;
     simulation_defaults(c);
@@ -31,11 +34,14 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
         region->material = region_defaults();
         region->material.poisson_ratio = atof(argument[3]);
         region->material.youngs_modulus = atof(strcmp(region->name, "lower") == 0 ? argument[8] : argument[7]);
+        region->material.friction_static = region->material.friction_kinetic = HOLDS;
+        region->material.cutting_force = HOLDS;
     }
     mesh_free(&m);
     snprintf(c->fixed[c->fixed_count++], MESH_NAME, "fixed");
     c->needle.outer_diameter = 2.0 * atof(argument[2]);
     c->needle.inner_diameter = 0.5 * c->needle.outer_diameter;
+    c->needle.youngs_modulus *= RIGID;
     return TROCAR_OK;
 }
 
@@ -89,6 +95,21 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
+/* The same by the tick, from the change of the wrench on a needle that holds all of its contacts, as its base moves by 1 mm. (At
+   rest it is not quite zero: nodes are kept off the faces of elements, and so a little beside the needle.) */
+static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
+    insertion_wrench wrench;
+    insertion_reset(&b->simulation.insertion, base, &b->state);
+    trocar_status status = TROCAR_OK;
+    *force = 0.0;
+    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* the contacts take part in the second tick, the base moves in the third */
+        if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
+        status = simulation_step(&b->simulation, &b->state, &b->snapshot, base, 1e-3, &wrench, why);
+        if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
+    }
+    return status;
+}
+
 int main(int argc, char **argv) {
     report why;
     simulation_config config;
@@ -110,6 +131,14 @@ int main(int argc, char **argv) {
         return 2;
     }
     double tip_alone, sideways = total_force(b, 0, &tip_alone), along = total_force(b, 2, &tip_alone);
-    printf("%d %d %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), sideways, along, tip_alone);
+    double tick_sideways, tick_along;
+    status = force_of_tick(b, base, v3(1, 0, 0), &tick_sideways, &why);
+    if (status == TROCAR_OK) status = force_of_tick(b, base, v3(0, 0, -1), &tick_along, &why);
+    if (status != TROCAR_OK) {
+        fprintf(stderr, "rigid_needle: %s\n", why.text);
+        return 2;
+    }
+    printf("%d %d %.6g %.6g %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), sideways, along, tip_alone,
+           tick_sideways, tick_along);
     return 0;
 }

@@ -14,6 +14,7 @@ except ImportError:
 
 LIMIT = 0.07  # what people notice of a force (Pang, Tan and Durlach 1991)
 TICK_LIMIT = 0.002  # forces for one direction's motion that point in the others: left out by rigid_needle.c
+ABREAST = "the springs' sum leaves out the force that one direction's motion meets in the others; with it this case is further from the reference"
 COARSE = 4  # meshes on which the tick is asked as well
 SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0125 * 0.999, 0.0078, 0.0053, 0.0040, 0.0030)}
 
@@ -67,7 +68,8 @@ def compare_with_tick(rows, name, case, meshes):
     for mesh in meshes:
         _, _, sideways, along, _, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
         apart = max(apart, abs(sideways / tick_sideways - 1), abs(along / tick_along - 1))
-    rows.error(f"{name}: the springs' forces above against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick", apart, TICK_LIMIT)
+    rows.error(f"{name}: the springs' forces above against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick", apart, TICK_LIMIT,
+               ABREAST if apart > TICK_LIMIT else "")
 
 
 def main():

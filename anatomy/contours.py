@@ -3,6 +3,7 @@
 Coordinates are DICOM's patient coordinates in millimetres: x to the patient's left, y backward, z toward the head.
 """
 import dataclasses
+import functools
 import itertools
 import math
 import statistics
@@ -15,7 +16,14 @@ SAME_SLICE = 0.1      # mm: outlines this close in z are on one slice
 OUT_OF_PLANE = 0.5    # mm by which the points of one outline may differ in z
 SPIKE = 0.5           # mm: what is narrower than twice this is a slip of the pen
 SPECK = 3.0           # mm^2: what is smaller was not meant
+INSIDE = 0.98         # share of an outline that lies inside another one, if it is a hole in it
+HOLE = 0.8            # of the area around it: an outline inside another that is not smaller is the same one drawn again
+DOUBLED = 0.02        # of its area: an outline that differs by less from another one is a copy
 SCRAMBLED = 0.8       # an outline with less than this share of the area that its points span in order of angle was not in order
+
+
+class ExclusiveRings(list):
+    """Rings of which an even number, one inside the other, enclose nothing (DICOM's CLOSEDPLANAR_XOR)."""
 
 
 class Unusable(Exception):
@@ -86,19 +94,31 @@ def clean_ring(points):
 
 
 def merge(areas):
-    """Outlines inside others are holes in them; the same outline twice counts once."""
-    whole = None
-    for i, area in enumerate(areas):
-        if any(area.symmetric_difference(other).area < 0.02 * area.area for other in areas[:i]):
-            continue
-        whole = area if whole is None else whole.symmetric_difference(area)
-    return MultiPolygon([p for p in polygons(whole) if p.area >= SPECK])
+    """What outlines of one slice enclose together, and whether they overlap: one inside another, and much smaller, is a hole in
+    it; whatever else overlaps is united."""
+    outer, inner, overlap = [], [], False
+    for area in sorted(areas, key=lambda a: -a.area):
+        apart, near = ([p for p in outer if p.intersects(area) == meets] for meets in (False, True))
+        around = MultiPolygon(near)
+        shared = around.intersection(area).area
+        if shared >= INSIDE * area.area and area.area < HOLE * around.area:
+            inner.append(area)
+        elif around.symmetric_difference(area).area >= DOUBLED * area.area:
+            overlap |= shared > SPECK
+            outer = apart + polygons(around.union(area) if near else area)
+    outer = MultiPolygon(outer)
+    if inner:
+        holes, overlap_inside = merge(inner)
+        outer, overlap = outer.difference(holes), overlap or overlap_inside
+    return large_enough(outer), overlap
 
 
-def clean_slice(roi, z, rings):
-    areas = [area for area in map(clean_ring, rings) if area is not None]
-    outline = merge(areas) if areas else MultiPolygon()
-    return Slice(z, outline)
+def exclusive_or(areas):
+    return large_enough(functools.reduce(lambda a, b: a.symmetric_difference(b), areas, MultiPolygon())), False
+
+
+def large_enough(shape):
+    return MultiPolygon([p for p in polygons(shape) if p.area >= SPECK])
 
 
 def build_stack(roi, rings):
@@ -116,16 +136,19 @@ def build_stack(roi, rings):
                            "export axial slices", z, [ring])
         flat.append((z, ring[:, :2]))
     flat.sort(key=lambda item: item[0])
+    combine = exclusive_or if isinstance(rings, ExclusiveRings) else merge
     slices, notes = [], []
     while flat:
         z = flat[0][0]
         here = [ring for height, ring in flat if height - z <= SAME_SLICE]
         flat = flat[len(here):]
-        made = clean_slice(roi, z, here)
-        if made.outline.is_empty:
+        outline, overlap = combine([area for area in map(clean_ring, here) if area is not None])
+        if overlap:
+            notes.append(f"slice z = {z:g} mm: outlines overlap: united")
+        if outline.is_empty:
             notes.append(f"slice z = {z:g} mm left out: its outline encloses less than {SPECK:g} mm^2")
         else:
-            slices.append(made)
+            slices.append(Slice(z, outline))
     if len(slices) < 2:
         raise Unusable(roi, f"{len(slices)} usable slice{'s' * (len(slices) != 1)}: at least two are needed"
                        + "".join(f"; {note}" for note in notes), rings=rings)

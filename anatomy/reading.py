@@ -1,17 +1,19 @@
 """Reads outlines and surfaces: DICOM RT Structure Sets, CSV, STL, PLY. What comes out is in DICOM's patient coordinates, mm."""
+import collections
 import csv
 import os
+import struct
 
 import numpy as np
 import pydicom
 import vtk
 
 from . import shells
-from .contours import Unusable
+from .contours import ExclusiveRings, Unusable
 
 OUTLINES, SURFACES = (".dcm", ".csv"), (".stl", ".ply")
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
-CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+CLOSED, EXCLUSIVE = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR"
 
 
 class BadFile(Exception):
@@ -40,21 +42,40 @@ def read_rtstruct(path):
         raise BadFile(f"{path}: not a DICOM file: {error}") from error
     if data.get("Modality") != "RTSTRUCT":
         raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT: export the structure set")
-    names = {roi.ROINumber: str(roi.ROIName) for roi in data.get("StructureSetROISequence", [])}
+    try:  # pydicom reads what is in sequences when it is asked for
+        return rois_of(data)
+    except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
+        raise BadFile(f"{path}: damaged, or cut off: {error}") from error
+
+
+def rois_of(data):
+    """ROI name -> list of rings, of an RT Structure Set."""
+    names = roi_names(data.get("StructureSetROISequence", []))
     rois = {name: [] for name in names.values()}
     for item in data.get("ROIContourSequence", []):
         if item.ReferencedROINumber not in names:
-            raise BadFile(f"{path}: outlines of ROI number {item.ReferencedROINumber}, which has no name")
+            raise ValueError(f"outlines of ROI number {item.ReferencedROINumber}, which has no name")
+        name = names[item.ReferencedROINumber]
         for contour in item.get("ContourSequence", []):
-            if contour.get("ContourGeometricType", "CLOSED_PLANAR") in CLOSED:
-                rois[names[item.ReferencedROINumber]].append(points_of(contour, path, names[item.ReferencedROINumber]))
+            kind = contour.get("ContourGeometricType", "CLOSED_PLANAR")
+            if kind == EXCLUSIVE:
+                rois[name] = ExclusiveRings(rois[name])
+            if kind in (CLOSED, EXCLUSIVE):
+                rois[name].append(points_of(contour, name))
     return rois
 
 
-def points_of(contour, path, roi):
+def roi_names(sequence):
+    """ROI number -> name; with the number in it where there is none, or several have the same."""
+    given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
+    often = collections.Counter(given.values())
+    return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}
+
+
+def points_of(contour, roi):
     values = np.array([float(v) for v in contour.get("ContourData", None) or []])
     if len(values) % 3:
-        raise BadFile(f"{path}: ROI \"{roi}\": an outline has {len(values)} coordinates, not three a point")
+        raise ValueError(f"ROI \"{roi}\": an outline has {len(values)} coordinates, not three a point")
     return values.reshape(-1, 3)
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Outlines in every state in which they come."""
+import math
 import unittest
 
 import numpy as np
@@ -37,6 +38,27 @@ class Outlines(unittest.TestCase):
 
     def test_the_same_outline_twice_counts_once(self):
         self.assertAlmostEqual(area(SQUARE, np.roll(SQUARE[::-1], 2, axis=0)), self.area, places=9)
+
+    def test_an_outline_drawn_again_beside_itself_is_united_with_it_and_that_is_told(self):
+        gland = ellipse(22, 17, 5)
+        for aside, told in ((0.3, 0), (0.5, 1), (1.5, 1)):
+            stack = contours.build_stack("x", [gland, gland + [aside, 0, 0], SQUARE + [0, 0, 5]])
+            self.assertAlmostEqual(stack.slices[0].outline.area, area(gland) + 2 * 17 * aside, delta=11)
+            self.assertEqual(stack.notes, ["slice z = 5 mm: outlines overlap: united"] * told)
+        self.assertAlmostEqual(area(gland, ellipse(20.5, 15.5, 5)), area(gland))
+
+    def test_halves_that_overlap_are_united(self):
+        self.assertAlmostEqual(area(SQUARE, SQUARE + [8, 0, 0]), 28 * 20, delta=1)
+
+    def test_an_outline_in_a_hole_is_an_island(self):
+        self.assertAlmostEqual(area(ellipse(22, 17, 5), ellipse(12, 9, 5), ellipse(5, 5, 5)), math.pi * (22 * 17 - 12 * 9 + 25), delta=4)
+
+    def test_a_hole_drawn_twice_is_one_hole(self):
+        self.assertAlmostEqual(area(ellipse(22, 17, 5), ellipse(6, 6, 5), ellipse(6, 6, 5, centre=(0.5, 0))), math.pi * (22 * 17 - 36) - 6, delta=4)
+
+    def test_exclusive_outlines_are_outside_where_they_overlap(self):
+        rings = contours.ExclusiveRings([SQUARE, SQUARE + [8, 0, 0], SQUARE + [0, 0, 5]])
+        self.assertAlmostEqual(contours.build_stack("x", rings).slices[0].outline.area, 2 * 8 * 20, delta=2)
 
     def test_outlines_side_by_side_stay_apart(self):
         slice_ = contours.build_stack("x", [SQUARE, SQUARE + [40, 0, 0.02], SQUARE + [0, 0, 5]]).slices[0]

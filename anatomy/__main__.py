@@ -1,21 +1,19 @@
 """Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
 
-The first region is the gland: its surface is the membrane `capsule`. Regions that touch are kept apart by half an element,
-the smaller giving way. Outlines and surfaces are taken to be in DICOM's patient coordinates, millimetres.
+The first region is the gland: its surface is the membrane `capsule`. Regions that touch are kept apart by half an element:
+bones give way to the gland, other regions to both, the smaller to the larger. Outlines and surfaces are taken to be in
+DICOM's patient coordinates, millimetres.
 """
 import argparse
 import os
+import re
 import sys
 
-from . import contours, meshing, picture, pipeline, quality, reading, scene
-
-
-class Help(argparse.RawDescriptionHelpFormatter):
-    pass
+from . import contours, picture, pipeline, quality, reading, scene, session
 
 
 def parse_arguments(arguments):
-    parser = argparse.ArgumentParser("anatomy", description=__doc__, formatter_class=Help)
+    parser = argparse.ArgumentParser("anatomy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("input", nargs="+", help="one file of outlines (.dcm, .csv), or surfaces (.stl, .ply), one a region, named as the file")
     parser.add_argument("--list", action="store_true", help="list the regions of interest and end")
     parser.add_argument("--roi", action="append", default=[], metavar="NAME", help="soft region, the gland first; may be repeated")
@@ -35,9 +33,9 @@ def parse_arguments(arguments):
 
 
 def pick(name, available, path):
-    for key in available:
-        if key.strip().lower() == name.strip().lower():
-            return key
+    alike = [key for key in available if key.strip().lower() == name.strip().lower()]
+    if alike:
+        return name if name in alike else alike[0]
     raise reading.BadFile(f"{path}: has no region \"{name}\"; it has: {', '.join(available)}")
 
 
@@ -46,7 +44,13 @@ def read_all(given):
     kinds = {reading.kind_of(path) for path in given.input}
     if kinds <= set(reading.SURFACES):
         scale = 1.0 if given.unit == "mm" else 1e3
-        return {os.path.splitext(os.path.basename(path))[0]: reading.read_surface(path, scale) for path in given.input}
+        paths = {}
+        for path in given.input:
+            stem = os.path.splitext(os.path.basename(path))[0]
+            if stem in paths:
+                raise reading.BadFile(f"{path}: its region would have the name of that of {paths[stem]}: rename one of the files")
+            paths[stem] = path
+        return {stem: reading.read_surface(path, scale) for stem, path in paths.items()}
     if len(given.input) > 1:
         raise reading.BadFile("one file of outlines, or any number of surfaces, not both")
     return reading.read_outlines(given.input[0])
@@ -58,8 +62,16 @@ def organs_of(given, available):
         soft = [name for name in available if name not in bones]
         if len(soft) != 1:
             raise reading.BadFile(f"{given.input[0]}: choose the gland with --roi; it has: {', '.join(available)}")
-    make = pipeline.organ_of_rings if isinstance(next(iter(available.values())), list) else pipeline.organ_of_surface
-    organs = [make(name, name in bones, available[name]) for name in [soft[0], *bones, *soft[1:]]]
+    chosen = [soft[0], *bones, *soft[1:]]
+    for name in chosen:
+        if chosen.count(name) > 1:
+            raise reading.BadFile(f"{given.input[0]}: region \"{name}\" is chosen twice")
+    names = pipeline.region_names(chosen)
+    make = pipeline.organ_of_rings if isinstance(available[soft[0]], list) else pipeline.organ_of_surface
+    organs = [make(name, names[name], name in bones, available[name]) for name in chosen]
+    for organ in organs:
+        if organ.name != re.sub(r"\W+", "_", organ.roi.lower()).strip("_"):
+            organ.note(f"is called {organ.name} in mesh and scene")
     return sorted(organs, key=lambda organ: (organ is not organs[0], not organ.bone, -organ.volume))
 
 
@@ -74,11 +86,12 @@ def run(given):
         if given.picture:
             picture.draw_problem(error, given.picture)
         raise
-    if given.picture:
-        picture.draw([organ.stack for organ in organs if organ.stack], available, given.picture)
-    meshing.quiet()
-    domain, outlined = pipeline.domain_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor])
-    mesh = meshing.generate(domain, given.nodes, given.output + ".msh")
+    if given.picture and organs[0].stack:
+        picture.draw([organ.stack for organ in organs], available, given.picture)
+    elif given.picture:
+        print("anatomy: --picture: surfaces have no outlines: there is none", file=sys.stderr)
+    session.start()
+    mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor], given.output + ".msh")
     write_texts(given, organs, domain, mesh, outlined)
 
 
@@ -87,7 +100,7 @@ def write_texts(given, organs, domain, mesh, outlined):
     soft, bones = [organ.name for organ in organs if not organ.bone], any(organ.bone for organ in organs)
     walls = sorted({body.surface for body in domain.bodies} - {"capsule", "bone"})
     source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
-    rows = quality.table(mesh, outlined)
+    rows = quality.table(mesh, outlined, pipeline.distances_to_outlines(organs, domain, mesh, outlined))
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))
     quality.draw(mesh, given.output + "-quality.svg")
     notes = [note for organ in organs for note in organ.notes]

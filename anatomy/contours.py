@@ -46,7 +46,8 @@ class Stack:
     """One organ's outlines, ascending in z; at least two slices."""
     name: str
     slices: list
-    notes: list = dataclasses.field(default_factory=list)  # what was left out, in words
+    notes: list = dataclasses.field(default_factory=list)      # what was left out, in words
+    left_out: list = dataclasses.field(default_factory=list)   # z of slices
 
     @property
     def spacing(self):
@@ -137,7 +138,7 @@ def build_stack(roi, rings):
         flat.append((z, ring[:, :2]))
     flat.sort(key=lambda item: item[0])
     combine = exclusive_or if isinstance(rings, ExclusiveRings) else merge
-    slices, notes = [], []
+    slices, notes, left_out = [], [], []
     while flat:
         z = flat[0][0]
         here = [ring for height, ring in flat if height - z <= SAME_SLICE]
@@ -147,12 +148,13 @@ def build_stack(roi, rings):
             notes.append(f"slice z = {z:g} mm: outlines overlap: united")
         if outline.is_empty:
             notes.append(f"slice z = {z:g} mm left out: its outline encloses less than {SPECK:g} mm^2")
+            left_out.append(z)
         else:
             slices.append(Slice(z, outline))
     if len(slices) < 2:
         raise Unusable(roi, f"{len(slices)} usable slice{'s' * (len(slices) != 1)}: at least two are needed"
                        + "".join(f"; {note}" for note in notes), rings=rings)
-    stack = Stack(roi, slices, notes)
+    stack = Stack(roi, slices, notes, left_out)
     stack.notes += [f"no slice between z = {lower.z:g} and {upper.z:g} mm: interpolated"
                     for lower, upper in itertools.pairwise(slices) if upper.z - lower.z > 1.5 * stack.spacing]
     return stack

@@ -2,7 +2,7 @@
 import gmsh
 import numpy as np
 
-from . import contours
+from . import contours, session
 from .shells import Shell, oriented
 
 POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor of the hand
@@ -65,10 +65,10 @@ def of_stack(stack):
     try:
         shell = triangulate(stack)
     except Exception:  # Gmsh raises no other class
+        session.restart()
         return None
-    finally:
-        gmsh.model.remove()
-        for option, value in (("MeshSizeMin", 0), ("MeshSizeMax", 1e22)):
-            gmsh.option.setNumber("Mesh." + option, value)
+    gmsh.model.remove()
+    for option, value in (("MeshSizeMin", 0), ("MeshSizeMax", 1e22)):
+        gmsh.option.setNumber("Mesh." + option, value)
     sound = is_closed(shell) and abs(shell.volume() / stack.volume() - 1) < ERROR
     return shell if sound else None

@@ -1,22 +1,37 @@
 """Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes."""
+import collections
 import dataclasses
 import math
+import os
+import shutil
+import tempfile
 
 import gmsh
 import numpy as np
 
-from . import quality
+from . import quality, session
 from .contours import Unusable
 from .loft import mesh_shell
-from .shells import decimated, distances
+from .shells import Shell, crossings, decimated, distances
 
 GROWTH = 4.0            # size of the elements at the box's corners over that in the gland
 CORRIDOR = 0.5          # and in the corridor
 MOST_GROWTH = 1.09      # by which a coarse surface is blown up to hold its volume again
 FINEST_SURFACE = 2500   # triangles that are enough for a surface to be remeshed
 TRIES = 16
+FAILURES = 3            # of Gmsh, after which nothing is expected of other sizes of element
 JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
+OFF = 0.10              # of the wanted number of nodes: a mesh that is further off is none
+STUCK = 0.01            # of the number of nodes: a change of the element's size that makes less of a difference is in vain
+
+
+class Failure(Exception):
+    """Gmsh made no mesh. `names`: regions whose surfaces are the reason; `z`: m, where, or None."""
+
+    def __init__(self, problem, names, z=None):
+        super().__init__(problem)
+        self.names, self.z = names, z
 
 
 @dataclasses.dataclass
@@ -38,6 +53,7 @@ class Domain:
     high: np.ndarray
     middle: np.ndarray       # of the gland
     reach: float             # m: half the gland's longest side
+    origin: np.ndarray       # DICOM mm: where the mesh has its origin
     corridor: tuple = None   # x, y, radius, m
 
     def parents(self):
@@ -48,15 +64,6 @@ class Domain:
                       and np.median(distances(other.shell, body.shell.points[::50])) < 0]
             found.append(min(around, key=lambda i: self.bodies[i].shell.volume(), default=None))
         return found
-
-
-def quiet():
-    """Starts Gmsh so that the same input gives the same mesh."""
-    gmsh.initialize()
-    for option, value in (("General.Terminal", 0), ("General.NumThreads", 1), ("Mesh.MshFileVersion", 2.2), ("Geometry.Tolerance", 1e-9),
-                          ("Mesh.RandomSeed", 1), ("Mesh.OptimizeThreshold", 0.7), ("Mesh.MeshSizeExtendFromBoundary", 0), ("Mesh.MeshSizeFromPoints", 0),
-                          ("Mesh.MeshSizeFromCurvature", 0)):
-        gmsh.option.setNumber(option, value)
 
 
 def size_formula(domain, fine):
@@ -91,11 +98,22 @@ def coarse(body, formula):
     body's volume again, which facets cut short."""
     longest = body.longest
     while True:
-        shell = remeshed(body.shell, f"Min({longest:.9g},{formula})")
+        try:
+            shell = remeshed(body.shell, f"Min({longest:.9g},{formula})")
+        except Exception as error:  # Gmsh's own has no other class
+            raise failure_of([body], [body.shell], error) from error
         growth = (body.volume / shell.volume()) ** (1 / 3)
         if growth < MOST_GROWTH or longest < body.longest / 4:
             return shell.scaled(growth)
         longest *= 0.85
+
+
+def failure_of(bodies, shells, error):
+    """Why these surfaces cannot be meshed: where they cross, if they do."""
+    for point, *crossed in crossings(shells):
+        return Failure("its surface crosses itself" if crossed[0] == crossed[1] else "their surfaces cross",
+                       sorted({bodies[k].name for k in crossed}), point[2])
+    return Failure(f"Gmsh cannot mesh it: {error}", sorted({body.name for body in bodies}))
 
 
 def remeshed(shell, formula):
@@ -134,9 +152,18 @@ def add_box(low, high):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the bodies' coarse surfaces."""
     formula = size_formula(domain, fine)
     shells = [coarse(body, formula) for body in domain.bodies]
+    try:
+        fill(domain, shells, formula)
+    except Exception as error:  # Gmsh's own has no other class
+        raise failure_of(domain.bodies, shells, error) from error
+    return shells
+
+
+def fill(domain, shells, formula):
+    """Tetrahedra inside and around the surfaces."""
     gmsh.model.add("tissue")
     surfaces = [add_discrete(shell) for shell in shells]
     faces = add_box(domain.low, domain.high)
@@ -184,7 +211,11 @@ def current_mesh():
             tets.append(corners)
             region.append(np.full(len(corners), len(regions)))
         regions.append(gmsh.model.getPhysicalName(3, group))
-    return quality.Mesh(flat.reshape(-1, 3), np.concatenate(tets), np.concatenate(region), regions)
+    points = flat.reshape(-1, 3)
+    surfaces = {gmsh.model.getPhysicalName(2, group): Shell(points, np.concatenate(
+        [at[gmsh.model.mesh.getElementsByType(2, surface)[1]].reshape(-1, 3) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)]))
+        for _, group in gmsh.model.getPhysicalGroups(2)}
+    return quality.Mesh(points, np.concatenate(tets), np.concatenate(region), regions, surfaces)
 
 
 def first_size(extent, nodes):
@@ -194,31 +225,53 @@ def first_size(extent, nodes):
 
 def generate(domain, nodes, path):
     """Writes the mesh of about so many nodes with the best angles that a few sizes of element give; returns it."""
+    with tempfile.TemporaryDirectory() as folder:
+        best = os.path.join(folder, "best.msh")
+        mesh, shells = search(domain, nodes, best)
+        if abs(len(mesh.points) / nodes - 1) > OFF:
+            raise too_far_off(nodes, len(mesh.points), domain.bodies, shells)
+        shutil.copyfile(best, path)
+    return mesh
+
+
+def search(domain, nodes, path):
+    """The best mesh, also written, and its surfaces."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size = None, (2, math.inf), None
+    best, best_rank, close_size, before, failures = None, (2, math.inf), None, 0, 0
     for attempt in range(TRIES):
         try:
-            build(domain, fine)
-        except Exception as error:  # Gmsh's own has no other class
-            failure = error
-            gmsh.clear()
+            shells = build(domain, fine)
+        except Failure:
+            session.restart()
+            failures += 1
+            if best is None and failures == FAILURES:
+                raise
             fine *= 0.98
             continue
         mesh = current_mesh()
-        off = abs(len(mesh.points) / nodes - 1)
+        count = len(mesh.points)
+        off = abs(count / nodes - 1)
         rank = (0, mesh.badness()) if off <= CLOSE else (1, off)
         if rank < best_rank:
-            best, best_rank = mesh, rank
+            best, best_rank = (mesh, shells), rank
             gmsh.write(path)
         gmsh.model.remove()
-        if best_rank[0] == 0 and best_rank[1] <= 1:
+        if rank[0] == 0 and rank[1] <= 1 or off > OFF and abs(count - before) < STUCK * count:
             break
-        centre = fine * (len(mesh.points) / nodes) ** (1 / 3)
+        before = count
+        centre = fine * (count / nodes) ** (1 / 3)
         if off > CLOSE:
             fine = centre
         else:  # look around it
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * attempt % 1 - 0.5))
-    if best is None:
-        raise Unusable(domain.bodies[0].name, f"Gmsh cannot mesh around it: {failure}: try another --nodes, or fewer regions")
     return best
+
+
+def too_far_off(nodes, count, bodies, shells):
+    taken = collections.Counter()
+    for body, shell in zip(bodies, shells):
+        taken[body.name] += len(shell.points)
+    name, most = taken.most_common(1)[0]
+    return Unusable(name, f"the nearest to {nodes} nodes that is reached is {count}"
+                    + (f": its surface alone has {most}: raise --nodes, or leave it out" if count > nodes else ""))

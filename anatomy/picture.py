@@ -22,6 +22,7 @@ def panel(axis, title, rings, polygons):
 
 
 def sheet(panels, path):
+    more = len(panels) - PANELS
     panels = panels[:PANELS]
     columns = min(6, len(panels))
     rows = math.ceil(len(panels) / columns)
@@ -30,16 +31,21 @@ def sheet(panels, path):
         axis.axis("off")
     for axis, contents in zip(axes.flat, panels):
         panel(axis, *contents)
+    if more > 0:
+        figure.suptitle(f"and {more} more", fontsize=8)
     figure.savefig(path, metadata={"Date": None, "Title": "Outlines"})
     plt.close(figure)
 
 
 def draw(stacks, rings, path):
     """`rings`: ROI name -> its rings."""
-    panels = [(f"{stack.name}, z = {s.z:g} mm", [r for r in rings[stack.name] if len(r) and abs(np.median(r[:, 2]) - s.z) < 0.2], s.outline.geoms)
-              for stack in stacks for s in stack.slices]
-    if panels:
-        sheet(panels, path)
+    panels = []
+    for stack in stacks:
+        for z, outline in sorted([(s.z, s.outline) for s in stack.slices] + [(z, None) for z in stack.left_out], key=lambda pair: pair[0]):
+            here = [ring for ring in rings[stack.name] if len(ring) and abs(np.median(ring[:, 2]) - z) < 0.2]
+            title = f"{stack.name}, z = {z:g} mm"
+            panels.append((title, here, outline.geoms) if outline else (f"{title}\nleft out: encloses too little", here, []))
+    sheet(panels, path)
 
 
 def draw_problem(error, path):

@@ -21,6 +21,7 @@ class Mesh:
     tets: np.ndarray       # (m, 4)
     region: np.ndarray     # (m,) index into `regions`
     regions: list          # names
+    surfaces: dict = dataclasses.field(default_factory=dict)    # name -> Shell
 
     def volumes(self):
         a, b, c, d = (self.points[self.tets[:, k]] for k in range(4))
@@ -55,8 +56,9 @@ class Mesh:
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
 
-def table(mesh, outlined):
-    """Rows (what, value, the paper's). `outlined`: name of a region -> volume of its outlines, m^3."""
+def table(mesh, outlined, distances):
+    """Rows (what, value, the paper's). Both by name of a region: volume of its outlines, m^3; distances of their points from its
+    surface, mm."""
     edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
     values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",
               "dihedral angles, deg": f"{angles.min():.2f} to {angles.max():.2f}",
@@ -70,6 +72,8 @@ def table(mesh, outlined):
         if name in outlined:
             text += f", outlines {outlined[name] * 1e6:.2f} ({100 * (volume / outlined[name] - 1):+.1f} %)"
         rows.append((f"volume of {name}, ml", text, ""))
+    for name, off in distances.items():
+        rows.append((f"from the outlines' points to the surface of {name}, mm", f"mean {off.mean():.2f}, at most {off.max():.2f}", ""))
     return rows
 
 

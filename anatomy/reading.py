@@ -30,7 +30,7 @@ def kind_of(path):
 def read_outlines(path):
     """ROI name -> list of rings (n, 3)."""
     rois = read_rtstruct(path) if kind_of(path) == ".dcm" else read_csv(path)
-    if not rois:
+    if not any(rois.values()):
         raise BadFile(f"{path}: holds no outlines")
     return rois
 

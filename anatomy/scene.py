@@ -1,23 +1,24 @@
 """The scene that goes with a mesh."""
 
-SOFT = {  # Pa, N, N/m static and kinetic: assumptions, as in meshes/PARAMETERS.md
+MATERIALS = {  # Pa; N; N/m static and kinetic: assumptions, the table of meshes/PARAMETERS.md
     "prostate": (60e3, 0.3, 15, 9), "urethra": (30e3, 0.25, 12, 7), "rectum": (20e3, 0.25, 12, 7), "bladder": (10e3, 0.25, 12, 7)}
 OTHER = (30e3, 0.25, 12, 7)
 
 
-def region(name):
-    modulus, cutting, static, kinetic = SOFT.get(name, OTHER)
+def region(name, material):
+    modulus, cutting, static, kinetic = material
     return [f"  - name: {name}", f"    youngs_modulus: {modulus / 1e3:g}e3       # Pa", "    poisson_ratio: 0.45",
             f"    cutting_force: {cutting:g}         # N", "    cutting_viscosity: 1        # N s/m",
             f"    friction: {{static: {static}, kinetic: {kinetic}, viscous: 100}}   # N/m, N/m, N s/m^2"]
 
 
 def text(title, mesh, soft, bones, walls):
-    """`soft`: names of regions; `bones`: whether there are any; `walls`: names of the surfaces that nothing resists."""
+    """`soft`: names of regions, the gland's first, whatever it is called; `bones`: whether there are any; `walls`: names of the surfaces that nothing resists."""
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has the default of README.md's table.", "",
              f"mesh: {mesh}", "", "regions:"]
-    for name in soft + ["surrounding"]:
-        lines += region(name)
+    lines += region(soft[0], MATERIALS["prostate"])
+    for name in soft[1:] + ["surrounding"]:
+        lines += region(name, MATERIALS.get(name, OTHER))
     lines += ["", "membranes:", "  - name: skin", "    puncture_force: 0.6         # N", "  - name: capsule", "    puncture_force: 0.9"]
     if bones:
         lines += ["  - name: bone", "    puncture_force: .inf        # stops the tip"]

@@ -30,6 +30,10 @@ class Shell:
     def centre(self):
         return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
+    def edges(self):
+        """(k, 2), each once."""
+        return np.unique(np.sort(np.concatenate([self.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1), axis=0)
+
     def scaled(self, factor):
         """About its centre."""
         return Shell(self.centre() + factor * (self.points - self.centre()), self.triangles)
@@ -107,6 +111,25 @@ def mended(surface):
 def open_edges(surface):
     edges = configured(vtk.vtkFeatureEdges(), BoundaryEdges=True, FeatureEdges=False, ManifoldEdges=False, NonManifoldEdges=False)
     return pipe(surface, edges).GetNumberOfCells()
+
+
+def crossings(shells):
+    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends (Moeller and
+    Trumbore 1997; VTK's search trees miss some)."""
+    first = np.append(0, np.cumsum([len(shell.points) for shell in shells]))
+    owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # of each point
+    whole = Shell(np.vstack([shell.points for shell in shells]), np.vstack([shell.triangles + at for shell, at in zip(shells, first)]))
+    corner, b, c = (whole.points[whole.triangles[:, k]] for k in range(3))
+    ab, ac = b - corner, c - corner
+    for edge in whole.edges():
+        start, way = whole.points[edge[0]], whole.points[edge[1]] - whole.points[edge[0]]
+        across, offset = np.cross(way, ac), start - corner
+        over = np.cross(offset, ab)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along, u, v = np.array([(ac * over).sum(axis=1), (offset * across).sum(axis=1), over @ way]) / (ab * across).sum(axis=1)
+            through = (along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1) & ~np.isin(whole.triangles, edge).any(axis=1)
+        for k in np.flatnonzero(through):
+            yield start + along[k] * way, owner[edge[0]], owner[whole.triangles[k, 0]]
 
 
 def distances(shell, points):

@@ -7,37 +7,52 @@ import tempfile
 
 import numpy as np
 
-from . import contours, meshing, patient, pipeline
+from . import contours, patient, pipeline, session, shells
 
-VOLUME_LIMIT = 0.03      # of the outlines' own volume
+VOLUME_LIMIT = 0.03                     # of the outlines' own volume, as they came
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before they were spoilt: facets have edges of some 12 mm
 
 
 def make(number):
-    """Gland, spacing (mm), rings of prostate and arch; the same number gives the same patient."""
+    """Gland, spacing (mm), rings of prostate before and after it was spoilt, and of the arch; the same number gives the same patient."""
     random = np.random.default_rng(number)
     gland = patient.random_gland(random)
     spacing = random.uniform(3, 7)
     rois = patient.outlines(gland, spacing, random.uniform(0, 1))
-    return gland, spacing, patient.spoil(rois["Prostate"], random, 0.6), rois["Pubic arch"]
+    return gland, spacing, rois["Prostate"], patient.spoil(rois["Prostate"], random, 0.6), rois["Pubic arch"]
+
+
+def planimetry(rings):
+    """mm^3 between rings as they come, one on each slice, by the shoelace formula; copies count once."""
+    areas = {}
+    for x, y, z in (ring.T for ring in rings):
+        areas[z[0]] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    heights = np.array(sorted(areas))
+    each = np.array([areas[z] for z in heights])
+    return np.trapz(each, heights) + (each[0] + each[-1]) / 2 * np.median(np.diff(heights))
 
 
 def run(number, folder):
     """A row of the table, and whether it is good."""
-    gland, spacing, outlines, arch = make(number)
-    organs = [pipeline.organ_of_rings("Prostate", False, outlines), pipeline.organ_of_rings("Pubic arch", True, arch)]
-    domain, outlined = pipeline.domain_of(organs, 570, None)
-    mesh = meshing.generate(domain, 570, f"{folder}/{number}.msh")
-    angles, off = mesh.dihedral_angles(), mesh.region_volume("prostate") / outlined["prostate"] - 1
-    good = abs(len(mesh.points) / 570 - 1) <= 0.1 and mesh.badness() <= 1 and abs(off) <= VOLUME_LIMIT
-    return (f"| {number} | {gland.volume * 1e-3:.1f} | {spacing:.1f} | {len(organs[0].notes)} | {outlined['prostate'] * 1e6:.1f} | {100 * off:+.2f} "
-            f"| {len(mesh.points)} | {len(mesh.tets)} | {angles.min():.2f} | {angles.max():.2f} | {mesh.valence().max()} | {'yes' if good else 'NO'} |"), good
+    gland, spacing, truth, outlines, arch = make(number)
+    organs = [pipeline.organ_of_rings("Prostate", "prostate", False, outlines), pipeline.organ_of_rings("Pubic arch", "pubic_arch", True, arch)]
+    mesh, domain, _ = pipeline.mesh_of(organs, 570, None, f"{folder}/{number}.msh")
+    angles, volume = mesh.dihedral_angles(), planimetry(outlines) * 1e-9
+    change = mesh.region_volume("prostate") / volume - 1
+    off = 1e3 * np.abs(shells.distances(mesh.surfaces["capsule"], pipeline.world(np.vstack(truth), domain.origin)))
+    good = (abs(len(mesh.points) / 570 - 1) <= 0.1 and mesh.badness() <= 1 and abs(change) <= VOLUME_LIMIT
+            and off.mean() <= MEAN_LIMIT and off.max() <= GREATEST_LIMIT)
+    return (f"| {number} | {gland.volume * 1e-3:.1f} | {spacing:.1f} | {len(organs[0].notes)} | {volume * 1e6:.1f} | {100 * change:+.2f} "
+            f"| {off.mean():.2f} | {off.max():.1f} | {len(mesh.points)} | {len(mesh.tets)} | {angles.min():.2f} | {angles.max():.2f} "
+            f"| {mesh.valence().max()} | {'yes' if good else 'NO'} |"), good
 
 
 def main():
     first, count = (int(v) for v in (sys.argv[1:] + ["0", "50"][len(sys.argv) - 1:]))
-    meshing.quiet()
-    print("| patient | true ml | slices, mm | gaps and blanks | outlines, ml | mesh, % | nodes | tetrahedra | least angle | greatest | valence | good |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    session.start()
+    print("| patient | true ml | slices, mm | gaps and blanks | outlines, ml | mesh, % | off, mm: mean | greatest "
+          "| nodes | tetrahedra | least angle | greatest | valence | good |")
+    print("|" + 14 * "---|")
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):

@@ -11,10 +11,11 @@ import unittest
 import unittest.mock
 
 import numpy as np
+import pydicom
 import vtk
 
-from anatomy_cases import SOURCE, ellipsoid, ellipsoid_volume
-from anatomy import __main__ as command, contours, field, meshing, quality, reading, shells
+from anatomy_cases import SOURCE, ellipse, ellipsoid, ellipsoid_volume
+from anatomy import __main__ as command, contours, meshing, picture, pipeline, quality, reading, session, shells, stress
 
 PROGRAMS = os.path.join(SOURCE, "build/clients")
 SHIPPED = os.path.join(SOURCE, "meshes/synthetic.dcm")
@@ -48,6 +49,11 @@ class Command(unittest.TestCase):
         self.assertEqual(status, 0, complained)
         return printed
 
+    def make_with_complaint(self, *arguments):
+        status, _, complained = anatomy(*arguments)
+        self.assertEqual(status, 0, complained)
+        return complained
+
     def refused(self, *arguments):
         status, _, complained = anatomy(*arguments)
         self.assertEqual(status, 2, complained)
@@ -70,21 +76,116 @@ class Command(unittest.TestCase):
         for event in ("puncture:skin", "puncture:capsule"):
             self.assertIn(event, table)
 
-    def test_surfaces_regions_and_a_corridor(self):
-        sphere = field.of_stack(contours.build_stack("x", ellipsoid(24, 17, 20, 3))).surfaces()[0]
-        writer = vtk.vtkSTLWriter()
-        writer.SetFileName("gland.stl")
-        writer.SetInputData(shells.to_vtk(sphere))
-        writer.Write()
+    def test_all_regions_of_a_patient(self):
+        os.mkdir("a")
+        rois = {"prostate": "Prostate", "urethra": "Urethra", "rectum": "Rectum", "bladder": "Bladder"}
+        with unittest.mock.patch.object(meshing, "TRIES", 4):    # its search for better angles takes long
+            self.make(SHIPPED, *[argument for roi in rois.values() for argument in ("--roi", roi)], "--bone", "Pubic arch", "--nodes", "1500",
+                      "--output", "a/five")
+        nodes, _, mesh = read_msh("a/five.msh")
+        self.assertAlmostEqual(nodes / 1500, 1, delta=0.1)
+        self.assertEqual(set(mesh.regions), {*rois, "surrounding"})
+        self.assertEqual(set(mesh.surfaces), {"skin", "fixed", "capsule", "bone", "urethra_wall", "rectum_wall", "bladder_wall"})
+        self.assertLess(mesh.badness(), 4)
+        rings = reading.read_outlines(SHIPPED)
+        for region, share in (("urethra", 0.3), ("rectum", 0.5), ("bladder", 0.5)):     # what is left of them inside the box
+            volume = mesh.region_volume(region) * 1e9
+            self.assertTrue(share < volume / stress.planimetry(rings[rois[region]]) < 1, region)
+        urethra = mesh.points[np.unique(mesh.tets[mesh.region == mesh.regions.index("urethra")])]
+        inside = shells.distances(mesh.surfaces["capsule"], urethra) < 0
+        self.assertTrue(inside.any() and not inside.all())      # a part in the gland, others outside
+        whole = mesh.region_volume("prostate") + mesh.volumes()[self.within(mesh, "urethra", "capsule")].sum()
+        self.assertAlmostEqual(whole * 1e9 / stress.planimetry(rings["Prostate"]), 1, delta=0.02)
+        self.assertIn("# surfaces without resistance: bladder_wall, rectum_wall, urethra_wall", content("a/five.yaml").decode())
+        self.assertIn("puncture:capsule", self.replay("a/five.yaml"))
+
+    @staticmethod
+    def within(mesh, region, surface):
+        """Which tetrahedra of a region are inside a surface."""
+        return (mesh.region == mesh.regions.index(region)) & (shells.distances(mesh.surfaces[surface], mesh.points[mesh.tets].mean(axis=1)) < 0)
+
+    def test_surfaces_and_a_corridor(self):
+        self.write_surface("gland.stl", vtk.vtkSTLWriter(), 40)
         self.make("gland.stl", "--nodes", "900", "--corridor", "10", "0", "4", "--output", "x")
-        nodes, x, _ = read_msh("x.msh")
+        nodes, x, mesh = read_msh("x.msh")
         self.assertAlmostEqual(nodes / 900, 1, delta=0.1)
         near = np.hypot(x[:, 0] - 0.010, x[:, 1]) < 0.008
         far = np.hypot(x[:, 0] + 0.010, x[:, 1]) < 0.008
         self.assertGreater(np.count_nonzero(near), 1.5 * np.count_nonzero(far))
-        with open("x-quality.md", encoding="utf-8") as file:
-            volume = float(file.read().split("volume of gland, ml | ")[1].split(",")[0])
-        self.assertAlmostEqual(volume / (ellipsoid_volume(24, 17, 20) * 1e-3), 1, delta=0.03)
+        self.assertAlmostEqual(mesh.region_volume("gland") * 1e9 / ellipsoid_volume(24, 17, 20), 1, delta=0.03)
+
+    def test_surfaces_of_any_size_that_are_not_clean(self):
+        binary, text = vtk.vtkPLYWriter(), vtk.vtkPLYWriter()
+        text.SetFileTypeToASCII()
+        for name, writer, size in (("coarse.ply", text, 14), ("fine.ply", binary, 390), ("coarse.stl", vtk.vtkSTLWriter(), 14)):
+            count = self.write_surface(name, writer, size, torn=True)
+            self.assertEqual(count, {14: 336, 390: 302640}[size])
+            organ = pipeline.organ_of_surface("x", "x", False, reading.read_surface(name, 1.0))
+            self.assertAlmostEqual(organ.volume / ellipsoid_volume(24, 17, 20), 1, delta=0.08 if size == 14 else 0.005)
+            self.assertAlmostEqual(organ.shape.surfaces()[0].volume() / organ.volume, 1, delta=0.01)
+        self.assertIn("there is none", self.make_with_complaint("coarse.ply", "--picture", "x.svg"))
+        self.assertLess(float(content("patient-quality.md").decode().split("surface of coarse, mm | mean ")[1].split(",")[0]), 0.5)
+
+    @staticmethod
+    def write_surface(name, writer, size, torn=False):
+        """An ellipsoid of size x 2 size facets; torn: with holes, and facets doubled. Returns their number."""
+        sphere = vtk.vtkSphereSource()
+        sphere.SetRadius(1)
+        sphere.SetThetaResolution(size)
+        sphere.SetPhiResolution(size)
+        sphere.Update()
+        unit = shells.from_vtk(sphere.GetOutput())
+        triangles = unit.triangles
+        if torn:
+            triangles = np.vstack([triangles[2:], triangles[-1:], triangles[100:101]])
+        writer.SetFileName(name)
+        writer.SetInputData(shells.to_vtk(shells.Shell(unit.points * [24, 17, 20], triangles)))
+        writer.Write()
+        return len(triangles)
+
+    def test_the_picture_shows_all_slices_or_says_how_many_more(self):
+        rois = {"Gland": [*ellipsoid(24, 17, 20, 4), ellipse(0.4, 0.4, 30)]}
+        for panels, shown, more in ((60, 11, False), (5, 5, True)):
+            with unittest.mock.patch.object(picture, "PANELS", panels):
+                picture.draw([contours.build_stack("Gland", rois["Gland"])], rois, "x.svg")
+            drawn = content("x.svg").decode()
+            self.assertEqual((drawn.count("Gland, z ="), "and 6 more" in drawn), (shown, more))
+            self.assertEqual("left out" in drawn, not more)
+
+    def test_a_structure_set_that_is_cut_off_or_damaged_is_refused(self):
+        whole = content(SHIPPED)
+        for length in [200, 700, *range(1000, len(whole), 4001)]:
+            with open("cut.dcm", "wb") as file:
+                file.write(whole[:length])
+            self.assertIn("cut.dcm: ", self.refused("cut.dcm", "--roi", "Prostate"), length)
+
+        def without(change):
+            data = pydicom.dcmread(SHIPPED)
+            change(data)
+            data.save_as("x.dcm")
+            return self.refused("x.dcm", "--roi", "Prostate", "--bone", "Rectum")
+        self.assertIn("ReferencedROINumber", without(lambda data: delattr(data.ROIContourSequence[1], "ReferencedROINumber")))
+        self.assertIn("it has: (ROI 1), Urethra", without(lambda data: delattr(data.StructureSetROISequence[0], "ROIName")))
+        self.assertIn("it has: Prostate (ROI 1), Prostate (ROI 2)", without(lambda data: setattr(data.StructureSetROISequence[1], "ROIName", "Prostate")))
+        at = whole.index(b"\\", len(whole) // 2)
+        with open("number.dcm", "wb") as file:
+            file.write(whole[:at + 1] + b"x" + whole[at + 2:])
+        self.assertIn("number.dcm: damaged", self.refused("number.dcm", "--roi", "Prostate"))
+
+    def test_exclusive_outlines_are_read_as_such(self):
+        data = pydicom.dcmread(SHIPPED)
+        data.ROIContourSequence[0].ContourSequence[3].ContourGeometricType = "CLOSEDPLANAR_XOR"
+        data.save_as("x.dcm")
+        rois = reading.read_outlines("x.dcm")
+        self.assertEqual([roi for roi, rings in rois.items() if isinstance(rings, contours.ExclusiveRings)], ["Prostate"])
+        self.assertEqual(len(rois["Prostate"]), len(reading.read_outlines(SHIPPED)["Prostate"]))
+
+    def test_regions_that_cannot_be_told_apart_are_refused(self):
+        for folder in ("a", "b"):
+            os.mkdir(folder)
+            self.write_surface(f"{folder}/gland.stl", vtk.vtkSTLWriter(), 14)
+        self.assertIn("a/gland.stl", self.refused("a/gland.stl", "b/gland.stl", "--roi", "gland"))
+        self.assertIn("chosen twice", self.refused(SHIPPED, "--roi", "Prostate", "--bone", "prostate"))
 
     def test_bad_input_is_refused_with_its_place(self):
         with open("bad.csv", "w", encoding="utf-8") as file:
@@ -123,7 +224,8 @@ class Committed(unittest.TestCase):
 
     def test_it_has_the_papers_size_and_quality(self):
         nodes, _, mesh = read_msh(os.path.join(SOURCE, "meshes/prostate.msh"))
-        outlined = contours.build_stack("Prostate", reading.read_outlines(SHIPPED)["Prostate"]).volume() * 1e-9
+        rings = reading.read_outlines(SHIPPED)["Prostate"]
+        outlined = stress.planimetry(rings) * 1e-9
         self.assertAlmostEqual(nodes / 570, 1, delta=0.05)
         self.assertAlmostEqual(len(mesh.tets) / 2801, 1, delta=0.1)
         self.assertGreaterEqual(mesh.dihedral_angles().min(), quality.LEAST_ANGLE)
@@ -132,5 +234,5 @@ class Committed(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    meshing.quiet()
+    session.start()
     unittest.main()

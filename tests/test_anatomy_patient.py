@@ -4,7 +4,7 @@ import tempfile
 import unittest
 
 import anatomy_cases  # noqa: F401  puts the sources on the path
-from anatomy import contours, meshing, patient, stress
+from anatomy import contours, patient, session, stress
 
 NUMBERS = (3, 11)        # of the patients of `python3 -m anatomy.stress`; all fifty: meshes/stress.md
 
@@ -12,7 +12,7 @@ NUMBERS = (3, 11)        # of the patients of `python3 -m anatomy.stress`; all f
 class Patients(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        meshing.quiet()
+        session.start()
 
     def test_a_gland_has_the_volume_asked_for(self):
         for volume in (15e3, 34e3, 120e3):

@@ -35,10 +35,11 @@ class Quality(unittest.TestCase):
         self.assertGreater(wedge(160).badness(), 1)
 
     def test_the_report_sets_the_papers_figures_beside(self):
-        rows = quality.table(CORNERS, {"up": 0.125})
+        rows = quality.table(CORNERS, {"up": 0.125}, {"up": np.array([0.5, 1.5])})
         text = quality.markdown("title", rows, ["a note"], "x.svg")
         self.assertIn("| dihedral angles, deg | 54.74 to 90.00 | 9.94 to 159.49 |", text)
         self.assertIn("(+33.3 %)", text)
+        self.assertIn("surface of up, mm | mean 1.00, at most 1.50 |", text)
         self.assertIn("- a note", text)
 
 

@@ -5,7 +5,7 @@ import unittest
 import numpy as np
 
 from anatomy_cases import ellipse, ellipsoid, ellipsoid_volume, trousers
-from anatomy import contours, field, loft, meshing, shells
+from anatomy import contours, field, loft, meshing, session, shells
 
 
 def stack(rings):
@@ -15,7 +15,7 @@ def stack(rings):
 class Surfaces(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        meshing.quiet()
+        session.start()
 
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
         made = stack(ellipsoid(24, 17, 20, 5))

@@ -1,0 +1,92 @@
+#!/usr/bin/python3
+"""Names of regions, their materials, and what becomes of surfaces that cannot be meshed."""
+import math
+import os
+import re
+import tempfile
+import unittest
+import unittest.mock
+
+import numpy as np
+
+from anatomy_cases import SOURCE, ellipse, ellipsoid
+from anatomy import contours, field, meshing, patient, pipeline, scene, session, shells
+
+
+class Names(unittest.TestCase):
+    def test_names_are_those_of_the_rois(self):
+        self.assertEqual(pipeline.region_names(["Pubic arch", "Harnr\u00f6hre", "CTV+5 mm"]),
+                         {"Pubic arch": "pubic_arch", "Harnr\u00f6hre": "harnrohre", "CTV+5 mm": "ctv_5_mm"})
+
+    def test_names_that_collide_are_numbered(self):
+        rois = ["PTV 1", "PTV-1", "\u524d\u7acb\u817a", "\u5c3f\u9053", "Surrounding", "x" * 64, "x" * 63]
+        self.assertEqual(list(pipeline.region_names(rois).values()),
+                         ["ptv_1", "ptv_1_2", "region", "region_2", "surrounding_2", "x" * 40, "x" * 40 + "_2"])
+
+    def test_the_gland_has_its_material_whatever_it_is_called(self):
+        regions = scene.text("title", "x.msh", ["ctv", "rectum"], False, []).split("  - name: ")
+        self.assertIn("ctv\n    youngs_modulus: 60e3", regions[1])
+        self.assertIn("rectum\n    youngs_modulus: 20e3", regions[2])
+        self.assertIn("surrounding\n    youngs_modulus: 30e3", regions[3])
+
+    def test_materials_are_those_of_the_table(self):
+        with open(os.path.join(SOURCE, "meshes/PARAMETERS.md"), encoding="utf-8") as file:
+            rows = re.findall(r"^\| ([a-z ]+) \| ([\d.e]+) \| ([\d.]+) \| (\d+) \| (\d+) \|", file.read(), re.M)
+        self.assertEqual({name: tuple(map(float, values)) for name, *values in rows}, {**scene.MATERIALS, "any other": scene.OTHER})
+
+
+def turned(ring, degrees, aside):
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return ring @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) + [aside, 0, 0]
+
+
+class Crossing(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        session.start()
+
+    def setUp(self):
+        directory = tempfile.TemporaryDirectory()
+        self.addCleanup(directory.cleanup)
+        self.path = os.path.join(directory.name, "x.msh")
+
+    def test_spheres_cross_each_other_where_they_meet(self):
+        sphere = shells.decimated(field.of_stack(contours.build_stack("x", ellipsoid(20, 20, 20, 4))).surfaces()[0], 1000)
+        apart, beside = (shells.Shell(sphere.points + [aside, 0, 0], sphere.triangles) for aside in (41, 24))
+        self.assertEqual(list(shells.crossings([sphere, apart])), [])
+        found = list(shells.crossings([sphere, beside]))
+        self.assertEqual({(i, j) for _, i, j in found}, {(0, 1), (1, 0)})
+        self.assertTrue(np.allclose([point[0] for point, _, _ in found], 12, atol=0.3))
+
+    def test_a_section_turned_against_the_others_is_named_and_made_without_a_loft(self):
+        rings = [turned(ellipse(24, 8, z), 90, 18) if z == 15 else ellipse(24, 8, z) for z in np.arange(0, 41, 5.0)]
+        gland = pipeline.organ_of_rings("Gland", "gland", False, rings)
+        with unittest.mock.patch.object(meshing, "TRIES", 5):
+            mesh, _, _ = pipeline.mesh_of([gland], 570, None, self.path)
+        self.assertAlmostEqual(len(mesh.points) / 570, 1, delta=0.1)
+        self.assertRegex(gland.notes[0], r"as a loft, its surface crosses itself at z = (10|15|20) mm")
+
+    def test_what_cannot_be_meshed_is_named_with_its_slice(self):
+        organs = [pipeline.organ_of_rings(name, name.lower(), False, ellipsoid(20, 20, 20, 5)) for name in ("Gland", "Node")]
+        for organ in organs:
+            organ.shape = field.of_stack(organ.stack)
+        domain, _ = pipeline.domain_of(organs[:1], 570, None)
+        body = domain.bodies[0]
+        moved = shells.Shell(body.shell.points + [0.02, 0, 0], body.shell.triangles)
+        domain.bodies.append(meshing.Body("node", "node_wall", moved, body.volume, body.longest))
+        with self.assertRaises(meshing.Failure) as caught:
+            meshing.generate(domain, 570, self.path)
+        with self.assertRaisesRegex(contours.Unusable, '"Gland" and "Node": their surfaces cross at z = [-0-9.]+ mm'):
+            pipeline.give_way(organs, caught.exception, domain.origin)
+        self.assertFalse(os.path.exists(self.path))
+
+    def test_too_few_nodes_are_refused_and_the_region_named_that_needs_more(self):
+        rois = patient.outlines(patient.Gland())
+        organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
+        with self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
+            pipeline.mesh_of(organs, 200, None, self.path)
+        self.assertFalse(os.path.exists(self.path))
+
+
+if __name__ == "__main__":
+    unittest.main()

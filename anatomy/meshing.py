@@ -23,7 +23,6 @@ FAILURES = 3            # of Gmsh, after which nothing is expected of other size
 JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
 OFF = 0.10              # of the wanted number of nodes: a mesh that is further off is none
-STUCK = 0.01            # of the number of nodes: a change of the element's size that makes less of a difference is in vain
 
 
 class Failure(Exception):
@@ -237,7 +236,7 @@ def generate(domain, nodes, path):
 def search(domain, nodes, path):
     """The best mesh, also written, and its surfaces."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size, before, failures = None, (2, math.inf), None, 0, 0
+    best, best_rank, close_size, failures = None, (2, math.inf), None, 0
     for attempt in range(TRIES):
         try:
             shells = build(domain, fine)
@@ -256,9 +255,8 @@ def search(domain, nodes, path):
             best, best_rank = (mesh, shells), rank
             gmsh.write(path)
         gmsh.model.remove()
-        if rank[0] == 0 and rank[1] <= 1 or off > OFF and abs(count - before) < STUCK * count:
+        if rank[0] == 0 and rank[1] <= 1:
             break
-        before = count
         centre = fine * (count / nodes) ** (1 / 3)
         if off > CLOSE:
             fine = centre

@@ -10,7 +10,7 @@ import numpy as np
 from . import contours, patient, pipeline, session, shells
 
 VOLUME_LIMIT = 0.03                     # of the outlines' own volume, as they came
-MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before they were spoilt: facets have edges of some 12 mm
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before they were spoilt, which puts them up to 10 mm off
 
 
 def make(number):

@@ -61,7 +61,7 @@ class Crossing(unittest.TestCase):
     def test_a_section_turned_against_the_others_is_named_and_made_without_a_loft(self):
         rings = [turned(ellipse(24, 8, z), 90, 18) if z == 15 else ellipse(24, 8, z) for z in np.arange(0, 41, 5.0)]
         gland = pipeline.organ_of_rings("Gland", "gland", False, rings)
-        with unittest.mock.patch.object(meshing, "TRIES", 5):
+        with unittest.mock.patch.object(meshing, "TRIES", 3):
             mesh, _, _ = pipeline.mesh_of([gland], 570, None, self.path)
         self.assertAlmostEqual(len(mesh.points) / 570, 1, delta=0.1)
         self.assertRegex(gland.notes[0], r"as a loft, its surface crosses itself at z = (10|15|20) mm")
@@ -83,7 +83,8 @@ class Crossing(unittest.TestCase):
     def test_too_few_nodes_are_refused_and_the_region_named_that_needs_more(self):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
-        with self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
+        with unittest.mock.patch.object(meshing, "TRIES", 4), \
+                self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
             pipeline.mesh_of(organs, 200, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 

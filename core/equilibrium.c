@@ -16,7 +16,7 @@ static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag:
 static void locate_points(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
     for (int i = 0; i < state->active; i++) {
         w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
-        w->nominal[i] = state->refined.nodes[i].position;
+        w->nominal[i] = state->contacts[i].track;
     }
     if (!w->tip) return;
     w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);

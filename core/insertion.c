@@ -52,7 +52,7 @@ static vec3 displacement_of(const insertion_model *model, const insertion_state 
 /* Where the material point of the tissue at a contact is carried by the shaft, relative to its nominal place, m. */
 static vec3 carried(const insertion_model *model, const insertion_state *state, int index) {
     needle_point p = needle_at(model->needle, &state->needle, state->contacts[index].arc);
-    return v3_sub(p.position, state->refined.nodes[index].position);
+    return v3_sub(p.position, state->contacts[index].track);
 }
 
 /* Displacement of the tissue by which the shaft carries it WINDOW_SPAN behind the tip, m. */
@@ -128,7 +128,7 @@ static void activate_contact(const insertion_model *model, insertion_state *stat
     contact->log_axial = logarithm.axial;
     contact->surplus = local_surplus(model, node->tet, node->position);
     double ahead = shaft_ahead(model, state, index, dt) + contact->slip; /* it slides on in this tick, as the tip did */
-    vec3 tissue = v3_add(node->position, displacement_of(model, state, snapshot, index));
+    vec3 tissue = v3_add(contact->track, displacement_of(model, state, snapshot, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);

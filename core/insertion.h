@@ -61,6 +61,7 @@ typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on t
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
     double arc;              /* m from the base: the needle's material point that is there */
+    vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
     double slid;             /* m of sliding since it last stuck */

@@ -71,7 +71,7 @@ static bool add_contact(const insertion_model *model, insertion_state *state, ve
     case PLACE_MOVED: index = move_or_add(model, &state->refined, tet, position, id, wrench); break;
     default: index = refinement_add(model->mesh, &state->refined, tet, position, id); break;
     }
-    state->contacts[index] = (shaft_contact){.depth = depth};
+    state->contacts[index] = (shaft_contact){.track = position, .depth = depth};
     return true;
 }
 
@@ -105,11 +105,11 @@ static void plan_contact(const insertion_model *model, insertion_state *state, v
    soon as the worker has its row. */
 static void leave_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    bool met = tip->planned && v3_norm(v3_sub(state->refined.nodes[state->refined.count - 1].position, tip->nominal)) < PLAN_TOLERANCE;
+    bool met = tip->planned && v3_norm(v3_sub(state->contacts[state->refined.count - 1].track, tip->nominal)) < PLAN_TOLERANCE;
     if (!met) drop_plan(state);
     if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
         shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = model->needle->given.length, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
+        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
                                    .friction = tip->shaft_friction};
     }
     tip->planned = false;
@@ -133,8 +133,8 @@ static void take_up_contact(const insertion_model *model, insertion_state *state
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
     double weights[4];
-    tip->nominal = node->position;
-    tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, node->position, weights);
+    tip->nominal = state->contacts[last].track;
+    tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
     tip->depth = state->contacts[last].depth;
     tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;
@@ -232,7 +232,7 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
             leave_tissue(tip, wrench);
             return;
         }
-        vec3 goal = last >= 0 ? state->refined.nodes[last].position : state->entry;
+        vec3 goal = last >= 0 ? state->contacts[last].track : state->entry;
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
         tip->tet = follow(model->mesh, tip->tet, &tip->nominal, target);
         tip->depth -= distance;
@@ -340,5 +340,5 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
         cut_forward(model, state, direction, whole - state->tip.depth, &ignored);
     }
     for (int i = 0; i < state->refined.count; i++)
-        state->contacts[i].arc = v3_dot(v3_sub(state->refined.nodes[i].position, base), direction);
+        state->contacts[i].arc = v3_dot(v3_sub(state->contacts[i].track, base), direction);
 }

@@ -84,7 +84,7 @@ static void add_surroundings(const mesh *m, int tet, node_list *list) {
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
 static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
     int last = contacts_passed(state) - 1;
-    vec3 from = last >= 0 ? state->refined.nodes[last].position : state->entry;
+    vec3 from = last >= 0 ? state->contacts[last].track : state->entry;
     vec3 back = v3_sub(from, state->tip.nominal);
     double length = v3_norm(back);
     if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);

@@ -421,7 +421,8 @@ static void long_tick_takes_few_steps(void **unused) {
     lockstep_free(l);
 }
 
-/* A server restarted while the needle is in: it counts as inserted, without force, and comes out as usual. */
+/* A server restarted while the needle is in: it counts as inserted, without force (also where nodes were kept off faces, beside the
+   track), and comes out as usual. */
 static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -432,7 +433,7 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     assert_true(fabs(l->state.tip.depth - 0.060) < 1e-9);
     for (int i = 0; i < 5; i++) lockstep_tick(l, inside, 1e-3);
     assert_true(l->wrench.contacts > 8);
-    assert_true(v3_norm(l->wrench.force) < 0.02);
+    assert_true(v3_norm(l->wrench.force) < 1e-4);
     lockstep_move(l, v3(0, 0, -0.070), 1.0, 1e-3);
     assert_int_equal(l->state.tip.phase, TIP_FREE);
     lockstep_free(l);

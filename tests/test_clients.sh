@@ -68,8 +68,8 @@ bad_input() {
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
     for program in "$device" "$replay" "$bench"; do
-        "$program" --version | grep -q '^trocar-' || fail "$program --version"
-        "$program" --help | grep -q Usage || fail "$program --help"
+        grep -q '^trocar-' <<<"$("$program" --version)" || fail "$program --version"
+        grep -q Usage <<<"$("$program" --help)" || fail "$program --help"
     done
 }
 

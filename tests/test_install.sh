@@ -51,7 +51,7 @@ names_what_is_there "" "$work/local"
 # Every program says its version, and has a page with its options and a list of completions.
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
-    "$path" --version | grep -qE "^$program [0-9.]+$" || fail "$program --version"
+    grep -qE "^$program [0-9.]+$" <<<"$("$path" --version)" || fail "$program --version"
     man -l "$prefix/share/man/man1/$program.1" | col -b >page
     grep -qE "^ +$program - " page || fail "no name in the page of $program"
     for option in $("$path" --help | grep -oE '^ .*--[a-z-]+' | grep -oE -- '--[a-z-]+'); do
@@ -78,7 +78,7 @@ touch scene.yaml scene.csv
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
-"$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm" | grep -qx Prostate || fail "trocar-anatomy --list"
+grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"
 
 # Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.
 export PKG_CONFIG_PATH=$prefix/lib/pkgconfig

@@ -85,7 +85,6 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static const pose start = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
 static const double APPROACH = 0.02; /* m, from further away: the needle's line is known before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
@@ -104,20 +103,20 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     trocar_status status = TROCAR_OK;
     double dt = 1.0 / m->scene.rate_hz;
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
-        pose aside = start; /* other nodes for each speed: none is at hand already */
+        pose aside = MOTION_START; /* other nodes for each speed: none is at hand already */
         aside.position.y += 4e-3 * (i - 1);
         aside.position.z -= APPROACH;
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
         status = scale_timing_measure(&m->simulation, &wanted, &m->speeds[i], why);
     }
     if (status == TROCAR_OK) {
-        scale_case wanted = {.start = start, .script = motion_find("figure8"), .dt = dt};
+        scale_case wanted = {.start = MOTION_START, .script = motion_find("figure8"), .dt = dt};
         wanted.start.position.x -= 4e-3;
         status = scale_timing_measure(&m->simulation, &wanted, &m->figure8, why);
     }
     m->simulation.insertion.settings.contact_spacing = TIMED_SPACING;
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
-        timing_case wanted = {.start = start, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
+        timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
         if (tick_timing_measure(&m->simulation, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* fewer along the way */
     }
     struct rusage usage;

@@ -6,6 +6,7 @@
 
 #include "baseline.h"
 #include "json.h"
+#include "motion.h"
 #include "options.h"
 #include "output.h"
 #include "scene.h"
@@ -164,7 +165,7 @@ static void write_json(const bench *b, FILE *out) {
 }
 
 trocar_status bench_tick(int count, char **arguments, report *why) {
-    options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = {0.005, 0.003, -0.201}};
+    options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = MOTION_START.position};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 
     static bench b;

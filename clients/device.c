@@ -151,7 +151,7 @@ static trocar_status run_live(const options *o, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.play = {.script = motion_find("figure8"), .start = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}}, .rate = 1000,
+    options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
                           .speed = 1, .patience = 5, .settle = 0.3}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;

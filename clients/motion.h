@@ -12,6 +12,8 @@ typedef struct {
     vec3 turn;               /* rad, rotation vector in the needle's frame, about the base point */
 } motion_leg;
 
+#define MOTION_START ((pose){{0.005, 0.003, -0.201}, {1, 0, 0, 0}}) /* a needle of 200 mm then ends 1 mm before the skin of the scenes */
+
 enum { MOTION_MAX_LEGS = 8 };
 
 typedef struct {

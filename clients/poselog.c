@@ -139,15 +139,11 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     if (last && p->utime <= last->utime)
         return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": time does not advance: utime %" PRId64 " after %" PRId64,
                     r->path, r->event, p->utime, last->utime);
-    void *poses = log->poses, *events = log->events;
+    void *poses = log->poses;
     trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
     log->poses = poses;
-    if (status == TROCAR_OK) status = make_room(&events, log->count, sizeof *log->events, why);
-    log->events = events;
-    if (status != TROCAR_OK) return status;
-    log->poses[log->count] = *p;
-    log->events[log->count++] = r->event;
-    return TROCAR_OK;
+    if (status == TROCAR_OK) log->poses[log->count++] = *p;
+    return status;
 }
 
 static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
@@ -210,7 +206,6 @@ void wrench_log_free(wrench_log *log) {
 
 void pose_log_free(pose_log *log) {
     free(log->poses);
-    free(log->events);
     *log = (pose_log){0};
 }
 

@@ -16,7 +16,6 @@
 typedef struct {
     int count;
     trocar_needle_pose_t *poses;  /* count */
-    int64_t *events;              /* count: number of each pose's event in the file */
     int64_t skipped_sessions;     /* left out: poses of other sessions than the first pose's */
     int64_t skipped_old;          /* left out: poses whose number is not above the last one's, as a network repeats or reorders them */
 } pose_log;

@@ -31,12 +31,6 @@ void histogram_add(histogram *h, int64_t nanoseconds) {
     h->buckets[bucket_of(nanoseconds)]++;
 }
 
-void histogram_merge(histogram *into, const histogram *from) {
-    into->count += from->count;
-    if (from->max > into->max) into->max = from->max;
-    for (int i = 0; i < HISTOGRAM_BUCKETS; i++) into->buckets[i] += from->buckets[i];
-}
-
 double histogram_quantile(const histogram *h, double q) {
     if (h->count == 0) return 0.0;
     double wanted = q * (double)h->count;

@@ -15,7 +15,6 @@ typedef struct {
 
 void histogram_clear(histogram *h);
 void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. RT */
-void histogram_merge(histogram *into, const histogram *from);
 
 /* Upper edge of the bucket that holds the quantile q (0..1), never above the maximum, s; 0 when empty. */
 double histogram_quantile(const histogram *h, double q);

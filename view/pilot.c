@@ -4,15 +4,16 @@
 #include <sched.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <sys/random.h>
 #include <unistd.h>
 
 #include "exchange.h"
 #include "poselog.h"
+#include "realtime.h"
+#include "session.h"
 #include "timing.h"
 #include "trocar_command_t.h"
 
-enum { ORDERS = 256, FIFO_PRIORITY = 70 };     /* below the server's threads */
+enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
 static const double LONGEST_STEP = 0.01;       /* s that a round may take the needle on by */
@@ -20,8 +21,7 @@ static const int64_t SILENCE = 250000000;      /* ns without an order after whic
 
 trocar_status pilot_create(pilot *p, lcm_t *lcm, pose home, double needle_length, report *why) {
     *p = (pilot){.lcm = lcm, .limits = drive_defaults(needle_length), .home = home, .seq = -1};
-    if (getrandom(&p->session, sizeof p->session, 0) != sizeof p->session) p->session = wall_us();
-    p->session = (p->session & INT64_MAX) | 1; /* never 0, which means nobody */
+    p->session = session_new();
     p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     return ring_create(&p->orders, sizeof(pilot_order), ORDERS, why);
@@ -83,7 +83,7 @@ bool pilot_round(pilot *p, int64_t now, double dt) {
 
 /* Where it is permitted: browsers beside it may keep the processors busy. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = FIFO_PRIORITY};
+    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
     sched_setscheduler(0, SCHED_FIFO, &priority);
 }
 

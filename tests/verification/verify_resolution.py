@@ -14,7 +14,8 @@ except ImportError:
 
 LIMIT = 0.07  # what people notice of a force (Pang, Tan and Durlach 1991)
 TICK_LIMIT = 0.002  # forces for one direction's motion that point in the others: left out by rigid_needle.c
-ABREAST = "the springs' sum leaves out the force that one direction's motion meets in the others; with it this case is further from the reference"
+ABREAST = "the springs' sum leaves out the force that one direction's motion meets in the others"
+BESIDE = "elements of 12 mm, 10 mm from a free side: too stiff; 3000 nodes are fine enough"
 BY_TICK = 6  # meshes on which the tick is asked; on finer ones, the sum of springs
 COARSE = 4  # meshes on which both are held against each other
 SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0125 * 0.999, 0.0078, 0.0053, 0.0040, 0.0030)}
@@ -62,8 +63,9 @@ def compare(rows, name, case, meshes):
         note = f"{nodes} nodes, {contacts} contacts" + ("" if index < BY_TICK or case["kind"] == "disc" else ", sum of springs")
         for direction, value in (("sideways", sideways), ("axial", tip if case["kind"] == "disc" else along)):
             if direction in case["force"]:
-                rows.compare(f"{name}, {direction}, {nodes} nodes", "needle's surface resolved, CalculiX C3D10", value,
-                             case["force"][direction], LIMIT, "N", note)
+                expected = case["force"][direction]
+                reason = f"; {BESIDE}" if name == "side" and abs(value / expected - 1) > LIMIT else ""
+                rows.compare(f"{name}, {direction}, {nodes} nodes", "needle's surface resolved, CalculiX C3D10", value, expected, LIMIT, "N", note + reason)
 
 
 def compare_with_tick(rows, name, case, meshes):

@@ -80,5 +80,5 @@ refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key"
 head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
 refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
-grep -q '^trocar-server [0-9]' <<<"$("$server" --version)" || die "--version"
+case $("$server" --version) in 'trocar-server '[0-9]*) ;; *) die "--version" ;; esac
 echo passed

@@ -91,7 +91,7 @@ static trocar_status create(const options *o, const char *path, measured *m, rep
     trocar_status status = scene_load(path, &m->scene, why);
     if (status != TROCAR_OK) return status;
     if (o->inverse != INVERSE_AUTO) m->scene.simulation.inverse = o->inverse;
-    m->scene.simulation.progress = progress_show;
+    m->scene.simulation.progress.show = progress_show;
     int64_t wall = monotonic_ns(), processor = processor_ns();
     status = simulation_create(&m->scene.simulation, &m->simulation, why);
     m->start_seconds = 1e-9 * (double)(monotonic_ns() - wall);

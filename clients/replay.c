@@ -146,7 +146,7 @@ static trocar_status prepare(replay *r, report *why) {
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
-    if (!r->options->quiet) r->scene.simulation.progress = progress_show;
+    if (!r->options->quiet) r->scene.simulation.progress.show = progress_show;
     if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
     if (status != TROCAR_OK) return status;
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
@@ -235,7 +235,7 @@ static trocar_status run_all(replay *r, report *why) {
     for (int tick = 0; tick < r->poses.count; tick++) {
         trocar_status status = run_tick(r, tick, why);
         if (status != TROCAR_OK) return status;
-        if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count);
+        if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     trocar_status status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);

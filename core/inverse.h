@@ -14,8 +14,11 @@ trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
 static const double SPARSE_CACHE = 1.5e9; /* bytes, the usual choice */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
-/* Told how far a long start has come, from 0 to 1; NULL: nobody wants to know. */
-typedef void (*inverse_progress)(const char *what, double fraction);
+/* Told how far a long start has come, from 0 to 1; a NULL function is not called. */
+typedef struct {
+    void (*show)(const char *what, double fraction, void *context);
+    void *context;
+} inverse_progress;
 
 /* Dense between `nodes`, 8 (3 count)^2 bytes; read from `directory` if it is there (see condensed_cache.h), else computed and
    written. What lies outside falls back to a sparse owner. Factors `t` itself, when the factor is needed: not before the
@@ -38,12 +41,12 @@ bool inverse_holds(const inverse *inv, int node);
 
 /* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
    out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. Fails where the factor of the whole matrix is
-   needed and can't be made; `out` is then untouched. One thread at a time: the worker's side. */
+   needed and can't be made; `out` is then untouched. From any thread; the sparse owner serves one at a time. */
 trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
                              report *why);
 
 /* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Zero where the factor is needed and can't
-   be made. Uses the factor's workspace: one thread at a time. */
+   be made. From any thread, one at a time. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
 /* The dense matrix itself (dof_count square, column-major, full), or NULL where the owner does not keep one. */

@@ -159,7 +159,7 @@ static bool invert_factor(double *matrix, size_t n, inverse_progress progress) {
         cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, (int)left, (int)width, 1.0, corner, (int)n, x, (int)left);
         for (size_t j = 0; j < width; j++) memcpy(matrix + (first + j) * n + first, x + j * left, left * sizeof *x);
         double rest = (double)(left - width) / (double)n;
-        if (progress) progress("condensing the inverse", 1.0 - rest * rest * rest);
+        if (progress.show) progress.show("condensing the inverse", 1.0 - rest * rest * rest, progress.context);
     }
     free(x);
     for (size_t j = 0; j < n; j++)
@@ -168,9 +168,9 @@ static bool invert_factor(double *matrix, size_t n, inverse_progress progress) {
 }
 
 static trocar_status condense(condensed_inverse *c, inverse_progress progress, report *why) {
-    if (progress) progress("factoring the stiffness matrix", 0.0);
+    if (progress.show) progress.show("factoring the stiffness matrix", 0.0, progress.context);
     trocar_status status = factor_once(c, why);
-    if (progress) progress("factoring the stiffness matrix", 1.0);
+    if (progress.show) progress.show("factoring the stiffness matrix", 1.0, progress.context);
     if (status != TROCAR_OK) return status;
     bool done = order_nodes(c) && copy_factor(c) && invert_factor(c->matrix, 3 * (size_t)c->count, progress);
     return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to condense the inverse");

@@ -2,6 +2,8 @@
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
+#include <threads.h>
+
 #include "inverse.h"
 
 typedef struct {
@@ -18,6 +20,7 @@ typedef struct {
 struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
+    mtx_t apply_lock;             /* of inverse_apply's scratch and the owner's */
     double *force, *displacement; /* dof_count: scratch of inverse_apply */
 };
 

@@ -24,6 +24,7 @@ typedef struct {
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
     double *halves;          /* slot_count x slot_size */
+    mtx_t gather_lock;       /* of all above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
     solver field_solver;     /* of the thread that asks for whole fields: it may be another one */
@@ -148,17 +149,23 @@ static void compute_missing(sparse_inverse *s, int row_count, const int *rows, i
         }
 }
 
-static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                                   report *why) {
-    (void)why;
-    sparse_inverse *s = (sparse_inverse *)inv;
+static void gather_cached(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
     if (!block_cache_take(&s->blocks, row_count, rows, column_count, columns)) {
         gather_afresh(s, row_count, rows, column_count, columns, out, ld);
-        return TROCAR_OK;
+        return;
     }
     compute_missing(s, row_count, rows, column_count, columns);
     for (int i = 0; i < row_count; i++)
         for (int j = 0; j < column_count; j++) block_cache_get(&s->blocks, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+}
+
+static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                                   report *why) {
+    (void)why;
+    sparse_inverse *s = (sparse_inverse *)inv;
+    mtx_lock(&s->gather_lock);
+    gather_cached(s, row_count, rows, column_count, columns, out, ld);
+    mtx_unlock(&s->gather_lock);
     return TROCAR_OK;
 }
 
@@ -195,6 +202,7 @@ static void sparse_apply(inverse *inv, const double *force, double *displacement
 
 static void sparse_release(inverse *inv) {
     sparse_inverse *s = (sparse_inverse *)inv;
+    mtx_destroy(&s->gather_lock);
     solver_free(&s->field_solver);
     half_solver_free(s->half);
     free(s->slot);
@@ -230,6 +238,7 @@ trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **cre
     *created = s ? &s->shared : NULL;
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");
     trocar_status status = inverse_init(&s->shared, &sparse_owner, t, why);
+    mtx_init(&s->gather_lock, mtx_plain);
     bool solver_ready = solver_create(&s->field_solver, (size_t)t->dof_count, 1);
     if (status == TROCAR_OK) status = half_solver_create(t, &s->half, why);
     if (status == TROCAR_OK && !(solver_ready && create_cache(s, cache_bytes)))

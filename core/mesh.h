@@ -51,6 +51,10 @@ typedef struct {
    conformity. BAD_INPUT with a message that names the file. Not thread-safe: Gmsh is one global. */
 trocar_status mesh_read(const char *path, mesh *m, report *why);
 
+/* The same from arrays, which are copied. BAD_INPUT for indices out of range, names that repeat, and as in mesh_finish. */
+trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
+trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* its first part: indices and names are there */
+
 /* Completes a mesh whose node_count, tet_count, nodes, tets, region and groups are given: orients the tets,
    finds neighbours and the boundary, builds the tree. `triangles` are the named surface triangles (group index each).
    `name` is for messages. Takes ownership of the arrays in `m`; on failure `mesh_free` releases them. */

@@ -4,6 +4,7 @@
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
+#include <threads.h>
 
 #include "mesh.h"
 
@@ -53,7 +54,8 @@ static trocar_status check_readable(reader *r) {
 static trocar_status open_model(reader *r) {
     int error = 0;
     gmshOptionSetNumber("General.Terminal", 0, &error);
-    gmshOpen(r->path, &error);
+    gmshModelAdd("trocar", &error);
+    if (error == 0) gmshMerge(r->path, &error);
     return error == 0 ? TROCAR_OK : gmsh_failed(r);
 }
 
@@ -376,6 +378,37 @@ static trocar_status read_model(reader *r) {
     return status;
 }
 
+/* Gmsh is one global. Where the host has a session of its own, the mesh becomes a model beside the host's, and goes again. */
+static trocar_status read_in_session(reader *r) {
+    int error = 0;
+    double terminal = -1.0; /* stays so while Gmsh is not running */
+    gmshOptionGetNumber("General.Terminal", &terminal, &error);
+    bool hosted = error == 0 && terminal >= 0.0;
+    char *host_model = NULL;
+    error = 0;
+    if (hosted) gmshModelGetCurrent(&host_model, &error);
+    else gmshInitialize(0, NULL, 0, &error);
+    if (error) return fail(r->why, TROCAR_SYSTEM, "%s: Gmsh does not start (error %d)", r->path, error);
+    trocar_status status = read_model(r);
+    if (!hosted) {
+        gmshFinalize(&error);
+        return status;
+    }
+    gmshModelRemove(&error);
+    gmshModelSetCurrent(host_model, &error);
+    gmshOptionSetNumber("General.Terminal", terminal, &error);
+    gmshFree(host_model);
+    return status;
+}
+
+static mtx_t session_lock;
+static once_flag session_once = ONCE_FLAG_INIT;
+static void create_lock(void) { mtx_init(&session_lock, mtx_plain); }
+static mtx_t *gmsh_lock(void) {
+    call_once(&session_once, create_lock);
+    return &session_lock;
+}
+
 static void reader_free(reader *r) {
     free(r->nodes);
     free(r->coordinates);
@@ -390,11 +423,9 @@ trocar_status mesh_read(const char *path, mesh *m, report *why) {
     trocar_status status = check_readable(&r);
     if (status != TROCAR_OK) return status;
 
-    int error = 0;
-    gmshInitialize(0, NULL, 0, &error);
-    if (error) return fail(why, TROCAR_SYSTEM, "%s: Gmsh does not start (error %d)", path, error);
-    status = read_model(&r);
-    gmshFinalize(&error);
+    mtx_lock(gmsh_lock());
+    status = read_in_session(&r);
+    mtx_unlock(gmsh_lock());
     if (status == TROCAR_OK)
         status = mesh_finish(m, r.triangle_count, (const int(*)[3])r.triangles, r.triangle_group, path, why);
     reader_free(&r);

@@ -5,18 +5,10 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-typedef enum {
-    TROCAR_OK = 0,
-    TROCAR_BAD_INPUT,  /* a scene, mesh, log or option is wrong: `main` exits with 2 */
-    TROCAR_NO_MEMORY,  /* an allocation failed */
-    TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
-    TROCAR_SYSTEM,     /* the operating system refused something */
-} trocar_status;
+#include "trocar.h"
 
 /* The message of the first failure: names the place (file, line, key) and the remedy. */
-typedef struct {
-    char text[1024];
-} report;
+typedef trocar_error report;
 
 /* Writes the message and returns `status`, so that a caller fails in one line. */
 __attribute__((format(printf, 3, 4)))

@@ -128,13 +128,14 @@ static trocar_status build_inverse(simulation *s, report *why) {
 static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
-    s->workspace = calloc(1, sizeof *s->workspace);
-    s->field_scratch = calloc(REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS), sizeof *s->field_scratch);
-    if (!s->workspace || !s->field_scratch) return fail(why, TROCAR_NO_MEMORY, "no memory");
     return local_create(&s->insertion, why);
 }
 
-trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
+static trocar_status take_mesh(simulation *s, report *why) {
+    return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read(s->config.mesh_path, &s->mesh, why);
+}
+
+trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
@@ -142,18 +143,30 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
                     "choose volumetric_strain: element");
     s->config = *config;
-    trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
+    trocar_status status = take_mesh(s, why);
     if (status != TROCAR_OK) return status;
     status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
-    if (status == TROCAR_OK) status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);
     return status;
 }
+
+trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
+    trocar_status status = simulation_create_model(config, s, why);
+    if (status != TROCAR_OK) return status;
+    status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
+    s->workspace = calloc(1, sizeof *s->workspace);
+    s->field_scratch = calloc(simulation_field_scratch(s), sizeof *s->field_scratch);
+    if (status == TROCAR_OK && !(s->workspace && s->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
+size_t simulation_field_scratch(const simulation *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
 
 void simulation_free(simulation *s) {
     local_free(&s->insertion);
@@ -184,11 +197,15 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
     return remesher_resume(s->remesher, &state->request, snapshot, why);
 }
 
-void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    refined_displacement(s->inverse, &refined, nominal, force, s->field_scratch, nominal, added);
+    refined_displacement(s->inverse, &refined, nominal, force, scratch, nominal, added);
+}
+
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
+    simulation_field(s, state, s->field_scratch, nominal, added);
 }

@@ -13,6 +13,7 @@ enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef struct {
     char mesh_path[1024];
+    const trocar_mesh *mesh_given;      /* in place of a file; NULL: there is a path */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
@@ -23,7 +24,7 @@ typedef struct {
     reach_config reach;                  /* region of interest; nothing given: see reach_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's */
     volumetric_strain volumetric;
-    inverse_progress progress;           /* told how far a start has come, if that takes long; may be NULL */
+    inverse_progress progress;           /* told how far a long start has come; its function may be NULL */
 } simulation_config;
 
 typedef struct {
@@ -45,9 +46,14 @@ typedef struct {
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 
-/* Reads the mesh and builds everything, or frees everything and says why. */
+/* Reads the mesh and builds all that is constant, or frees everything and says why. */
+trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
+
+/* The same, and what one run of it needs: remesher, workspace, field_scratch. */
 trocar_status simulation_create(const simulation_config *config, simulation *s, report *why);
 void simulation_free(simulation *s);
+
+size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
 
 /* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
 trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
@@ -69,5 +75,8 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
 /* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m.
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
+
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. */
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

@@ -1,20 +1,17 @@
-# find_package(trocar COMPONENTS types core): trocar::types, the messages' C bindings (include "trocar_needle_pose_t.h"), and
-# trocar::core, the mechanics (include <trocar/core/simulation.h>). Without components: both.
+# find_package(trocar COMPONENTS library types): trocar::trocar, the mechanics (include <trocar.h>), and trocar::types, the messages'
+# C bindings (include "trocar_needle_pose_t.h"). Without components: both.
 if(NOT trocar_FIND_COMPONENTS)
-    set(trocar_FIND_COMPONENTS types core)
+    set(trocar_FIND_COMPONENTS library types)
 endif()
-include(CMakeFindDependencyMacro)
-find_dependency(PkgConfig)
 set(trocar_FOUND TRUE)
 foreach(component ${trocar_FIND_COMPONENTS})
     if(component STREQUAL types)
+        include(CMakeFindDependencyMacro)
+        find_dependency(PkgConfig)
         pkg_check_modules(LCM REQUIRED IMPORTED_TARGET lcm)
-    elseif(component STREQUAL core)
-        pkg_check_modules(BLAS REQUIRED IMPORTED_TARGET openblas)
-        pkg_check_modules(HDF5 REQUIRED IMPORTED_TARGET hdf5-serial)
-    else()
+    elseif(NOT component STREQUAL library)
         set(trocar_FOUND FALSE)
-        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}, but types and core")
+        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}, but library and types")
         return()
     endif()
     include(${CMAKE_CURRENT_LIST_DIR}/trocar-${component}.cmake)

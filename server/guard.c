@@ -5,49 +5,6 @@
 
 #include "trocar_needle_wrench_t.h"
 
-guard_limits guard_defaults(void) {
-    return (guard_limits){.max_stiffness = INFINITY, .max_force = 20.0, .max_torque = 1.0, .max_force_rate = 2000.0, .max_torque_rate = 100.0,
-                          .max_speed = 2.0, .max_turn_rate = 20.0, .hold_time = 0.01, .ramp_time = 0.1};
-}
-
-/* Largest force, torque and stiffness of a virtual wall; where they come from: meshes/PARAMETERS.md. Torque 0: it renders none. */
-static const struct { const char *name; double force, torque, stiffness; } PROFILES[] = {
-    {"touch", 3.3, 0.0, 400.0},
-    {"touch-x", 7.9, 0.0, 1000.0},
-    {"premium-1.5-6dof", 8.5, 0.188, 800.0},
-    {"falcon", 8.0, 0.0, 3000.0},
-    {"omega.3", 12.0, 0.0, 5000.0},
-    {"delta.6", 20.0, 0.2, 5000.0},
-    {"sigma.7", 12.0, 0.2, 4000.0},
-};
-enum { PROFILE_COUNT = sizeof PROFILES / sizeof *PROFILES };
-
-/* s from nothing to the largest force. Faster than a hand can tell; slower (5 ms), the force of a hard knock would lag behind
-   the hand so far that it drives a light one (tests/test_port.c). */
-static const double FULL_SLEW = 3e-3;
-
-bool guard_use_profile(const char *name, guard_limits *limits) {
-    for (int i = 0; i < PROFILE_COUNT; i++) {
-        if (strcmp(PROFILES[i].name, name) != 0) continue;
-        limits->max_stiffness = PROFILES[i].stiffness;
-        limits->max_force = PROFILES[i].force;
-        limits->max_force_rate = PROFILES[i].force / FULL_SLEW;
-        if (PROFILES[i].torque == 0.0) return true;
-        limits->max_torque = PROFILES[i].torque;
-        limits->max_torque_rate = PROFILES[i].torque / FULL_SLEW;
-        return true;
-    }
-    return false;
-}
-
-void guard_profile_names(char *names, size_t size) {
-    size_t used = 0;
-    for (int i = 0; i < PROFILE_COUNT && used < size; i++) {
-        const char *before = i == 0 ? "" : i < PROFILE_COUNT - 1 ? ", " : " or ";
-        used += (size_t)snprintf(names + used, size - used, "%s%s", before, PROFILES[i].name);
-    }
-}
-
 static bool finite3(vec3 a) { return isfinite(a.x) && isfinite(a.y) && isfinite(a.z); }
 
 pose_verdict guard_check_pose(const pose *p) {
@@ -58,7 +15,7 @@ pose_verdict guard_check_pose(const pose *p) {
     return fabs(norm - 1.0) > 1e-3 ? POSE_NOT_UNIT : POSE_ACCEPTED;
 }
 
-double guard_travel_time(const guard_limits *limits, const pose *a, const pose *b) {
+double guard_travel_time(const device_limits *limits, const pose *a, const pose *b) {
     double distance = v3_norm(v3_sub(b->position, a->position));
     double angle = v3_norm(q_log(q_multiply(b->orientation, q_conjugate(a->orientation))));
     return fmax(distance / limits->max_speed, angle / limits->max_turn_rate);
@@ -74,7 +31,7 @@ static guard_decision engage(guard *g, const pose_sample *newest) {
     return GUARD_ENGAGE;
 }
 
-guard_decision guard_pose(guard *g, const guard_limits *limits, const pose_sample *newest, int64_t now) {
+guard_decision guard_pose(guard *g, const device_limits *limits, const pose_sample *newest, int64_t now) {
     g->released = !newest->held;
     if (!newest->held) return g->engagement == 0 ? GUARD_IDLE : GUARD_HOLD;
 
@@ -115,14 +72,14 @@ static vec3 limited(vec3 wanted, vec3 last, double limit, double step, bool *sat
 }
 
 /* Moves the gain one tick toward its target; true while the wrench is on the ramp. */
-static bool ramp(guard *g, const guard_limits *limits, bool wind_down, double dt) {
+static bool ramp(guard *g, const device_limits *limits, bool wind_down, double dt) {
     bool full = g->engagement != 0 && !(g->released || g->stale || g->overrun || wind_down);
     double before = g->gain, step = dt / limits->ramp_time;
     g->gain = full ? fmin(1.0, g->gain + step) : fmax(0.0, g->gain - step);
     return g->gain != before || (g->gain > 0.0 && g->gain < 1.0);
 }
 
-int guard_wrench(guard *g, const guard_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque) {
+int guard_wrench(guard *g, const device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque) {
     int flags = ramp(g, limits, wind_down, dt) ? TROCAR_NEEDLE_WRENCH_T_RAMPING : 0;
     bool saturated = false, finite = finite3(*force) && finite3(*torque);
     vec3 wanted_force = finite ? v3_scale(g->gain, *force) : v3(0, 0, 0);

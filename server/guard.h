@@ -7,26 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "device.h"
 #include "vec.h"
-
-typedef struct {
-    double max_stiffness;    /* N/m, that the device renders well: of the virtual coupling; INFINITY: none, the needle is held rigidly */
-    double max_force;        /* N */
-    double max_torque;       /* N m */
-    double max_force_rate;   /* N/s */
-    double max_torque_rate;  /* N m/s */
-    double max_speed;        /* m/s, of the base point */
-    double max_turn_rate;    /* rad/s */
-    double hold_time;        /* s without a pose before the wrench is ramped down */
-    double ramp_time;        /* s from the full wrench to none, and back */
-} guard_limits;
-
-guard_limits guard_defaults(void);
-
-/* Sets the limits of force and torque, of their rates, and of stiffness to those of a device by name; false if it is not in the
-   table. A device that renders no torque leaves torque as it is. */
-bool guard_use_profile(const char *name, guard_limits *limits);
-void guard_profile_names(char *names, size_t size); /* "a, b or c" */
 
 /* What became of one pose; each has its counter in status_t. */
 typedef enum {
@@ -38,7 +20,7 @@ typedef enum {
 pose_verdict guard_check_pose(const pose *p);
 
 /* Least time that a device within its limits needs from a to b, s. */
-double guard_travel_time(const guard_limits *limits, const pose *a, const pose *b);
+double guard_travel_time(const device_limits *limits, const pose *a, const pose *b);
 
 /* The newest pose as it waits for the tick. */
 typedef struct {
@@ -67,7 +49,7 @@ typedef enum { GUARD_IDLE, GUARD_ENGAGE, GUARD_FOLLOW, GUARD_HOLD } guard_decisi
 
 /* Decides what the model does with the newest pose at time `now` (ns): nothing yet, begin anew at g->base, follow to
    g->base, or stay there. A pose that returns after a silence from further away than the limits allow engages anew. RT */
-guard_decision guard_pose(guard *g, const guard_limits *limits, const pose_sample *newest, int64_t now);
+guard_decision guard_pose(guard *g, const device_limits *limits, const pose_sample *newest, int64_t now);
 
 /* Notes whether this tick came late by whole periods; trips after GUARD_OVERRUNS in a row, recovers after a second
    of good timing or at the next engagement. RT */
@@ -75,7 +57,7 @@ void guard_timing(guard *g, bool late, double dt);
 
 /* Ramps the model's wrench in or out, then limits magnitude and slew without turning it; updates both in place.
    `wind_down` ramps to zero whatever the poses are. Returns flags of needle_wrench_t. RT */
-int guard_wrench(guard *g, const guard_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
+int guard_wrench(guard *g, const device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
 
 /* No wrench is left and none will follow while it winds down. RT */
 bool guard_at_rest(const guard *g);

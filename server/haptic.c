@@ -8,7 +8,7 @@
 
 enum { VIEWS_HZ = 60 };
 
-trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const guard_limits *limits,
+trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const device_limits *limits,
                             double rate_hz, int flags, exchange *x, report *why) {
     *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x,
                   .scratch = scratch};

@@ -12,7 +12,7 @@ enum { REQUESTS_REMEMBERED = 1024 };
 typedef struct {
     const insertion_model *model;
     insertion_workspace *scratch;
-    guard_limits limits;
+    device_limits limits;
     double period;               /* s, nominal */
     int flags;                   /* that every wrench carries: NOT_REALTIME or 0 */
     exchange *exchange;
@@ -28,7 +28,7 @@ typedef struct {
 } haptic;
 
 /* `model`, `scratch` and `x` must outlive it; `scratch` is used by nobody else. */
-trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const guard_limits *limits,
+trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const device_limits *limits,
                             double rate_hz, int flags, exchange *x, report *why);
 void haptic_free(haptic *h);
 

@@ -18,7 +18,7 @@ typedef struct {
 } intake_record;
 
 typedef struct {
-    guard_limits limits;
+    device_limits limits;
     intake_record record;
     pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
     bool begin_anew;                 /* the next pose starts a new engagement */
@@ -26,7 +26,7 @@ typedef struct {
     double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
 } intake;
 
-void intake_init(intake *in, const guard_limits *limits);
+void intake_init(intake *in, const device_limits *limits);
 
 /* Judges the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` is that pose.
    The first valid pose's session owns the needle until it releases it or is silent for two seconds. */

@@ -5,7 +5,8 @@
 #include <string.h>
 #include <unistd.h>
 
-void progress_show(const char *what, double fraction) {
+void progress_show(const char *what, double fraction, void *context) {
+    (void)context;
     enum { WIDTH = 40 };
     static char task[64];
     static int shown = -1;

@@ -9,9 +9,8 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
+
+#include "flush_denormals.h"
 
 enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes of a mapping */
 
@@ -67,16 +66,7 @@ __attribute__((noinline)) void realtime_touch_stack(void) {
     __asm__ volatile("" : : "r"(stack) : "memory"); /* the compiler must not drop the writes */
 }
 
-void realtime_flush_denormals(void) {
-#if defined(__SSE2__)
-    enum { FLUSH_TO_ZERO = 0x8000, DENORMALS_ARE_ZERO = 0x0040 };
-    _mm_setcsr(_mm_getcsr() | FLUSH_TO_ZERO | DENORMALS_ARE_ZERO);
-#elif defined(__aarch64__)
-    uint64_t control;
-    __asm__ volatile("mrs %0, fpcr" : "=r"(control));
-    __asm__ volatile("msr fpcr, %0" : : "r"(control | (1u << 24)));
-#endif
-}
+void realtime_flush_denormals(void) { flush_denormals(); }
 
 int realtime_stay_awake(report *why) {
     static const char path[] = "/dev/cpu_dma_latency";

@@ -77,10 +77,10 @@ static trocar_status ask_for_realtime(server *s, report *why) {
 static trocar_status create_parts(server *s, report *why) {
     exchange *x = &s->exchange;
     int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
-    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.guard,
+    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.device,
                                          s->scene.rate_hz, flags, x, why);
     if (status != TROCAR_OK) return status;
-    status = io_create(&s->io, s->options.lcm_url, &s->scene.guard, s->realtime, s->shutdown_wake, x, why);
+    status = io_create(&s->io, s->options.lcm_url, &s->scene.device, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;
     s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .records = &x->loops};
@@ -97,7 +97,7 @@ static trocar_status create_all(server *s, report *why) {
     if ((status = read_scene(s, why)) != TROCAR_OK) return status;
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    s->scene.simulation.progress = progress_show;
+    s->scene.simulation.progress.show = progress_show;
     if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
     if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
     if ((status = ask_for_realtime(s, why)) != TROCAR_OK) return status;

@@ -28,7 +28,7 @@ typedef struct {
 } timing_record;
 
 typedef struct {
-    guard_limits limits;             /* of the scene */
+    device_limits limits;             /* of the scene */
     lcm_t *lcm;
     trocar_needle_wrench_t_subscription_t *wrench_subscription;
     trocar_status_t_subscription_t *status_subscription;
@@ -188,7 +188,7 @@ static inline bool client_open(client *c, const char *scene_path) {
     scene s;
     report why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
-    *c = (client){.session = 77, .limits = s.guard};
+    *c = (client){.session = 77, .limits = s.device};
     sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* where it is allowed */
     c->lcm = lcm_create(NULL);
     if (c->lcm == NULL) return false;

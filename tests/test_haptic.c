@@ -47,7 +47,7 @@ static int begin(void **state) {
     report why;
     f->tick = 0;
     assert_int_equal(exchange_create(&f->exchange, &why), TROCAR_OK);
-    return haptic_create(&f->haptic, &f->simulation.insertion, f->simulation.workspace, &f->scene.guard, RATE,
+    return haptic_create(&f->haptic, &f->simulation.insertion, f->simulation.workspace, &f->scene.device, RATE,
                          TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange, &why);
 }
 
@@ -199,7 +199,7 @@ static void a_new_engagement_starts_outside(void **state) {
     tick(f, &next);
     assert_int_equal(next.contacts, 0);
     assert_true(next.depth == 0.0 && next.raw_force[2] == 0.0);
-    assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.guard.max_force_rate / RATE + 1e-9);
+    assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.device.max_force_rate / RATE + 1e-9);
 }
 
 /* Where the needle is 20 mm deep a number that is none gets into its state. It waits, comes 5 mm back, goes on to 25 mm; as soon as

@@ -44,7 +44,7 @@ static bool command(intake *in, int64_t session, int what) {
 
 static intake fresh(void) {
     intake in;
-    guard_limits limits = guard_defaults(); /* 2 m/s */
+    device_limits limits = device_defaults(); /* 2 m/s */
     intake_init(&in, &limits);
     return in;
 }

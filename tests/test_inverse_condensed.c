@@ -53,7 +53,7 @@ static void start(condensed *c, double stiffness) {
     materials[0].youngs_modulus *= stiffness;
     assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_OK);
     snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region).path);
-    assert_int_equal(inverse_create_condensed(&c->tissue, REGION, region, directory, NULL, &c->inverse, &c->notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c->tissue, REGION, region, directory, (inverse_progress){0}, &c->inverse, &c->notice, &why), TROCAR_OK);
 }
 
 static void stop(condensed *c) {
@@ -228,14 +228,15 @@ static void a_region_that_cannot_move_is_refused(void **state) {
     inverse *inv;
     report notice, why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&t, 3, all, directory, NULL, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(inverse_create_condensed(&t, 3, all, directory, (inverse_progress){0}, &inv, &notice, &why), TROCAR_BAD_INPUT);
     assert_null(inv);
     tissue_free(&t);
 }
 
 static int progress_calls;
 static double progress_last;
-static void note_progress(const char *what, double fraction) {
+static void note_progress(const char *what, double fraction, void *context) {
+    (void)context;
     (void)what;
     progress_calls++;
     progress_last = fraction;
@@ -246,7 +247,7 @@ static void progress_is_told_and_an_unwritable_place_does_no_harm(void **state) 
     condensed c;
     report why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&c.tissue, REGION, region, "/proc/nowhere", note_progress, &c.inverse, &c.notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c.tissue, REGION, region, "/proc/nowhere", (inverse_progress){note_progress, NULL}, &c.inverse, &c.notice, &why), TROCAR_OK);
     assert_true(says(&c, "cannot be written"));
     assert_true(progress_calls >= 3);
     assert_close(progress_last, 1.0, 1e-12);

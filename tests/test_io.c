@@ -35,7 +35,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
 static int open_fixture(void **state) {
     static fixture f;
     report why;
-    guard_limits limits = guard_defaults();
+    device_limits limits = device_defaults();
     memset(&f, 0, sizeof f);
     f.shutdown = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(exchange_create(&f.exchange, &why), TROCAR_OK);
@@ -132,7 +132,7 @@ static void a_bad_url_is_named(void **unused) {
     exchange x;
     io o;
     report why;
-    guard_limits limits = guard_defaults();
+    device_limits limits = device_defaults();
     assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
     assert_int_equal(io_create(&o, "nonsense://x", &limits, false, -1, &x, &why), TROCAR_OK);
     assert_int_equal(io_open(&o), TROCAR_BAD_INPUT);

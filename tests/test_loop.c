@@ -132,7 +132,7 @@ static rig *rig_create(int nap_ms, int64_t ticks) {
     if (scene_load(MESHES "/figure8.yaml", &r->scene, &why) != TROCAR_OK
         || simulation_create(&r->scene.simulation, &r->simulation, &why) != TROCAR_OK
         || exchange_create(&r->exchange, &why) != TROCAR_OK
-        || haptic_create(&r->haptic, &r->simulation.insertion, r->simulation.workspace, &r->scene.guard, RATE, 0,
+        || haptic_create(&r->haptic, &r->simulation.insertion, r->simulation.workspace, &r->scene.device, RATE, 0,
                          &r->exchange, &why) != TROCAR_OK)
         fail_msg("%s", why.text);
     r->nap_ms = nap_ms;

@@ -135,7 +135,7 @@ typedef struct {
     double delay, jitter;            /* s, each way: at least, and at random on top of it */
     int lost;                        /* of a hundred messages */
     double knock;                    /* m/s */
-    guard_limits limits;
+    device_limits limits;
 } situation;
 
 /* What the needle is in: the base's force (N, on the hand) and place when it rests on a spring at `rest`. */
@@ -192,7 +192,7 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
 
 /* The server's tick, as in haptic.c. */
 static void serve(loop *l, surroundings *in) {
-    const guard_limits *limits = &l->situation.limits;
+    const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
     for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest that has arrived; an older one is refused */
         if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
@@ -243,15 +243,15 @@ static bool dies_away(loop *l, surroundings *in, vec3 target) {
     return first < 10 && l->worst < fmax(1.4 * alone, 0.2) * first;
 }
 
-static guard_limits limits_of(const char *device) {
-    guard_limits limits = guard_defaults();
-    assert_true(guard_use_profile(device, &limits));
+static device_limits limits_of(const char *device) {
+    device_limits limits = device_defaults();
+    assert_true(device_use_profile(device, &limits));
     return limits;
 }
 
 /* The stiffest that a scene may ask for, as README says: full slew for a hand of 1 m/s. */
-static guard_limits own_limits(void) {
-    guard_limits limits = guard_defaults();
+static device_limits own_limits(void) {
+    device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
     return limits;
 }
@@ -277,7 +277,7 @@ static int64_t try_springs(const situation *s) {
 static void stable_against_a_spring_of_any_stiffness(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
-    const guard_limits devices[] = {limits_of("touch"), limits_of("falcon"), limits_of("omega.3"), own_limits()};
+    const device_limits devices[] = {limits_of("touch"), limits_of("falcon"), limits_of("omega.3"), own_limits()};
     for (size_t d = 0; d < sizeof devices / sizeof *devices; d++) {
         int64_t saturated = 0;
         EACH(mass, masses) EACH(delay, delays) {
@@ -293,7 +293,7 @@ static void stable_at_other_rates(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
     static const struct { double period, sampling; } rates[] = {{4e-3, 1e-3}, {0.25e-3, 1e-3}, {0.25e-3, 0.25e-3}};
-    const guard_limits devices[] = {limits_of("touch"), limits_of("omega.3"), own_limits()};
+    const device_limits devices[] = {limits_of("touch"), limits_of("omega.3"), own_limits()};
     for (size_t r = 0; r < sizeof rates / sizeof *rates; r++)
         for (size_t d = 0; d < sizeof devices / sizeof *devices; d++)
             EACH(mass, masses) EACH(delay, delays) {
@@ -307,7 +307,7 @@ static void unstable_without_the_coupling_or_with_a_slow_slew(void **unused) {
     (void)unused;
     static loop l;
     surroundings in = {.stiffness = 2000};
-    situation s = {DT, DT, 0.05, 3e-3, 0, 0, 0.05, guard_defaults()};
+    situation s = {DT, DT, 0.05, 3e-3, 0, 0, 0.05, device_defaults()};
     loop_init(&l, &s, v3(0, 0, 0));
     assert_false(dies_away(&l, &in, v3(0, 0, 0)));
 

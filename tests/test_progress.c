@@ -16,8 +16,8 @@ static void a_file_gets_a_line_each_tenth(void **state) {
     FILE *file = tmpfile();
     int before = dup(STDERR_FILENO);
     assert_true(dup2(fileno(file), STDERR_FILENO) >= 0);
-    for (int i = 0; i <= 1000; i++) progress_show("first", i / 1000.0 * 0.35);
-    for (int i = 0; i <= 2; i++) progress_show("second", i / 2.0);
+    for (int i = 0; i <= 1000; i++) progress_show("first", i / 1000.0 * 0.35, NULL);
+    for (int i = 0; i <= 2; i++) progress_show("second", i / 2.0, NULL);
     fflush(stderr);
     dup2(before, STDERR_FILENO);
     rewind(file);

@@ -116,7 +116,7 @@ static void every_value_arrives(void **state) {
     assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
-    const guard_limits *g = &s.guard;
+    const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
     assert_true(g->max_stiffness == 400); /* the profile's; its force is overruled */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
@@ -125,12 +125,12 @@ static void every_value_arrives(void **state) {
 static void a_device_brings_its_limits(void **state) {
     (void)state;
     scene s;
-    guard_limits expected = guard_defaults();
+    device_limits expected = device_defaults();
     load_good("mesh: /elsewhere/a.msh\nregions: [{name: all}]\nfixed: [bottom]\ndevice: {max_torque_rate: 3, profile: delta.6}\n", &s);
-    assert_true(guard_use_profile("delta.6", &expected));
+    assert_true(device_use_profile("delta.6", &expected));
     expected.max_torque_rate = 3;
-    assert_memory_equal(&s.guard, &expected, sizeof expected);
-    assert_true(s.guard.max_force_rate != guard_defaults().max_force_rate);
+    assert_memory_equal(&s.device, &expected, sizeof expected);
+    assert_true(s.device.max_force_rate != device_defaults().max_force_rate);
 }
 
 static void what_is_left_out_has_its_default(void **state) {
@@ -140,14 +140,14 @@ static void what_is_left_out_has_its_default(void **state) {
     simulation_config defaults;
     simulation_defaults(&defaults);
     region_material material = region_defaults();
-    guard_limits limits = guard_defaults();
+    device_limits limits = device_defaults();
     assert_string_equal(s.simulation.mesh_path, "/elsewhere/a.msh");
     assert_true(s.rate_hz == 1000);
     assert_memory_equal(&s.simulation.needle, &defaults.needle, sizeof defaults.needle);
     assert_memory_equal(&s.simulation.insertion, &defaults.insertion, sizeof defaults.insertion);
     assert_int_equal(s.simulation.remeshing, REMESH_NESTED);
     assert_int_equal(s.simulation.membrane_count, 0);
-    assert_memory_equal(&s.guard, &limits, sizeof limits);
+    assert_memory_equal(&s.device, &limits, sizeof limits);
     material.friction_kinetic = 3;
     assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
 }
@@ -184,7 +184,7 @@ static void a_bad_region_of_interest_is_refused(void **state) {
         {"cache: ''", ":4: cache: "},
         {"region_of_interest: {regions: [x, x]}", ":4: region_of_interest.regions[1]: \"x\" is there twice"},
         {"region_of_interest: {depth: 1}", ":4: region_of_interest: unknown key \"depth\""},
-        {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1]}}", ":4: region_of_interest.corridor.radius: "},
+        {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1]}}", ":4: region_of_interest.corridor: missing key \"radius\""},
         {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1], radius: 0}}", ":4: region_of_interest.corridor.radius: "},
         {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0], radius: 1}}", ":4: region_of_interest.corridor.to: expected three numbers"},
         {"region_of_interest: {corridor: {to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor"},
@@ -368,10 +368,10 @@ static void the_table_of_parameters_is_true(void **state) {
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
         ONCE("contact.resolution", simulation.insertion.resolution), ONCE("contact.max_passes", simulation.insertion.max_passes),
         ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
-        ONCE("device.max_stiffness", guard.max_stiffness), ONCE("device.max_force", guard.max_force), ONCE("device.max_torque", guard.max_torque),
-        ONCE("device.max_force_rate", guard.max_force_rate), ONCE("device.max_torque_rate", guard.max_torque_rate),
-        ONCE("device.max_speed", guard.max_speed), ONCE("device.max_turn_rate", guard.max_turn_rate),
-        ONCE("device.hold_time", guard.hold_time), ONCE("device.ramp_time", guard.ramp_time),
+        ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),
+        ONCE("device.max_force_rate", device.max_force_rate), ONCE("device.max_torque_rate", device.max_torque_rate),
+        ONCE("device.max_speed", device.max_speed), ONCE("device.max_turn_rate", device.max_turn_rate),
+        ONCE("device.hold_time", device.hold_time), ONCE("device.ramp_time", device.ramp_time),
     };
 #undef ONCE
 #undef OF_REGIONS

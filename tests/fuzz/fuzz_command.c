@@ -5,7 +5,7 @@
 #include "trocar_command_t.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    guard_limits limits = guard_defaults();
+    device_limits limits = device_defaults();
     intake in;
     intake_init(&in, &limits);
     if (size == 0) return 0;

@@ -18,7 +18,7 @@ static void check(const intake *in, const pose_sample *before, pose_verdict verd
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    guard_limits limits = guard_defaults();
+    device_limits limits = device_defaults();
     intake in;
     int64_t now = 1000000000, count = 0;
     intake_init(&in, &limits);

@@ -23,6 +23,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         REQUIRE(memchr(c->regions[i].name, 0, MESH_NAME) != NULL);
     }
     REQUIRE(c->needle.segments >= 2 && c->needle.segments <= NEEDLE_MAX_SEGMENTS && c->needle.length > c->needle.outer_diameter);
-    REQUIRE(s.guard.max_force > 0 && s.guard.max_speed > 0 && s.guard.ramp_time > 0);
+    REQUIRE(s.device.max_force > 0 && s.device.max_speed > 0 && s.device.ramp_time > 0);
     return 0;
 }

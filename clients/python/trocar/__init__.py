@@ -1,0 +1,323 @@
+"""trocar: a flexible needle in soft tissue, from Python.
+
+A thin layer over libtrocar (see trocar.h): arrays are NumPy's, units are SI, the world frame is the mesh's. A `Scene` says what to
+simulate; a `Model` is built from it once and is constant; a `Sim` is all that changes. `rollout` runs many insertions on one model.
+
+    >>> import trocar
+    >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
+    >>> sim = trocar.Sim(model)
+    >>> sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])
+    >>> out = sim.step([0.005, 0.003, -0.190, 1, 0, 0, 0], dt=0.001)
+    >>> out.force
+    array([...])
+
+A pose is seven numbers: position x, y, z (m) and orientation w, x, y, z (unit quaternion, needle frame -> world) of the needle's base.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike, fspath
+from typing import Any, NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ._library import ffi, lib
+
+__all__ = ["Contact", "Error", "Event", "Key", "Mesh", "Model", "Output", "Scene", "Sim", "keys", "rollout"]
+__version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
+
+
+class Error(Exception):
+    """The library's message; `status` is "bad input", "no memory", "numeric" or "system"."""
+
+    def __init__(self, text: str, status: str):
+        super().__init__(text)
+        self.status = status
+
+
+_STATUS = ("ok", "bad input", "no memory", "numeric", "system")
+
+
+def _check(status: int, why: Any) -> None:
+    if status != lib.TROCAR_OK:
+        raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
+
+
+class Event:
+    """Bits of `Output.events` (see trocar.h)."""
+
+    TOUCHED, PUNCTURED, ADDED, REMOVED, EXITED, REENTERED, WITHDRAWN, LATE, FULL, UNSTABLE, KEPT = (1 << bit for bit in range(11))
+
+
+class Output(NamedTuple):
+    """One tick's result.
+
+    force (3,) N and torque (3,) N m, world frame: what the needle's base exerts on the hand, torque about the base point; depth m of
+    the track in the tissue; contacts active along the shaft; events, bits of `Event`; membrane punctured in this tick, -1 if none.
+    """
+
+    force: npt.NDArray[np.float64]
+    torque: npt.NDArray[np.float64]
+    depth: float
+    contacts: int
+    events: int
+    membrane: int
+    passes: int
+
+
+class Contact(NamedTuple):
+    """A point where the needle meets the tissue; force (3,) N is on the tissue, position (3,) m on the deformed needle."""
+
+    kind: str  # "tissue" or "tip"
+    state: int  # 0 sticks, 1 slides forward, -1 slides backward
+    arc: float  # m from the base
+    depth: float  # m along the track
+    position: npt.NDArray[np.float64]
+    force: npt.NDArray[np.float64]
+
+
+class Key(NamedTuple):
+    """A key of the scene file: one row of its reference table."""
+
+    key: str
+    unit: str
+    accepts: str
+    default: str
+    doc: str
+    required: bool
+
+
+def keys() -> list[Key]:
+    """All keys that a scene can have."""
+    rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
+    text = lambda value: ffi.string(value).decode()
+    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required)) for r in rows]
+
+
+@dataclass
+class Mesh:
+    """A tetrahedral mesh in memory.
+
+    nodes (n, 3) m; tets (m, 4) node indices; regions, their names, with tet_region (m,) an index into them; surfaces, names, with
+    triangles (k, 3) node indices and triangle_surface (k,) an index into `surfaces`.
+    """
+
+    nodes: npt.ArrayLike
+    tets: npt.ArrayLike
+    regions: Sequence[str]
+    tet_region: npt.ArrayLike | None = None
+    surfaces: Sequence[str] = ()
+    triangles: npt.ArrayLike = ()
+    triangle_surface: npt.ArrayLike = ()
+
+
+class Scene:
+    """What to simulate: the keys of a scene file."""
+
+    def __init__(self) -> None:
+        """An empty scene with the default of every key; `mesh`, `regions` and `fixed` are to be given."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
+        _check(lib.trocar_scene_create(handle, why), why)
+        self._handle = ffi.gc(handle[0], lib.trocar_scene_free)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Scene:
+        """Reads a YAML file. Error with file, line and key."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
+        _check(lib.trocar_scene_load(fspath(path).encode(), handle, why), why)
+        scene = cls.__new__(cls)
+        scene._handle = ffi.gc(handle[0], lib.trocar_scene_free)
+        return scene
+
+    def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
+        """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
+
+        An unknown name in a list appends an entry. Error when the key or the value is wrong; the scene is then as it was.
+        """
+        why = ffi.new("trocar_error *")
+        if isinstance(value, (int, float, np.number)):
+            _check(lib.trocar_scene_set_number(self._handle, key.encode(), float(value), why), why)
+            return
+        if not isinstance(value, str):
+            value = "[" + ", ".join(item if isinstance(item, str) else repr(float(item)) for item in value) + "]"
+        _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
+
+    def __getitem__(self, key: str) -> float | str:
+        """The value of a key: a number where it is one, else the text as in YAML."""
+        why, text = ffi.new("trocar_error *"), ffi.new("char[8192]")
+        _check(lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why), why)
+        value = ffi.string(text).decode()
+        try:
+            return float("inf") if value == ".inf" else float(value)
+        except ValueError:
+            return value
+
+    def set_mesh(self, mesh: Mesh) -> None:
+        """Takes the mesh from arrays in place of a file; they are copied."""
+        nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
+        tets = np.ascontiguousarray(mesh.tets, np.int32).reshape(-1, 4)
+        region = np.ascontiguousarray(np.zeros(len(tets)) if mesh.tet_region is None else mesh.tet_region, np.int32)
+        triangles = np.ascontiguousarray(mesh.triangles, np.int32).reshape(-1, 3)
+        surface = np.ascontiguousarray(mesh.triangle_surface, np.int32).reshape(-1)
+        if len(region) != len(tets) or len(surface) != len(triangles):
+            raise ValueError("tet_region needs an entry for each tetrahedron, triangle_surface one for each triangle")
+        names = [ffi.new("char[]", name.encode()) for name in (*mesh.regions, *mesh.surfaces)]
+        listed = ffi.new("char *[]", names + [ffi.NULL])
+        given = ffi.new("trocar_mesh *", {
+            "node_count": len(nodes), "tet_count": len(tets), "nodes": ffi.from_buffer("double[]", nodes),
+            "tets": ffi.from_buffer("int32_t[]", tets), "tet_region": ffi.from_buffer("int32_t[]", region),
+            "region_count": len(mesh.regions), "regions": ffi.cast("char const *const *", listed),
+            "triangle_count": len(triangles), "triangles": ffi.from_buffer("int32_t[]", triangles),
+            "triangle_surface": ffi.from_buffer("int32_t[]", surface), "surface_count": len(mesh.surfaces),
+            "surfaces": ffi.cast("char const *const *", listed + len(mesh.regions))})
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_scene_set_mesh(self._handle, given, why), why)
+
+
+class _View:
+    """The library's memory as NumPy takes it, read only; keeps its owner alive as long as an array looks at it."""
+
+    def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
+        address = int(ffi.cast("uintptr_t", pointer))
+        self.__array_interface__ = {"data": (address, True), "typestr": np.dtype(kind).str, "shape": shape, "version": 3}
+        self.owner = owner
+
+
+class Model:
+    """Mesh, stiffness, inverse, needle and materials: constant, shared by any number of simulations and threads."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
+        _check(lib.trocar_model_create(scene._handle, ffi.NULL, handle, why), why)
+        self._handle = ffi.gc(handle[0], lib.trocar_model_free)
+
+    @property
+    def nodes(self) -> npt.NDArray[np.float64]:
+        """(n, 3) m, nodes of the mesh at rest; read only, not a copy."""
+        return np.asarray(_View(lib.trocar_model_nodes(self._handle), "f8", (lib.trocar_model_node_count(self._handle), 3), self))
+
+    @property
+    def tets(self) -> npt.NDArray[np.int32]:
+        """(m, 4) node indices; read only, not a copy."""
+        return np.asarray(_View(lib.trocar_model_tets(self._handle), "i4", (lib.trocar_model_tet_count(self._handle), 4), self))
+
+    @property
+    def tet_regions(self) -> npt.NDArray[np.int32]:
+        """(m,) index into `groups`; read only, not a copy."""
+        return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
+
+    @property
+    def groups(self) -> list[str]:
+        """Names of the mesh's groups: regions, surfaces, points."""
+        count = lib.trocar_model_region_count(self._handle)
+        return [ffi.string(lib.trocar_model_region_name(self._handle, i)).decode() for i in range(count)]
+
+    @property
+    def inverse(self) -> str:
+        """Which inverse is used: "dense", "sparse" or "condensed"."""
+        return ffi.string(lib.trocar_model_inverse(self._handle)).decode()
+
+    @property
+    def description(self) -> str:
+        """Which inverse was taken, and why."""
+        return ffi.string(lib.trocar_model_description(self._handle)).decode()
+
+    @property
+    def rate_hz(self) -> float:
+        """rate_hz of the scene."""
+        return lib.trocar_model_rate(self._handle)
+
+
+def _pose(pose: npt.ArrayLike) -> Any:
+    numbers = np.ascontiguousarray(pose, np.float64)
+    if numbers.shape != (7,):
+        raise ValueError("a pose is seven numbers: x y z (m), w x y z (unit quaternion); got shape %s" % (numbers.shape,))
+    return ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", numbers)), numbers
+
+
+class Sim:
+    """The needle and what it does to the tissue: all that changes. For one thread at a time."""
+
+    def __init__(self, model: Model) -> None:
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
+        _check(lib.trocar_sim_create(model._handle, handle, why), why)
+        self.model = model
+        self._handle = ffi.gc(handle[0], lib.trocar_sim_free)
+        self._out = ffi.new("trocar_output *")
+
+    def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
+        """Tissue at rest, needle straight at `pose` (7,); where it lies in the tissue it counts as inserted without force."""
+        why = ffi.new("trocar_error *")
+        pointer, _kept = _pose(pose)
+        _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
+
+    def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
+        """A tick of `dt` seconds with the base at `pose` (7,), and the mesh update that it asked for. Releases the GIL."""
+        why = ffi.new("trocar_error *")
+        pointer, _kept = _pose(pose)
+        _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
+        out = self._out
+        return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane, out.passes)
+
+    def save(self) -> bytes:
+        """All that changes, for `restore` of any simulation of the same model."""
+        why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
+        state = bytearray(size)
+        _check(lib.trocar_sim_save(self._handle, ffi.from_buffer(state), size, why), why)
+        return bytes(state)
+
+    def restore(self, state: bytes) -> None:
+        """Goes back to a saved state."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
+
+    def contacts(self, needle: int = 0) -> list[Contact]:
+        """Contacts from base to tip, the tip last if it is in the tissue."""
+        room = lib.TROCAR_MAX_CONTACTS + 1
+        found = ffi.new("trocar_contact[]", room)
+        count = lib.trocar_sim_contacts(self._handle, needle, found, room)
+        return [Contact("tip" if c.kind == lib.TROCAR_CONTACT_TIP else "tissue", c.state, c.arc, c.depth, np.array(list(c.position)),
+                        np.array(list(c.force))) for c in found[0:count]]
+
+    def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
+        """(segments + 1, 3) m, joints of the needle from base to tip."""
+        joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
+        lib.trocar_sim_centreline(self._handle, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
+        return joints
+
+    def displacements(self) -> npt.NDArray[np.float64]:
+        """(n, 3) m, displacement of the mesh's nodes: one solve with the whole matrix."""
+        why = ffi.new("trocar_error *")
+        field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
+        _check(lib.trocar_sim_displacements(self._handle, ffi.from_buffer("double[]", field, require_writable=True), why), why)
+        return field
+
+    @property
+    def needle_energy(self) -> float:
+        """Elastic energy of the bent needle, J."""
+        return lib.trocar_sim_needle_energy(self._handle, 0)
+
+
+_OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("contacts", "i4"), ("events", "u4"), ("membrane", "i4"),
+                    ("passes", "i4")])
+assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
+
+
+def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1) -> npt.NDArray[Any]:
+    """Many insertions on one model.
+
+    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, a tick of `dt` seconds a pose. Returns
+    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run side by side;
+    the GIL is released. The numbers do not depend on the number of threads (dense and condensed inverse).
+    """
+    given = np.ascontiguousarray(poses, np.float64)
+    if given.ndim != 3 or given.shape[2] != 7:
+        raise ValueError("poses are (batch, steps, 7); got shape %s" % (given.shape,))
+    outputs = np.zeros(given.shape[:2], _OUTPUT)
+    why = ffi.new("trocar_error *")
+    _check(lib.trocar_rollout(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0],
+                              given.shape[1], dt, threads, ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)),
+                              why), why)
+    return outputs

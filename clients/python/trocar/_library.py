@@ -1,0 +1,29 @@
+"""libtrocar.so as cffi sees it: the declarations are those of the header that the build has put beside this file."""
+import os
+import re
+from pathlib import Path
+
+from cffi import FFI
+
+
+def _declarations(header: str) -> str:
+    """The header without what cffi's parser does not know: comments, preprocessor, attributes."""
+    text = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
+    text = re.sub(r'#ifdef __cplusplus\n.*?#endif', "", text, flags=re.S)
+    text = re.sub(r"^#.*$", "", text, flags=re.M)
+    return text.replace("TROCAR_API ", "")
+
+
+def _load():
+    ffi = FFI()
+    header = Path(__file__).with_name("trocar.h").read_text()
+    ffi.cdef(_declarations(header))
+    number = {name: int(value) for name, value in re.findall(r"#define TROCAR_(MAJOR|MINOR|PATCH) (\d+)", header)}
+    name = "libtrocar.so.%d.%d" % (number["MAJOR"], number["MINOR"])
+    lib = ffi.dlopen(os.environ.get("TROCAR_LIBRARY", name))
+    if lib.trocar_version() // 100 != 100 * number["MAJOR"] + number["MINOR"]:
+        raise ImportError("%s is version %d, the module needs %d.%d" % (name, lib.trocar_version(), number["MAJOR"], number["MINOR"]))
+    return ffi, lib
+
+
+ffi, lib = _load()

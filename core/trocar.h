@@ -1,0 +1,270 @@
+/* trocar: a flexible needle in soft tissue, for haptic servers, planners and batches.
+
+   A scene says what to simulate. A model is built from it once, is constant from then on, and is shared by any number of
+   simulations in any number of threads. A simulation is all that changes: one thread at a time, a few MB each.
+
+       trocar_scene *scene;  trocar_model *model;  trocar_sim *sim;  trocar_error why;  trocar_output out;
+       trocar_scene_load("scene.yaml", &scene, &why);
+       trocar_model_create(scene, NULL, &model, &why);
+       trocar_sim_create(model, &sim, &why);
+       trocar_sim_reset(sim, 0, &base, &why);
+       trocar_sim_step(sim, 0, &base, 0.001, &out, &why);        out.force is what the hand feels
+
+   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's; quaternions are w, x, y, z and of unit length; the
+   needle's axis is its local +z from base to tip, its bevel faces local +y.
+
+   Errors: functions that can fail return a status and leave one message in `error`, with the place and the remedy; `error` may
+   be NULL. No function prints, exits or changes signals. What a function allocates is said with it; functions marked RT
+   neither allocate, lock, call the system nor wait, and may run in a real-time thread.
+
+   Floating point: calls that compute do so with denormals flushed to zero and restore the caller's mode. The first model sets
+   OpenBLAS to one thread for the whole process: its threads would compete with yours, and results would depend on their
+   number. One binary gives the same bits on every processor that can run it. */
+#ifndef TROCAR_H
+#define TROCAR_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#if defined(__GNUC__)
+#define TROCAR_API __attribute__((visibility("default")))
+#else
+#define TROCAR_API
+#endif
+
+/* ---- version -------------------------------------------------------------------------------------------------------- */
+
+#define TROCAR_MAJOR 0
+#define TROCAR_MINOR 1
+#define TROCAR_PATCH 0
+#define TROCAR_NUMBER (10000 * TROCAR_MAJOR + 100 * TROCAR_MINOR + TROCAR_PATCH)
+
+/* TROCAR_NUMBER of the library that is loaded: compare it with the header's. While the major version is 0, the minor one
+   changes with the binary interface. RT */
+TROCAR_API int trocar_version(void);
+
+/* ---- errors ----------------------------------------------------------------------------------------------------------- */
+
+typedef enum trocar_status {
+    TROCAR_OK = 0,
+    TROCAR_BAD_INPUT,  /* a scene, mesh, argument or file is wrong; programs exit with status 2 */
+    TROCAR_NO_MEMORY,  /* an allocation failed */
+    TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
+    TROCAR_SYSTEM      /* the operating system refused something */
+} trocar_status;
+
+typedef struct trocar_error {
+    char text[1024];
+} trocar_error;
+
+/* ---- values ------------------------------------------------------------------------------------------------------------- */
+
+typedef struct trocar_pose {
+    double position[3];      /* m */
+    double orientation[4];   /* w x y z, unit: needle frame -> world */
+} trocar_pose;
+
+/* What happened in a tick: bits of trocar_output.events. */
+enum {
+    TROCAR_EVENT_TOUCHED = 1 << 0,    /* the tip met the outer surface */
+    TROCAR_EVENT_PUNCTURED = 1 << 1,  /* a membrane gave way: trocar_output.membrane */
+    TROCAR_EVENT_ADDED = 1 << 2,      /* a contact became active */
+    TROCAR_EVENT_REMOVED = 1 << 3,    /* a contact slipped off the tip */
+    TROCAR_EVENT_EXITED = 1 << 4,     /* the tip left the tissue on the far side */
+    TROCAR_EVENT_REENTERED = 1 << 5,  /* and came back */
+    TROCAR_EVENT_WITHDRAWN = 1 << 6,  /* the needle left the tissue the way it came in */
+    TROCAR_EVENT_LATE = 1 << 7,       /* the worker's last answer does not cover the tip: the tick went on with what it had */
+    TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add: TROCAR_MAX_CONTACTS */
+    TROCAR_EVENT_UNSTABLE = 1 << 9,   /* no equilibrium: the needle buckled, without force until it is back where it was */
+    TROCAR_EVENT_KEPT = 1 << 10       /* the closest node may not be moved: one was added instead */
+};
+
+enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65 };
+
+/* One tick's result. */
+typedef struct trocar_output {
+    double force[3];         /* N, world frame: what the needle's base exerts on the hand that holds it */
+    double torque[3];        /* N m, world frame, about the base point */
+    double depth;            /* m, length of the needle's track in the tissue */
+    int32_t contacts;        /* active contacts along the shaft, the tip not counted */
+    uint32_t events;         /* TROCAR_EVENT_ bits */
+    int32_t membrane;        /* index in the scene of the membrane punctured in this tick, -1 if none */
+    int32_t passes;          /* Newton passes */
+} trocar_output;
+
+typedef enum trocar_contact_kind { TROCAR_CONTACT_TISSUE = 0, TROCAR_CONTACT_TIP = 1 } trocar_contact_kind;
+
+/* A point where the needle meets the tissue. */
+typedef struct trocar_contact {
+    int32_t kind;            /* trocar_contact_kind */
+    int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
+    double arc;              /* m from the base */
+    double depth;            /* m along the track from the skin */
+    double position[3];      /* m, on the deformed needle, world frame */
+    double force[3];         /* N, on the tissue, world frame */
+} trocar_contact;
+
+/* ---- scene ---------------------------------------------------------------------------------------------------------------- */
+
+/* What a scene file says; see docs for its keys. Made by calls or from a file. Not thread-safe. */
+typedef struct trocar_scene trocar_scene;
+
+/* An empty scene: every key has its default; mesh, regions and fixed are to be given. Allocates. NO_MEMORY. */
+TROCAR_API trocar_status trocar_scene_create(trocar_scene **scene, trocar_error *error);
+
+/* Reads a YAML file. Allocates. BAD_INPUT with file, line and key. */
+TROCAR_API trocar_status trocar_scene_load(const char *path, trocar_scene **scene, trocar_error *error);
+TROCAR_API void trocar_scene_free(trocar_scene *scene); /* NULL is allowed, as in all *_free */
+
+/* Sets a key to a value written as in YAML: ("needle.length", "0.15"), ("fixed", "[back, below]"). An entry of a list is named by
+   its index or its name, "regions[0].poisson_ratio" or "regions[prostate].friction.static"; an unknown name appends an entry.
+   Paths are relative to the scene file, without one to the working directory. BAD_INPUT leaves the scene as it was. */
+TROCAR_API trocar_status trocar_scene_set(trocar_scene *scene, const char *key, const char *value, trocar_error *error);
+TROCAR_API trocar_status trocar_scene_set_number(trocar_scene *scene, const char *key, double value, trocar_error *error);
+
+/* The value of a key, as in YAML, ended by 0. BAD_INPUT when there is no such key or entry or `size` bytes are too few. */
+TROCAR_API trocar_status trocar_scene_get(const trocar_scene *scene, const char *key, char *value, size_t size, trocar_error *error);
+TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key, double *value, trocar_error *error);
+
+/* Entries of "regions", "membranes" or "fixed"; -1 for another key. */
+TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
+
+/* A tetrahedral mesh in memory. Tetrahedra of either orientation are taken. */
+typedef struct trocar_mesh {
+    int32_t node_count, tet_count;
+    const double *nodes;             /* 3 node_count, m */
+    const int32_t *tets;             /* 4 tet_count, node indices from 0 */
+    const int32_t *tet_region;       /* tet_count: index into `regions`; NULL: all are region 0 */
+    int32_t region_count;
+    const char *const *regions;      /* names */
+    int32_t triangle_count;          /* triangles of named surfaces: faces of tetrahedra */
+    const int32_t *triangles;        /* 3 triangle_count */
+    const int32_t *triangle_surface; /* triangle_count: index into `surfaces` */
+    int32_t surface_count;
+    const char *const *surfaces;     /* names: for membranes and `fixed` */
+} trocar_mesh;
+
+/* Takes the mesh from arrays in place of a file; copies them. BAD_INPUT for indices out of range and the like; whether
+   the mesh is sound is found when the model is created. */
+TROCAR_API trocar_status trocar_scene_set_mesh(trocar_scene *scene, const trocar_mesh *mesh, trocar_error *error);
+
+/* The reference table of keys, from which documentation is made. The strings live as long as the program. */
+typedef struct trocar_key {
+    const char *key;         /* "regions[].friction.static": one for each entry of the list */
+    const char *unit;        /* "" where there is none */
+    const char *accepts;     /* "a number above 0" */
+    const char *standard;    /* default, "" where there is none */
+    const char *doc;
+    int required;
+} trocar_key;
+TROCAR_API int trocar_key_count(void);
+TROCAR_API trocar_key trocar_key_at(int index); /* all empty when out of range */
+
+/* ---- model -------------------------------------------------------------------------------------------------------------------- */
+
+/* Mesh, stiffness, inverse, needle and materials: constant, shared by threads without a lock, but for the sparse inverse and
+   what lies outside a condensed one's region, which take turns. */
+typedef struct trocar_model trocar_model;
+
+typedef struct trocar_model_options {
+    void (*progress)(const char *what, double fraction, void *context); /* 0..1, while a long start goes on; may be NULL */
+    void *context;
+    int longest_catch_up;    /* steps of at most 1 ms that a long tick is split into; 0: the usual 4 */
+} trocar_model_options;
+
+/* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
+   inverse is in the cache. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file: inside a
+   host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
+   afterwards. BAD_INPUT, NO_MEMORY, NUMERIC. */
+TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
+                                             trocar_error *error);
+TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations */
+
+TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed" */
+TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was taken, and why */
+TROCAR_API int trocar_model_node_count(const trocar_model *model);
+TROCAR_API int trocar_model_tet_count(const trocar_model *model);
+TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* 3 node_count, m, at rest; the model's */
+TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* 4 tet_count; the model's */
+TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* physical groups of any dimension */
+TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int index);
+TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: group index; the model's */
+TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
+TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
+
+/* Makes now what would else be made when it is first needed, as a condensed inverse's factor, minutes on a large mesh. From any
+   thread, beside the others. Allocates. */
+TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error);
+
+/* ---- simulation ------------------------------------------------------------------------------------------------------------------ */
+
+/* The needle and what it does to the tissue. `needle` is the index of a needle, 0 for the only one. */
+typedef struct trocar_sim trocar_sim;
+
+/* The needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
+   scratch of displacements. The model must outlive it. NO_MEMORY. */
+TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
+TROCAR_API void trocar_sim_free(trocar_sim *sim);
+
+/* Tissue at rest, needle straight at `base`; where it lies in the tissue it counts as inserted along its axis, without force.
+   BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
+TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
+
+/* Lockstep, for planners and batches: a tick of `dt` seconds (above 0, at most 1), then the mesh update that it asked for, so that
+   the next tick has it. Deterministic. BAD_INPUT as in reset; NUMERIC when the mesh update fails. */
+TROCAR_API trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output,
+                                         trocar_error *error);
+
+/* Real time: the same tick with the newest answer of the worker. Returns BAD_INPUT, and does nothing, as in reset. RT */
+TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+
+/* The worker's side, from one thread beside the ticking one: serves the newest request, if there is one, else looks a little
+   ahead along the needle's line. `*more` (may be NULL) tells whether it pays to call again at once. On an error the
+   last answer stays in force. */
+TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, int *more, trocar_error *error);
+
+/* A descriptor for poll(): readable when a request waits. The simulation's. */
+TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
+
+/* All that changes, as a block of `trocar_sim_state_size` bytes in the caller's memory: valid for any simulation of the same model, in
+   this process. Between lockstep steps only. What follows a restore is what followed the save: to the bit with `remeshing: nested` on
+   a dense or condensed inverse, else to rounding. Restore allocates nothing. BAD_INPUT for a wrong size or another model's. */
+TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
+TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
+TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);
+
+/* Contacts from base to tip, the tip last if it is in the tissue. Fills at most `room` and returns how many there are. RT */
+TROCAR_API int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room);
+
+/* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
+TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);
+
+/* Elastic energy of the bent needle, J. RT */
+TROCAR_API double trocar_sim_needle_energy(const trocar_sim *sim, int needle);
+
+/* Displacement of the mesh's nodes, 3 node_count, m. One solve with the whole matrix: milliseconds to tenths of a second. The
+   first call allocates. NO_MEMORY. */
+TROCAR_API trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error);
+
+/* ns spent in the stages of the last tick; `clock` gives monotonic ns, NULL: nothing is measured. RT */
+enum { TROCAR_STAGE_TISSUE, TROCAR_STAGE_NEEDLE, TROCAR_STAGE_CONTACT, TROCAR_STAGE_WRENCH, TROCAR_STAGES };
+TROCAR_API void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void));
+TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4]);
+
+/* ---- batches ------------------------------------------------------------------------------------------------------------------------ */
+
+/* Runs `batch` insertions of `steps` ticks of `dt` seconds, each in a simulation of its own that is reset at its first pose;
+   poses and outputs are [batch][steps]. `threads` of them at a time. Allocates one simulation a thread. With
+   `remeshing: nested` on a dense or condensed inverse the bits do not depend on the number of threads. On an error the
+   outputs of that insertion are zero from there on and the first message is returned; the other insertions are finished. */
+TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
+                                        trocar_output *outputs, trocar_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,13 +1,8 @@
 /* trocar.h: models. */
-#include <cblas.h>
 #include <stdlib.h>
-#include <threads.h>
 
 #include "api.h"
 #include "flush_denormals.h"
-
-static once_flag blas_once = ONCE_FLAG_INIT;
-static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
 
 trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
@@ -16,7 +11,6 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     if (status != TROCAR_OK) return status;
     trocar_model *m = calloc(1, sizeof *m);
     if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
-    call_once(&blas_once, use_one_blas_thread);
     simulation_config config = scene->values.simulation;
     if (options) {
         config.progress = (inverse_progress){options->progress, options->context};

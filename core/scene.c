@@ -538,7 +538,24 @@ trocar_status scene_set(scene *s, const char *key, const char *value, report *wh
     return status;
 }
 
-static int print_number(char *text, size_t size, double x) { return isinf(x) ? snprintf(text, size, ".inf") : snprintf(text, size, "%.17g", x); }
+/* The shortest decimal that reads back as the same number. */
+static int print_number(char *text, size_t size, double x) {
+    if (isinf(x)) return snprintf(text, size, ".inf");
+    char shortest[32];
+    for (int digits = 1; digits <= 17; digits++) {
+        snprintf(shortest, sizeof shortest, "%.*g", digits, x);
+        if (strtod(shortest, NULL) == x) break;
+    }
+    return snprintf(text, size, "%s", shortest);
+}
+
+static int print_point(char *text, size_t size, const vec3 *p) {
+    char x[32], y[32], z[32];
+    print_number(x, sizeof x, p->x);
+    print_number(y, sizeof y, p->y);
+    print_number(z, sizeof z, p->z);
+    return snprintf(text, size, "[%s, %s, %s]", x, y, z);
+}
 
 static int print_names(const scene *s, const row *r, char *text, size_t size) {
     int least, most, count = *names_count((scene *)s, r, &least, &most), used = snprintf(text, size, "[");
@@ -554,13 +571,12 @@ trocar_status scene_get(const scene *s, const char *key, char *value, size_t siz
     if (!r) return told("scene", &f, why);
     const void *target = (const char *)base + r->offset;
     int length = 0;
-    const vec3 *point = target;
     switch (r->kind) {
     case NUMBER: length = print_number(value, size, *(const double *)target); break;
     case COUNT: length = snprintf(value, size, "%d", *(const int *)target); break;
     case WORD: length = snprintf(value, size, "%s", r->words(*(const int *)target)); break;
     case NAMES: length = print_names(s, r, value, size); break;
-    case POINT: length = snprintf(value, size, "[%.17g, %.17g, %.17g]", point->x, point->y, point->z); break;
+    case POINT: length = print_point(value, size, target); break;
     default: length = snprintf(value, size, "%s", (const char *)target); break;
     }
     if (length >= 0 && (size_t)length < size) return TROCAR_OK;

@@ -1,8 +1,10 @@
 #include "simulation.h"
 
+#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <threads.h>
 
 #include "local.h"
 #include "refined_field.h"
@@ -135,8 +137,13 @@ static trocar_status take_mesh(simulation *s, report *why) {
     return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read(s->config.mesh_path, &s->mesh, why);
 }
 
+/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number. */
+static once_flag blas_once = ONCE_FLAG_INIT;
+static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
+
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
+    call_once(&blas_once, use_one_blas_thread);
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
     if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)

@@ -1,7 +1,6 @@
 #define _GNU_SOURCE
 #include "server.h"
 
-#include <cblas.h>
 #include <errno.h>
 #include <math.h>
 #include <poll.h>
@@ -92,7 +91,6 @@ static trocar_status create_parts(server *s, report *why) {
 
 static trocar_status create_all(server *s, report *why) {
     trocar_status status;
-    openblas_set_num_threads(1); /* more only contend with the haptic thread for its processor */
     realtime_flush_denormals();
     if ((status = read_scene(s, why)) != TROCAR_OK) return status;
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);

@@ -1,0 +1,175 @@
+#!/usr/bin/python3
+"""The Python package against trocar-replay and against itself.
+
+usage: test_python.py BUILD_DIR SOURCE_DIR
+"""
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+from pathlib import Path
+
+BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
+os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
+sys.path.insert(0, str(BUILD / "clients/python"))
+import numpy as np
+
+import trocar
+
+FIGURE8 = SOURCE / "meshes/figure8.yaml"
+
+
+def cube(n=3, h=0.01):
+    """A cube of n^3 boxes, each cut into six tetrahedra around its diagonal (Kuhn)."""
+    side = n + 1
+    index = lambda x, y, z: x + side * (y + side * z)
+    axis = np.arange(side) * h
+    nodes = np.array([[x - 0.5 * n * h, y - 0.5 * n * h, z] for z in axis for y in axis for x in axis])
+    tets, triangles, surface = [], [], []
+    for x, y, z in np.ndindex(n, n, n):
+        for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+            at, corner = [x, y, z], [index(x, y, z)]
+            for k in order:
+                at[k] += 1
+                corner.append(index(*at))
+            tets.append(corner)
+    faces = {}
+    for tet in tets:
+        for k in range(4):
+            face = tuple(sorted(tet[:k] + tet[k + 1:]))
+            faces[face] = faces.get(face, 0) + 1
+    for face, count in faces.items():
+        depth = nodes[list(face), 2]
+        if count == 1 and (np.all(depth == 0) or np.all(depth == axis[-1])):
+            triangles.append(face)
+            surface.append(0 if depth[0] == 0 else 1)
+    return trocar.Mesh(nodes=nodes, tets=tets, regions=["body"], surfaces=["skin", "back"], triangles=triangles, triangle_surface=surface)
+
+
+class PythonTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.model = trocar.Model(trocar.Scene.load(FIGURE8))
+
+    def test_forces_are_those_of_replay(self):
+        """The poses of a golden trace, tick by tick, to the last digit."""
+        with tempfile.TemporaryDirectory() as folder:
+            table = Path(folder) / "out.csv"
+            log = SOURCE / "tests/traces/figure8.log"
+            subprocess.run([BUILD / "clients/trocar-replay", "-q", "--scene", FIGURE8, "--poses", log, "--csv", table], check=True)
+            rows = list(csv.reader(table.read_text().splitlines()))[1:]
+        poses = list(read_poses(log))
+        self.assertEqual(len(poses), len(rows))
+        sim = trocar.Sim(self.model)
+        sim.reset(poses[0][1])
+        before = poses[0][0] - 1000
+        for (utime, pose), row in zip(poses, rows):
+            out = sim.step(pose, 1e-6 * (utime - before))
+            before = utime
+            np.testing.assert_array_equal([*out.force, *out.torque], [float(x) for x in row[1:7]])
+        self.assertGreater(sim.centreline().shape[0], 10)
+
+    def test_rollout_is_the_same_insertions_one_by_one(self):
+        poses = np.zeros((6, 300, 7))
+        poses[..., 0] = 0.005 + 1e-3 * np.arange(6)[:, None]
+        poses[..., 1] = 0.003
+        poses[..., 2] = -0.201 + 1e-4 * np.arange(300)
+        poses[..., 3] = 1
+        together = trocar.rollout(self.model, poses, threads=2)
+        self.assertEqual(together["force"].shape, (6, 300, 3))
+        for insertion in range(6):
+            sim = trocar.Sim(self.model)
+            sim.reset(poses[insertion, 0])
+            for step in range(300):
+                out = sim.step(poses[insertion, step], 0.001)
+            np.testing.assert_array_equal(out.force, together["force"][insertion, -1])
+        self.assertGreater(np.abs(together["force"][:, -1, 2]).min(), 0.1)
+
+    def test_a_mesh_in_memory(self):
+        scene = trocar.Scene()
+        scene.set_mesh(cube())
+        scene["regions[body].youngs_modulus"] = 20e3
+        scene["membranes[skin].puncture_force"] = 0.3
+        scene["fixed"] = ["back"]
+        model = trocar.Model(scene)
+        self.assertEqual(model.nodes.shape, (64, 3))
+        self.assertEqual(model.groups, ["body", "skin", "back"])
+        with self.assertRaises(ValueError):
+            model.nodes[0, 0] = 1
+        sim = trocar.Sim(model)
+        sim.reset([1e-3, 2e-3, -0.201, 1, 0, 0, 0])
+        for tick in range(300):
+            out = sim.step([1e-3, 2e-3, -0.201 + 5e-5 * tick, 1, 0, 0, 0], 0.001)
+        total = sum(contact.force for contact in sim.contacts())
+        np.testing.assert_allclose(total, -out.force, atol=1e-9)
+        self.assertTrue(np.all(sim.displacements()[model.nodes[:, 2] > 0.0299] == 0))
+
+    def test_save_and_restore(self):
+        pose = lambda tick: [0.005, 0.003, -0.201 + 1e-4 * tick, 1, 0, 0, 0]
+        sim = trocar.Sim(self.model)
+        sim.reset(pose(0))
+        for tick in range(100):
+            sim.step(pose(tick), 0.001)
+        state = sim.save()
+        forces = [sim.step(pose(tick), 0.001).force for tick in range(100, 200)]
+        sim.restore(state)
+        np.testing.assert_array_equal(forces, [sim.step(pose(tick), 0.001).force for tick in range(100, 200)])
+
+    def test_the_gil_is_released(self):
+        """A rollout in another thread lets this one go on."""
+        poses = np.zeros((4, 500, 7))
+        poses[..., 0:3] = [0.005, 0.003, -0.201]
+        poses[..., 2] += 1e-4 * np.arange(500)
+        poses[..., 3] = 1
+        counted = 0
+        thread = threading.Thread(target=trocar.rollout, args=(self.model, poses))
+        thread.start()
+        while thread.is_alive():
+            counted += 1
+        thread.join()
+        self.assertGreater(counted, 1000)
+
+    def test_errors_are_exceptions_with_the_librarys_text(self):
+        with self.assertRaisesRegex(trocar.Error, "/nowhere.yaml: cannot open"):
+            trocar.Scene.load("/nowhere.yaml")
+        scene = trocar.Scene()
+        with self.assertRaisesRegex(trocar.Error, 'no key "needle.lenght"'):
+            scene["needle.lenght"] = 1
+        with self.assertRaisesRegex(trocar.Error, 'missing key "mesh"') as caught:
+            trocar.Model(scene)
+        self.assertEqual(caught.exception.status, "bad input")
+        sim = trocar.Sim(self.model)
+        with self.assertRaisesRegex(trocar.Error, "unit length"):
+            sim.step([0, 0, 0, 0, 0, 0, 0], 0.001)
+        with self.assertRaises(ValueError):
+            sim.step([0, 0, 0], 0.001)
+        with self.assertRaises(ValueError):
+            trocar.rollout(self.model, np.zeros((3, 7)))
+
+    def test_the_table_of_keys(self):
+        rows = {row.key: row for row in trocar.keys()}
+        self.assertEqual(rows["needle.length"].unit, "m")
+        self.assertEqual(float(rows["needle.length"].default), 0.2)
+        self.assertTrue(rows["mesh"].required)
+        scene = trocar.Scene.load(FIGURE8)
+        self.assertEqual(scene["regions[prostate].youngs_modulus"], 60e3)
+        self.assertEqual(scene["fixed"], "[fixed]")
+
+
+def read_poses(path):
+    """(utime, pose) of the poses in an LCM event log: big-endian, an 8-byte fingerprint, then the fields of needle_pose_t."""
+    data, at = path.read_bytes(), 0
+    while at < len(data):
+        assert data[at:at + 4] == bytes.fromhex("EDA1DA01")
+        channel, size = (int.from_bytes(data[at + k:at + k + 4], "big") for k in (20, 24))
+        payload = data[at + 28 + channel:at + 28 + channel + size]
+        if data[at + 28:at + 28 + channel] == b"TROCAR_POSE":
+            yield int.from_bytes(payload[8:16], "big"), np.frombuffer(payload[32:88], ">f8").astype(float)
+        at += 28 + channel + size
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

@@ -4,7 +4,6 @@
 
 #include <errno.h>
 #include <poll.h>
-#include <sched.h>
 #include <signal.h>
 #include <string.h>
 #include <sys/timerfd.h>
@@ -122,9 +121,9 @@ static void release_needle(player *p) {
 
 /* Before LCM is created: its reader thread inherits the priority. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
-    if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0)
-        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(errno));
+    int error = realtime_use_fifo(PRIORITY_DEVICE);
+    if (error != 0)
+        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(error));
 }
 
 static trocar_status open_links(player *p) {

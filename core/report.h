@@ -11,6 +11,7 @@ typedef enum {
     TROCAR_NO_MEMORY,  /* an allocation failed */
     TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
     TROCAR_SYSTEM,     /* the operating system refused something */
+    TROCAR_NO_REALTIME, /* the limits do not permit real time: `main` exits with 4 */
 } trocar_status;
 
 /* The message of the first failure: names the place (file, line, key) and the remedy. */

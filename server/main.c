@@ -69,10 +69,15 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Says why; returns the exit status. 2 tells a supervisor that another start would end in the same way. */
+/* Says why; returns the exit status. 2 and 4 (as for LSB services: insufficient privilege) tell a supervisor that another
+   start would end in the same way. */
 static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
-    return status == TROCAR_BAD_INPUT ? 2 : 1;
+    switch (status) {
+    case TROCAR_BAD_INPUT: return 2;
+    case TROCAR_NO_REALTIME: return 4;
+    default: return 1;
+    }
 }
 
 int main(int argc, char **argv) {

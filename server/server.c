@@ -45,6 +45,29 @@ struct server {
     task haptic_task, worker_task, io_task, telemetry_task, prepare_task;
 };
 
+/* --- tasks ------------------------------------------------------------------------------------------------------ */
+
+static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, report *why) {
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited: signals are the main thread's affair */
+    int error = pthread_create(&t->thread, &attributes, body, context);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    pthread_attr_destroy(&attributes);
+    if (error != 0) return fail(why, TROCAR_SYSTEM, "cannot start the %s thread: %s", name, strerror(error));
+    t->running = true;
+    pthread_setname_np(t->thread, name);
+    return TROCAR_OK;
+}
+
+static void join(task *t) {
+    if (t->running) pthread_join(t->thread, NULL);
+    t->running = false;
+}
+
 /* --- creation --------------------------------------------------------------------------------------------------- */
 
 /* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
@@ -63,14 +86,24 @@ static trocar_status read_scene(server *s, report *why) {
     return TROCAR_OK;
 }
 
-/* Memory and priority before any thread starts; what is refused is remembered for those who waive it. */
-static trocar_status ask_for_realtime(server *s, report *why) {
-    trocar_status status = realtime_try_priority(PRIORITY_HAPTIC, &s->refused);
-    if (status == TROCAR_OK) status = realtime_lock_memory(&s->refused);
+/* Remembers why real time is refused, for those who waive it. */
+static trocar_status note_realtime(server *s, trocar_status status, report *why) {
     s->realtime = status == TROCAR_OK;
-    if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
     *why = s->refused;
+    return status;
+}
+
+/* Before the expensive part of the start: a supervisor may try a server without permission again and again. */
+static trocar_status check_realtime(server *s, report *why) {
+    return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
+}
+
+/* Once most memory is allocated, and before any thread starts. */
+static trocar_status enter_realtime(server *s, report *why) {
+    if (!s->realtime) return TROCAR_OK;
+    trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
+    if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
     return status;
 }
 
@@ -94,14 +127,36 @@ static trocar_status create_all(server *s, report *why) {
     trocar_status status;
     openblas_set_num_threads(1); /* more only contend with the haptic thread for its processor */
     realtime_flush_denormals();
-    if ((status = read_scene(s, why)) != TROCAR_OK) return status;
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     s->scene.simulation.progress = progress_show;
     if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
     if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
-    if ((status = ask_for_realtime(s, why)) != TROCAR_OK) return status;
+    if ((status = enter_realtime(s, why)) != TROCAR_OK) return status;
     return create_parts(s, why);
+}
+
+typedef struct {
+    server *server;
+    trocar_status status;
+    report *why;
+} creation;
+
+static void *create_run(void *context) {
+    creation *c = context;
+    realtime_hurry();
+    c->status = create_all(c->server, c->why);
+    return NULL;
+}
+
+/* In a thread of its own, which is hurried: the flag that comes with this would take a negative nice value from all
+   threads that the caller starts later. */
+static trocar_status create_in_a_hurry(server *s, report *why) {
+    creation c = {.server = s, .why = why};
+    task creating = {0};
+    trocar_status status = start(&creating, "trocar-create", 0, create_run, &c, why);
+    join(&creating);
+    return status == TROCAR_OK ? c.status : status;
 }
 
 trocar_status server_create(const server_options *options, server **created, report *why) {
@@ -109,9 +164,9 @@ trocar_status server_create(const server_options *options, server **created, rep
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
     s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
-    realtime_hurry(true);
-    trocar_status status = create_all(s, why);
-    realtime_hurry(false);
+    trocar_status status = read_scene(s, why);
+    if (status == TROCAR_OK) status = check_realtime(s, why);
+    if (status == TROCAR_OK) status = create_in_a_hurry(s, why);
     if (status == TROCAR_OK) *created = s;
     else server_free(s);
     return status;
@@ -130,27 +185,6 @@ void server_free(server *s) {
 }
 
 /* --- threads ---------------------------------------------------------------------------------------------------- */
-
-static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, report *why) {
-    pthread_attr_t attributes;
-    pthread_attr_init(&attributes);
-    if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
-    sigset_t all, before;
-    sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited: signals are the main thread's affair */
-    int error = pthread_create(&t->thread, &attributes, body, context);
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
-    pthread_attr_destroy(&attributes);
-    if (error != 0) return fail(why, TROCAR_SYSTEM, "cannot start the %s thread: %s", name, strerror(error));
-    t->running = true;
-    pthread_setname_np(t->thread, name);
-    return TROCAR_OK;
-}
-
-static void join(task *t) {
-    if (t->running) pthread_join(t->thread, NULL);
-    t->running = false;
-}
 
 /* Nothing stops the factorisation of a large matrix: a thread that is at one then, or waits for it, is left behind. */
 static void join_or_leave(task *t, const struct timespec *until) {

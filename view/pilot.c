@@ -1,7 +1,6 @@
 #include "pilot.h"
 
 #include <errno.h>
-#include <sched.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
@@ -83,8 +82,7 @@ bool pilot_round(pilot *p, int64_t now, double dt) {
 
 /* Where it is permitted: browsers beside it may keep the processors busy. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
-    sched_setscheduler(0, SCHED_FIFO, &priority);
+    realtime_use_fifo(PRIORITY_DEVICE);
 }
 
 void *pilot_run(void *context) {

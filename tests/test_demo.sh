@@ -54,6 +54,17 @@ set +m
 says "interrupted: no results"
 [ ! -e out/forces.svg ] && [ ! -e out/forces.csv ] || fail "results of half a motion"
 
+echo "terminated half way"
+scripts/demo >"$work/said" 2>&1 &
+until [ -e out/forces.csv.part ]; do sleep 0.05; kill -0 $! || fail "$(cat "$work/said")"; done
+kill $!
+status=0
+wait $! || status=$?
+[ $status -eq 143 ] || fail "status $status after SIGTERM: $(cat "$work/said")"
+timeout 5 flock scripts/demo true || fail "it goes on"
+! has_results || fail "results of half a motion"
+rm -f out/forces.csv.part
+
 # As a container's root: without these rights and without user namespaces; in a network that has no interface but loopback.
 rights=-sys_admin,-net_admin
 # shellcheck disable=SC2016

@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "network.h"
 #include "poselog.h"
 #include "realtime.h"
 #include "session.h"
@@ -127,11 +128,8 @@ static void ask_realtime(void) {
 }
 
 static trocar_status open_links(player *p) {
-    const char *url = p->settings->lcm_url;
-    p->lcm = lcm_create(url);
-    if (!p->lcm)
-        return fail(p->why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?",
-                    url ? url : "its default URL");
+    trocar_status status = network_open(p->settings->lcm_url, &p->lcm, p->why);
+    if (status != TROCAR_OK) return status;
     lcm_subscribe(p->lcm, WRENCH_CHANNEL, on_wrench, p);
     long period = lround(1e9 * p->period);
     struct itimerspec every = {.it_interval = {period / 1000000000, period % 1000000000}, .it_value = {0, 1}};

@@ -22,5 +22,7 @@ trocar_status network_open(const char *url, lcm_t **opened, report *why) {
         return fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": give --lcm-url or LCM_DEFAULT_URL as udpm://GROUP:PORT?ttl=N", url);
     *opened = lcm_create(url);
     if (*opened != NULL) return TROCAR_OK;
-    return fail(why, TROCAR_SYSTEM, "LCM cannot connect to \"%s\": check the address and the multicast route (`ip route get GROUP`)", url);
+    const char *group = strstr(url, "://") + 3;
+    return fail(why, TROCAR_SYSTEM, "LCM cannot connect to \"%s\": check the address and the multicast route. On a single machine without a "
+                "network, as root: ip link set lo multicast on && ip route add %.*s/32 dev lo", url, (int)strcspn(group, ":?"), group);
 }

@@ -27,3 +27,8 @@ add_test(NAME bench_server COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_bench_server
 set_tests_properties(bench_server PROPERTIES LABELS release_only)
 add_test(NAME spy COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_spy.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(spy PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 60 RUN_SERIAL TRUE LABELS release_only)
+# Setup and demo as a newcomer meets them.
+add_test(NAME setup COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_setup.sh ${PROJECT_SOURCE_DIR})
+add_test(NAME demo COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_demo.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
+set_tests_properties(setup demo PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 240 LABELS release_only)
+set_tests_properties(demo PROPERTIES RUN_SERIAL TRUE)

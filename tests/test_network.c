@@ -28,6 +28,7 @@ static void a_provider_that_lcm_does_not_have_is_bad_input(void **unused) {
 static void a_network_that_is_not_there_is_not(void **unused) {
     (void)unused;
     expect("udpm://nowhere:7667", TROCAR_SYSTEM, "nowhere");
+    expect("udpm://nowhere:7667", TROCAR_SYSTEM, "ip route add nowhere/32 dev lo");
     expect("memq://", TROCAR_OK, NULL);
 }
 

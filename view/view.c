@@ -130,8 +130,12 @@ static char *describe(void *context, bool drives, bool driven) {
     fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", now, alive ? "true" : "false",
             drives ? "true" : "false", driven ? "true" : "false");
     if (alive) {
-        fprintf(out, ",\"rate\":%g", v->feed.timing.rate_hz);
+        fprintf(out, ",\"rate\":%g,\"shown\":%s", v->feed.timing.rate_hz, v->feed.contacts ? "true" : "false");
         write_status(v, out);
+    }
+    if (*v->cut.text) {
+        fprintf(out, ",\"message\":");
+        json_string(v->cut.text, out);
     }
     fprintf(out, "}");
     fclose(out);
@@ -155,11 +159,25 @@ static void act(void *context, const web_action *action) {
     pilot_tell(&v->pilot, &order);
 }
 
-/* Nobody drives without a server that feels the needle, nor while another client holds it. */
-static bool may_drive(void *context) {
-    const view *v = context;
+/* Takes what has come from the network. A server that was not there before knows nothing of an insertion: nobody drives on. */
+static void receive(view *v) {
+    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    if (v->feed.servers != v->servers) web_let_go(v->web);
+    v->servers = v->feed.servers;
+}
+
+/* A server feels the needle, and no other client holds it. */
+static bool has_needle(const view *v) {
     int64_t owner = v->feed.wrench.session;
-    return v->lcm && feed_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
+    return feed_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
+}
+
+/* What still waits to be received counts as heard. */
+static bool may_drive(void *context) {
+    view *v = context;
+    if (!v->lcm) return false;
+    receive(v);
+    return has_needle(v);
 }
 
 static void take_png(void *context, const void *png, size_t size) {
@@ -172,9 +190,8 @@ static void take_png(void *context, const void *png, size_t size) {
 
 static void on_lcm(void *context) {
     view *v = context;
-    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
-    if (v->feed.servers != v->servers || !may_drive(v)) web_let_go(v->web); /* another server knows nothing of this insertion */
-    v->servers = v->feed.servers;
+    receive(v);
+    if (!has_needle(v)) web_let_go(v->web);
     pilot_hear(&v->pilot, v->feed.heard);
     web_news(v->web);
 }

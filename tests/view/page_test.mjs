@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict'
 import { readFile } from 'node:fs/promises'
 import path from 'node:path'
-import { ADDRESS, launch, scene, source, start, stop } from './parts.mjs'
+import { ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
 const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
@@ -31,6 +31,7 @@ async function until(page, expression) {
   assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
 }
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
+const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
 const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
 
@@ -56,9 +57,12 @@ try {
     await until(first, badge('live'))
   })
 
-  await check('keys drive the needle into the tissue', async () => {
-    await first.click('#take')
+  await check('keys drive the needle into the tissue, and a double click takes it once', async () => {
+    const before_it = await first.locator('#take').boundingBox()
+    await first.dblclick('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
+    const reset = await first.locator('#reset').boundingBox()
+    assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
     await until(first, 'trocar.shown.contacts.length / 8 >= 5')
@@ -94,8 +98,19 @@ try {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
-    await first.keyboard.press('Home')
-    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3`)
+    await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
+    await first.keyboard.down('w') // the needle is not driven by what is not seen
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+    await first.keyboard.up('w')
+    assert(await first.evaluate('trocar.status.drives'), 'it is still held')
+    await first.click('#banner button')
+    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
+  })
+
+  await check('what the server says is shown', async () => {
+    const device = run('clients/trocar-device', '--duration', '0.5')
+    await until(first, '/session -?\\d+ refused: session -?\\d+ holds the needle/.test(document.getElementById("notice").textContent)')
+    await stop(device)
   })
 
   await check('a second browser sees the same and cannot take the needle', async () => {
@@ -170,17 +185,70 @@ try {
     assert.deepEqual(await first.evaluate(graphicsHeld), held)
   })
 
+  await check('only a Reset that is held resets', async () => {
+    const deep = await tip(first), [reset] = [first.locator('#reset')]
+    await reset.click()
+    await first.waitForTimeout(1000)
+    assert(Math.abs(await tip(first) - deep) < 1e-3)
+    await reset.hover()
+    await first.mouse.down()
+    await until(first, 'trocar.stage.needle.tip.z < 0')
+    await first.mouse.up()
+  })
+
   await check('the needle is released with its browser', async () => {
     await first.context().close()
     await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
     await until(second, '!document.getElementById("take").disabled')
   })
 
-  await check('a server killed and back is seen', async () => {
+  await check('a server that dies lets the needle go, and the next one is driven only when a person asks for it', async () => {
+    await second.click('#take')
+    await until(second, 'trocar.status.drives && trocar.status.owned === "here"')
+    await second.keyboard.down('w')
+    await until(second, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     await stop(server, 'SIGKILL')
-    await until(second, badge('no server'))
+    await until(second, `${badge('no server')} && ${banner('Last heard')} && !trocar.status.drives && document.getElementById('controls').hidden`)
+    await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
+    const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still down
+    assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
+    const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
+    assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
+    assert(await tip(second) < 0, 'and shown there')
+    await second.keyboard.up('w')
+    const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
+    assert(back - died > 0.5)
+    await second.selectOption('#window', '60')
+    await second.waitForTimeout(500) // the plots are drawn at their own pace
+    const drawn = await second.evaluate(depthDrawn, [died - 0.5, (died + back) / 2, back + 0.2])
+    assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
+    assert(/let go/.test(await second.textContent('#drive-note')))
+  })
+
+  await check('a trocar-view that does not answer is no live one', async () => {
+    view.kill('SIGSTOP')
+    await until(second, `${badge('stale')} && ${banner('does not answer')}`)
+    view.kill('SIGCONT')
     await until(second, badge('live'))
+  })
+
+  await check('a browser that finds all places taken is told so', async () => {
+    await second.evaluate(() => {
+      trocar.others = Array.from({ length: 15 }, () => {
+        const socket = new WebSocket(location.href.replace('http', 'ws'), 'trocar-view'), answer = new Uint8Array(32)
+        answer[0] = 1 // acknowledge
+        socket.onmessage = () => socket.send(answer)
+        return socket
+      })
+    })
+    await until(second, 'trocar.others.every((socket) => socket.readyState === WebSocket.OPEN)')
+    const third = await open()
+    await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
+    await second.evaluate('trocar.others.forEach((socket) => socket.close())')
+    await until(third, badge('live'))
+    await third.context().close()
   })
 
   await check('trocar-view killed and back is seen', async () => {
@@ -249,6 +317,16 @@ function sceneryShown() {
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
   return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
+}
+
+/** Runs in the page: whether the depth's curve is drawn at each of the times (s). */
+function depthDrawn(times) {
+  const { chart } = trocar.plots.plots[2], { top, height } = chart.bbox
+  return times.map((time) => {
+    const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
+    for (let i = 0; i < pixels.length; i += 4) if (pixels[i] < 120 && pixels[i + 1] > 150 && pixels[i + 2] > 190) return true
+    return false
+  })
 }
 
 async function read(file) {

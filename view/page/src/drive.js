@@ -5,6 +5,7 @@ const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
 const DEAD = 0.12 // of a gamepad's stick
+const LOST = { server: 'the server stopped', unconnected: 'the connection ended', refused: 'the connection ended' } // by the state's name
 const HOLD = 800 // ms, also in style.css
 
 /** A pad whose knob springs back: `value` [x, y] in -1 .. 1, y up. */
@@ -127,25 +128,21 @@ export class Drive {
     else this.link.take()
   }
 
-  /** `status` as trocar-view sends it, `state` as stateOf returns it. The needle that this page has lost is let go of: to take it
-   *  again is for a person to decide. Looking at the past, the needle is held still. */
+  /** `status` as trocar-view sends it, `state` as stateOf returns it. The needle is held still while the person does not see what it
+   *  does: in the past, and while nothing is heard. */
   show(status, state) {
-    const { take, note, controls } = this.elements, past = state.name === 'past'
-    const driving = status.drives && status.alive && (past ? state.kind === 'past' : ['live', 'stale'].includes(state.name))
-    if (this.driving && !driving) {
-      if (status.drives) this.link.release()
-      if (!this.asked) this.lost = status.owned === 'elsewhere' && status.alive ? 'Another client has taken the needle.' : 'The needle was let go: the server, or the way to it, was lost.'
-    }
+    const { take, note, controls } = this.elements, past = state.name === 'past', driving = status.drives && status.alive
+    if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was started anew'}.`
     if (driving !== this.driving) this.asked = false
     this.driving = driving
-    this.steering = driving && !past
+    this.steering = driving && ['live', 'stale'].includes(state.name)
     if (!this.steering) this.rest()
     controls.hidden = !this.driving
     controls.inert = !this.steering
     take.textContent = this.driving ? 'Let go' : 'Drive the needle'
     take.classList.toggle('held', this.driving)
     take.disabled = !this.driving && (state.name !== 'live' || status.driven || status.owned === 'elsewhere')
-    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : 'W pushes in, S pulls out.') : this.lost || this.reason(status, state)
+    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : 'W pushes in, S pulls out.') : this.lost || this.reason(status, state)
   }
 
   /** Why the needle cannot be taken. */

@@ -15,22 +15,23 @@ const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${s.toFixed(0)
 /**
  * `link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
  * `status` as trocar-view sends it; `age`: s since the last sample; `behind`: s that a person looks back, null: follows.
- * Returns name, badge and its kind, and for what is not live the banner's title and text, and `age` (s) where it is known.
+ * Returns name, badge and its kind, and for what is not live the banner's title and text, and `age` (s) where the text ends with it.
  */
 export function stateOf({ live, link, status, age, behind }) {
   const state = linkState(live, link, status, age)
   if (behind === null || !live) return state
   const trouble = state.title ? ` ${state.title}.` : ''
-  return { ...state, name: 'past', badge: state.title ? state.badge : 'past', kind: state.title ? state.kind : 'past', title: 'Past', text: `What is shown is not now.${trouble}`, age: behind }
+  return { ...state, name: 'past', badge: state.title ? state.badge : 'past', kind: state.title ? state.kind : 'past', title: 'Past', text: trouble.trim(), age: behind }
 }
 
 function linkState(live, { connected, refusal, silence, pictures }, status, age) {
-  const bad = (name, badge, title, text) => ({ name, badge, kind: 'bad', title, text, age: Number.isFinite(age) ? age : null })
+  const bad = (name, badge, title, text) => ({ name, badge, kind: 'bad', title, text, age: null })
+  const since = (name, badge, title, otherwise) => (Number.isFinite(age) ? { ...bad(name, badge, title, 'Last heard'), age } : bad(name, badge, title, otherwise))
   if (refusal) return bad('refused', 'refused', 'Refused', refusal)
   if (!connected) return bad('unconnected', 'no connection', 'No connection to trocar-view', 'Is it still running? The page connects again by itself.')
   if (!live) return { name: 'log', badge: 'log', kind: 'calm' }
-  if (silence > FRESH) return bad('silent', 'stale', 'trocar-view does not answer', 'What is shown is old.')
-  if (!status.alive) return bad('server', 'no server', 'No server', Number.isFinite(age) ? 'What is shown is old.' : 'Start trocar-server with this scene.')
+  if (silence > FRESH) return since('silent', 'stale', 'trocar-view does not answer', '')
+  if (!status.alive) return since('server', 'no server', 'No server', 'Start trocar-server with this scene.')
   if (pictures > FRESH) return bad('stale', 'stale', 'No pictures from the server', 'Forces and depth are live, the needle and the tissue are not.')
   return { name: 'live', badge: 'live', kind: 'good' }
 }

@@ -86,7 +86,7 @@ export class Drive {
       return this.steering
     }
     if (!(event.code in KEYS) || !this.steering) return false
-    if (down) this.pressed.add(event.code)
+    if (down && !event.repeat) this.pressed.add(event.code) // a key held since before the needle was had must be pressed anew
     return true
   }
 

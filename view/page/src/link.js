@@ -2,7 +2,7 @@
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6
-const RETRY = 500, RETRY_REFUSED = 5000 // ms
+const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // status code: trocar-view has refused this page and says why
 
 export class Link {

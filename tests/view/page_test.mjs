@@ -1,7 +1,9 @@
 // The page as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
 // usage: page_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
+import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
+import { connect } from 'node:net'
 import path from 'node:path'
 import { ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
 
@@ -222,7 +224,8 @@ try {
     assert(back - died > 0.5)
     await second.selectOption('#window', '60')
     await second.waitForTimeout(500) // the plots are drawn at their own pace
-    const drawn = await second.evaluate(depthDrawn, [died - 0.5, (died + back) / 2, back + 0.2])
+    const end = await second.evaluate('trocar.history.end')
+    const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
     assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
     assert(/let go/.test(await second.textContent('#drive-note')))
   })
@@ -235,18 +238,10 @@ try {
   })
 
   await check('a browser that finds all places taken is told so', async () => {
-    await second.evaluate(() => {
-      trocar.others = Array.from({ length: 15 }, () => {
-        const socket = new WebSocket(location.href.replace('http', 'ws'), 'trocar-view'), answer = new Uint8Array(32)
-        answer[0] = 1 // acknowledge
-        socket.onmessage = () => socket.send(answer)
-        return socket
-      })
-    })
-    await until(second, 'trocar.others.every((socket) => socket.readyState === WebSocket.OPEN)')
+    const others = await Promise.all(Array.from({ length: 15 }, joinRaw))
     const third = await open()
     await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
-    await second.evaluate('trocar.others.forEach((socket) => socket.close())')
+    for (const socket of others) socket.destroy()
     await until(third, badge('live'))
     await third.context().close()
   })
@@ -319,12 +314,24 @@ function sceneryShown() {
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
 }
 
-/** Runs in the page: whether the depth's curve is drawn at each of the times (s). */
-function depthDrawn(times) {
-  const { chart } = trocar.plots.plots[2], { top, height } = chart.bbox
+/** A browser as bytes, which answers all that it gets. */
+async function joinRaw() {
+  const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked by zeros; acknowledge
+  socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
+  await once(socket, 'data')
+  socket.on('data', () => socket.write(answer))
+  socket.on('error', () => {})
+  return socket
+}
+
+/** Runs in the page: whether the curve of the force along z is drawn at each of the times (s). */
+function forceDrawn(times) {
+  const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
+  const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
   return times.map((time) => {
     const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
-    for (let i = 0; i < pixels.length; i += 4) if (pixels[i] < 120 && pixels[i + 1] > 150 && pixels[i + 2] > 190) return true
+    for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
     return false
   })
 }

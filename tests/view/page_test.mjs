@@ -111,7 +111,7 @@ try {
 
   await check('what the server says is shown', async () => {
     const device = run('clients/trocar-device', '--duration', '0.5')
-    await until(first, '/session -?\\d+ refused: session -?\\d+ holds the needle/.test(document.getElementById("notice").textContent)')
+    await until(first, '/server: .*session.* holds the needle/.test(document.getElementById("notice").textContent)')
     await stop(device)
   })
 

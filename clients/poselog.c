@@ -22,6 +22,7 @@ typedef struct {
     FILE *file;
     int64_t size, offset;    /* bytes */
     int64_t event;           /* number of the current event */
+    bool cut;                /* the file ends within the current event */
 } reader;
 
 typedef struct {
@@ -58,8 +59,8 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
         return bad_event(r, r->event ? "no LCM event here: the log is damaged" : "not an LCM log", why);
     h->channel_length = big_endian_32(bytes + EVENT_CHANNEL_LENGTH);
     h->data_length = big_endian_32(bytes + EVENT_DATA_LENGTH);
-    if (got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset)
-        return bad_event(r, "the log is cut short", why);
+    r->cut = got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset;
+    if (r->cut) return bad_event(r, "the log is cut short", why);
     if (h->channel_length < 1 || h->channel_length > CHANNEL_MAX)
         return bad_event(r, "impossible length of the channel name: the log is damaged", why);
     size_t length = (size_t)h->channel_length;
@@ -166,8 +167,9 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
 
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
-/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data. */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, void *log, report *why) {
+/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data. With `cut`, a log that ends
+   within an event is read up to that event, and the message about it goes to `cut` (empty if the log is whole). */
+static trocar_status read_log(const char *path, const char *channel, take_event *take, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -175,6 +177,11 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     while (status == TROCAR_OK && r.offset < r.size) {
         event_header h;
         status = read_header(&r, &h, why);
+        if (r.cut && cut) {
+            *cut = *why;
+            status = TROCAR_OK;
+            break;
+        }
         bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
         if (wanted) status = take(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
@@ -185,16 +192,23 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
-trocar_status pose_log_read(const char *path, pose_log *log, report *why) {
+static trocar_status read_poses(const char *path, pose_log *log, report *cut, report *why) {
     *log = (pose_log){0};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, log, why);
+    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, log, cut, why);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
 }
 
+trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, log, NULL, why); }
+
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why) {
+    *cut = (report){0};
+    return read_poses(path, log, cut, why);
+}
+
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, log, why);
+    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, log, NULL, why);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }

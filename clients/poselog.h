@@ -30,6 +30,10 @@ typedef struct {
    byte, for a log that is missing, damaged, cut short, of other message types or without any, for a number that is
    not finite, and for a pose without a unit quaternion (guard_check_pose) or not later than the one before. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
+
+/* The same for a recording that was cut short or is still being written: its whole events are read. `cut` says where the
+   log ends within an event; it is empty if the log is whole. */
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);

@@ -88,6 +88,37 @@ static void a_server_is_alive_while_it_sends(void **state) {
     assert_close_vector(base.position, f->state->needle.base.position, 0);
 }
 
+static void hear_wrench(fixture *f, int64_t tick) {
+    trocar_needle_wrench_t w = {.tick = tick};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &w);
+    handle_all(f);
+}
+
+static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
+    fixture *f = *state;
+    hear_wrench(f, 77);
+    sleep_until(f->feed.heard + 400000000);
+    assert_true(feed_alive(&f->feed));
+    sleep_until(f->feed.heard + 500000000);
+    assert_false(feed_alive(&f->feed));
+}
+
+/* Ticks count from a server's start. Of the one before nothing is kept: its needle may be deep, the new one's is not. */
+static void another_server_is_told_from_the_one_before(void **state) {
+    fixture *f = *state;
+    pose base;
+    trocar_status_t said = {.owner = 5, .scene = "old", .message = ""};
+    hear_wrench(f, 90000);
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
+    handle_all(f);
+    hear_wrench(f, 90002);
+    hear_wrench(f, 90001); /* overtaken on the way */
+    assert_true(f->feed.servers == 1 && f->feed.status && feed_base(&f->feed, &base));
+    hear_wrench(f, 3);
+    assert_true(f->feed.servers == 2 && !f->feed.status && !feed_base(&f->feed, &base));
+}
+
 /* As they would come in by the network: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
@@ -111,6 +142,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_picture_is_complete_with_both_messages_of_its_tick, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(another_server_is_told_from_the_one_before, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

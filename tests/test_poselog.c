@@ -89,6 +89,32 @@ static void refuses_a_log_cut_anywhere(void **state) {
     }
 }
 
+/* Of a recording that was cut short, or is still being written, all whole events are read. */
+static void reads_up_to_a_cut(void **state) {
+    (void)state;
+    write_log(2, -1, NULL);
+    for (long length = 2 * PAIR; length > 0; length--) {
+        assert_int_equal(truncate(path, length), 0);
+        report why, cut;
+        pose_log log;
+        char place[32];
+        int poses = length >= PAIR + POSE_EVENT ? 2 : length >= POSE_EVENT ? 1 : 0;
+        long events = length == 2 * PAIR ? 4 : length >= PAIR + POSE_EVENT ? 3 : length >= PAIR ? 2 : length >= POSE_EVENT ? 1 : 0;
+        long end = events / 2 * PAIR + events % 2 * POSE_EVENT;
+        snprintf(place, sizeof place, "byte %ld: ", end);
+        assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), poses ? TROCAR_OK : TROCAR_BAD_INPUT);
+        assert_int_equal(log.count, poses);
+        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "cut short"));
+        pose_log_free(&log);
+    }
+    write_log(3, -1, NULL);
+    overwrite(PAIR, "XXXX", 4); /* damage is no cut */
+    report why, cut;
+    pose_log log;
+    assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "damaged"));
+}
+
 static void refuses_damage_and_names_the_place(void **state) {
     (void)state;
     char place[32];
@@ -220,6 +246,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(reads_what_was_written),
         cmocka_unit_test(refuses_a_log_cut_anywhere),
+        cmocka_unit_test(reads_up_to_a_cut),
         cmocka_unit_test(refuses_damage_and_names_the_place),
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),

@@ -32,6 +32,9 @@ refuses() {
     grep -qF -- "$text" "$work/said" || fail "no '$text' in: $(cat "$work/said")"
 }
 refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
+head -c 50000 "$source/tests/traces/figure8.log" >"$work/cut.log"
+refuses "the log is cut short; it is shown up to there" "$build/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
+    --png "$work/late.png" --at 99
 refuses "--png needs --log" "$build/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1
 refuses none.yaml "$build/view/trocar-view" --scene none.yaml

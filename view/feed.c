@@ -8,11 +8,12 @@
 
 enum { QUEUE = 512 }; /* half a second of wrenches */
 
-static const int64_t SILENCE = 1000000000; /* ns without a wrench after which no server is there */
+static const int64_t SILENCE = 500000000; /* ns without a wrench after which no server is there */
+static const int64_t REORDERED = 100;     /* ticks: a wrench that is older than this comes from a server that has just started */
 
 /* ---- the channels ---- */
 
-static double now(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
+double feed_time(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
 
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane};
@@ -23,6 +24,17 @@ plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     return s;
 }
 
+/* What the server before has said is not true of another one. */
+static void note_server(feed *f, const trocar_needle_wrench_t *w) {
+    if (f->heard != 0 && w->tick > f->wrench.tick - REORDERED) return;
+    f->servers++;
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    if (f->status) trocar_status_t_destroy(f->status);
+    f->contacts = NULL;
+    f->status = NULL;
+    f->timing = (trocar_loop_timing_t){0};
+}
+
 static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     feed *f = context;
@@ -31,9 +43,10 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
+    note_server(f, &w);
     f->wrench = w;
     f->heard = monotonic_ns();
-    plot_sample s = sample_of_wrench(now(f), &w);
+    plot_sample s = sample_of_wrench(feed_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
     s.lateness_max = (float)f->timing.lateness_max;
     s.compute_p99 = (float)f->timing.compute_p99;

@@ -15,6 +15,7 @@ typedef struct {
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, of the server's loop */
     int64_t heard;           /* ns, monotonic: last wrench; 0: none */
+    int64_t servers;         /* how many have been heard, one after the other */
     trocar_needle_wrench_t wrench;
     trocar_loop_timing_t timing;
     trocar_contacts_t *contacts; /* newest, NULL before the first */
@@ -26,8 +27,11 @@ typedef struct {
 trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why);
 void feed_close(feed *f);
 
-/* Does a server send, as of now? */
+/* Whether a server has sent something in the last half second. */
 bool feed_alive(const feed *f);
+
+/* s since feed_open: the clock of the timeline. */
+double feed_time(const feed *f);
 
 /* Where the server has the needle's base: false if that is not known. */
 bool feed_base(const feed *f, pose *base);

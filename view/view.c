@@ -48,6 +48,8 @@ typedef struct {
     pilot pilot;
     pthread_t pilot_thread;
     bool piloting;           /* that thread runs */
+    int64_t servers;         /* as the feed counts them: the one that browsers have been driving on */
+    report cut;              /* where the log ends within an event, empty if it is whole */
 
     output png;              /* --png only */
     bool png_taken;
@@ -124,11 +126,16 @@ static char *describe(void *context, bool drives, bool driven) {
     FILE *out = open_memstream(&text, &length);
     if (!out) return NULL;
     bool alive = v->lcm && feed_alive(&v->feed);
-    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", v->timeline.now, alive ? "true" : "false",
+    double now = v->lcm ? feed_time(&v->feed) : v->timeline.now;
+    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", now, alive ? "true" : "false",
             drives ? "true" : "false", driven ? "true" : "false");
     if (alive) {
-        fprintf(out, ",\"rate\":%g", v->feed.timing.rate_hz);
+        fprintf(out, ",\"rate\":%g,\"shown\":%s", v->feed.timing.rate_hz, v->feed.contacts ? "true" : "false");
         write_status(v, out);
+    }
+    if (*v->cut.text) {
+        fprintf(out, ",\"message\":");
+        json_string(v->cut.text, out);
     }
     fprintf(out, "}");
     fclose(out);
@@ -152,6 +159,27 @@ static void act(void *context, const web_action *action) {
     pilot_tell(&v->pilot, &order);
 }
 
+/* Takes what has come from the network. A server that was not there before knows nothing of an insertion: nobody drives on. */
+static void receive(view *v) {
+    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    if (v->feed.servers != v->servers) web_let_go(v->web);
+    v->servers = v->feed.servers;
+}
+
+/* A server feels the needle, and no other client holds it. */
+static bool has_needle(const view *v) {
+    int64_t owner = v->feed.wrench.session;
+    return feed_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
+}
+
+/* What still waits to be received counts as heard. */
+static bool may_drive(void *context) {
+    view *v = context;
+    if (!v->lcm) return false;
+    receive(v);
+    return has_needle(v);
+}
+
 static void take_png(void *context, const void *png, size_t size) {
     view *v = context;
     v->png_taken = fwrite(png, 1, size, v->png.file) == size;
@@ -162,7 +190,9 @@ static void take_png(void *context, const void *png, size_t size) {
 
 static void on_lcm(void *context) {
     view *v = context;
-    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    receive(v);
+    if (!has_needle(v)) web_let_go(v->web);
+    pilot_hear(&v->pilot, v->feed.heard);
     web_news(v->web);
 }
 
@@ -220,6 +250,7 @@ static trocar_status open_web(view *v, report *why) {
     settings.context = v;
     settings.describe = describe;
     settings.act = act;
+    settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
     encode_scene(&v->encoded_scene, &v->scene, &v->mesh, v->home, v->options->log_path == NULL);
     if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
@@ -247,8 +278,10 @@ static trocar_status open_log(view *v, report *why) {
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
     if (status != TROCAR_OK) return status;
-    return o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, why)
-                       : playback_run(&v->scene, o->log_path, &v->timeline, why);
+    status = o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, &v->cut, why)
+                         : playback_run(&v->scene, o->log_path, &v->timeline, &v->cut, why);
+    if (*v->cut.text) fprintf(stderr, "trocar-view: %s; it is shown up to there\n", v->cut.text);
+    return status;
 }
 
 static trocar_status prepare(view *v, report *why) {
@@ -264,12 +297,12 @@ static trocar_status prepare(view *v, report *why) {
 }
 
 static void clean_up(view *v) {
+    if (v->web) web_free(v->web); /* first: a browser that drives releases the needle when its connection ends */
     if (v->piloting) {
         pilot_tell(&v->pilot, &(pilot_order){.kind = ORDER_END});
         pthread_join(v->pilot_thread, NULL);
         pilot_free(&v->pilot);
     }
-    if (v->web) web_free(v->web);
     feed_close(&v->feed);
     if (v->lcm) lcm_destroy(v->lcm);
     output_abandon(&v->png);

@@ -1,9 +1,11 @@
 // The page as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
 // usage: page_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
+import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
+import { connect } from 'node:net'
 import path from 'node:path'
-import { ADDRESS, launch, scene, source, start, stop } from './parts.mjs'
+import { ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
 const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
@@ -31,6 +33,7 @@ async function until(page, expression) {
   assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
 }
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
+const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
 const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
 
@@ -56,9 +59,12 @@ try {
     await until(first, badge('live'))
   })
 
-  await check('keys drive the needle into the tissue', async () => {
-    await first.click('#take')
+  await check('keys drive the needle into the tissue, and a double click takes it once', async () => {
+    const before_it = await first.locator('#take').boundingBox()
+    await first.dblclick('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
+    const reset = await first.locator('#reset').boundingBox()
+    assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
     await until(first, 'trocar.shown.contacts.length / 8 >= 5')
@@ -94,8 +100,19 @@ try {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
-    await first.keyboard.press('Home')
-    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3`)
+    await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
+    await first.keyboard.down('w') // the needle is not driven by what is not seen
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+    await first.keyboard.up('w')
+    assert(await first.evaluate('trocar.status.drives'), 'it is still held')
+    await first.click('#banner button')
+    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
+  })
+
+  await check('what the server says is shown', async () => {
+    const device = run('clients/trocar-device', '--duration', '0.5')
+    await until(first, '/server: .*session.* holds the needle/.test(document.getElementById("notice").textContent)')
+    await stop(device)
   })
 
   await check('a second browser sees the same and cannot take the needle', async () => {
@@ -134,13 +151,15 @@ try {
   })
 
   await check('ten minutes take no more room than one', async () => {
-    const held = await first.evaluate(() => {
+    const held = await first.evaluate(async () => {
       const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
       const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
       for (let k = 1; k <= 60000; k++) {
         kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
         if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
-        if (k % 6000 === 0) sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+        if (k % 6000) continue
+        sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+        await new Promise((done) => setTimeout(done)) // the page answers meanwhile: it keeps the needle
       }
       return sizes
     })
@@ -170,17 +189,63 @@ try {
     assert.deepEqual(await first.evaluate(graphicsHeld), held)
   })
 
+  await check('only a Reset that is held resets', async () => {
+    const deep = await tip(first), [reset] = [first.locator('#reset')]
+    await reset.click()
+    await first.waitForTimeout(1000)
+    assert(Math.abs(await tip(first) - deep) < 1e-3)
+    await reset.hover()
+    await first.mouse.down()
+    await until(first, 'trocar.stage.needle.tip.z < 0')
+    await first.mouse.up()
+  })
+
   await check('the needle is released with its browser', async () => {
     await first.context().close()
     await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
     await until(second, '!document.getElementById("take").disabled')
   })
 
-  await check('a server killed and back is seen', async () => {
+  await check('a server that dies lets the needle go, and the next one is driven only when a person asks for it', async () => {
+    await second.click('#take')
+    await until(second, 'trocar.status.drives && trocar.status.owned === "here"')
+    await second.keyboard.down('w')
+    await until(second, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     await stop(server, 'SIGKILL')
-    await until(second, badge('no server'))
+    await until(second, `${badge('no server')} && ${banner('Last heard')} && !trocar.status.drives && document.getElementById('controls').hidden`)
+    await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
+    const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still down
+    assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
+    const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
+    assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
+    assert(await tip(second) < 0, 'and shown there')
+    await second.keyboard.up('w')
+    const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
+    assert(back - died > 0.5)
+    await second.selectOption('#window', '60')
+    await second.waitForTimeout(500) // the plots are drawn at their own pace
+    const end = await second.evaluate('trocar.history.end')
+    const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
+    assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
+    assert(/let go/.test(await second.textContent('#drive-note')))
+  })
+
+  await check('a trocar-view that does not answer is no live one', async () => {
+    view.kill('SIGSTOP')
+    await until(second, `${badge('stale')} && ${banner('does not answer')}`)
+    view.kill('SIGCONT')
     await until(second, badge('live'))
+  })
+
+  await check('a browser that finds all places taken is told so', async () => {
+    const others = await Promise.all(Array.from({ length: 15 }, joinRaw))
+    const third = await open()
+    await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
+    for (const socket of others) socket.destroy()
+    await until(third, badge('live'))
+    await third.context().close()
   })
 
   await check('trocar-view killed and back is seen', async () => {
@@ -249,6 +314,28 @@ function sceneryShown() {
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
   return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
+}
+
+/** A browser as bytes, which answers all that it gets. */
+async function joinRaw() {
+  const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked by zeros; acknowledge
+  socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
+  await once(socket, 'data')
+  socket.on('data', () => socket.write(answer))
+  socket.on('error', () => {})
+  return socket
+}
+
+/** Runs in the page: whether the curve of the force along z is drawn at each of the times (s). */
+function forceDrawn(times) {
+  const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
+  const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
+  return times.map((time) => {
+    const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
+    for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
+    return false
+  })
 }
 
 async function read(file) {

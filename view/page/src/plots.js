@@ -2,8 +2,10 @@
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
+import { GAP } from './history.js'
 
 const TITLE = 18 // px above a plot, as in style.css
+const SLOT = 0.01 // s from sample to sample
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -16,6 +18,14 @@ const PLOTS = [
 
 /** Without the sign of a zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
+
+/** For uPlot: from where to where, in pixels, nothing was received: no line is drawn there. */
+function gaps(u, series, first, last, missing) {
+  const times = u.data[0]
+  for (let i = Math.max(first, 1); i <= last; i++)
+    if (times[i] - times[i - 1] > GAP) missing.push([u.valToPos(times[i - 1], 'x', true), u.valToPos(times[i], 'x', true)])
+  return missing
+}
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
@@ -45,7 +55,7 @@ export class Plots {
         { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: decades, grid: { ...axis.grid, filter: decades } } : { space: 22 }) },
       ],
       series: [{ label: 's', value: (u, v) => (v === null || v === undefined ? '–' : v.toFixed(2)) },
-               ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], points: { show: false }, value: (u, v) => number(v) }))],
+               ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], gaps, points: { show: false }, value: (u, v) => number(v) }))],
       hooks: { draw: [(u) => this.drawMarks(u, plot)] },
     }
     const built = { ...plot, holder, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
@@ -77,7 +87,7 @@ export class Plots {
     this.time = time
     if (history.count === 0) return
     const columns = history.slice(from, to)
-    const at = time === null ? columns[0].length - 1 : history.sampleIndex(time) - history.sampleIndex(from)
+    const near = history.sampleNear(time ?? to), at = near < 0 ? null : near - Math.max(history.sampleIndex(from), 0)
     for (const plot of this.plots) {
       const data = [columns[0], ...plot.columns.map((column) => (plot.logarithmic ? columns[column].map((v) => Math.max(v, 1e-6)) : columns[column]))]
       plot.chart.batch(() => {
@@ -187,9 +197,13 @@ export class Strip {
     for (let i = 0; i < depth.length; i += step) deepest = Math.max(deepest, depth[i])
     ink.fillStyle = css('--hill')
     ink.beginPath()
-    ink.moveTo(width * (times[0] - from) / (to - from), height)
-    for (let i = 0; i < times.length; i += step) ink.lineTo(width * (times[i] - from) / (to - from), height * (1 - 0.9 * depth[i] / deepest))
-    ink.lineTo(width * (times.at(-1) - from) / (to - from), height)
+    const x = (i) => width * (times[i] - from) / (to - from)
+    ink.moveTo(x(0), height)
+    for (let i = 0, last = 0; i < times.length; last = i, i += step) {
+      if (times[i] - times[last] > GAP + step * SLOT) { ink.lineTo(x(last), height); ink.lineTo(x(i), height) }
+      ink.lineTo(x(i), height * (1 - 0.9 * depth[i] / deepest))
+    }
+    ink.lineTo(x(times.length - 1), height)
     ink.fill()
   }
 }

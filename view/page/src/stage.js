@@ -97,7 +97,7 @@ export class Stage {
     this.content = new THREE.Group().add(this.anatomy.group, this.needle.group, this.slice.frame)
     this.world.add(this.content)
     this.setCut('')
-    this.show(pictureAtHome(scene))
+    this.showHome()
     this.look(1)
   }
 
@@ -143,6 +143,9 @@ export class Stage {
     this.dirty = true
     return largest
   }
+
+  /** The needle outside, for a server that has not shown one yet. */
+  showHome() { this.show(pictureAtHome(this.scene)) }
 
   setTheme(dark) {
     this.anatomy.setTheme(dark)

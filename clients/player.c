@@ -11,6 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "lcm_filter.h"
 #include "poselog.h"
 #include "realtime.h"
 #include "session.h"
@@ -133,6 +134,9 @@ static trocar_status open_links(player *p) {
     if (!p->lcm)
         return fail(p->why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?",
                     url ? url : "its default URL");
+    static const char *const channels[] = {WRENCH_CHANNEL, NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
     lcm_subscribe(p->lcm, WRENCH_CHANNEL, on_wrench, p);
     long period = lround(1e9 * p->period);
     struct itimerspec every = {.it_interval = {period / 1000000000, period % 1000000000}, .it_value = {0, 1}};

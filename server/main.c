@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "exchange.h"
+#include "lcm_filter.h"
 #include "scene.h"
 #include "server.h"
 
@@ -75,6 +76,13 @@ static int complain(trocar_status status, const report *why) {
     return status == TROCAR_BAD_INPUT ? 2 : 1;
 }
 
+/* All that comes in is small: fragments are not for a server. */
+static void restrict_packets(void) {
+    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
+}
+
 int main(int argc, char **argv) {
     static const struct argp description = {
         options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
@@ -85,6 +93,7 @@ int main(int argc, char **argv) {
     report why;
     server *s;
     int signals = stop_signals();
+    restrict_packets();
     trocar_status status = server_create(&chosen, &s, &why);
     if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);

@@ -2,6 +2,7 @@
 
 #include <stdlib.h>
 
+#include "lcm_filter.h"
 #include "message_fit.h"
 #include "timing.h"
 #include "trocar_deformation_t.h"
@@ -100,14 +101,15 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
 }
 
 trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
-    static const struct { const char *channel; lcm_msg_handler_t handler; } channels[] = {
-        {"TROCAR_WRENCH", on_wrench}, {"TROCAR_TIMING", on_timing}, {"TROCAR_STATUS", on_status},
-        {"TROCAR_CONTACTS", on_contacts}, {"TROCAR_DEFORMATION", on_deformation}};
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
+    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh comes in fragments */
+    lcm_filter_restrict(&wishes);
     *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz};
-    for (size_t i = 0; i < sizeof channels / sizeof *channels; i++) {
-        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i].channel, channels[i].handler, f);
+    for (size_t i = 0; channels[i] != NULL; i++) {
+        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
         if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)
-            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i].channel);
+            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i]);
     }
     return TROCAR_OK;
 }

@@ -73,7 +73,7 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         d->foreign++;
         return;
     }
-    dashboard_take_status(d, &m);
+    dashboard_take_status(d, &m, now());
     trocar_status_t_decode_cleanup(&m);
 }
 

@@ -78,7 +78,7 @@ static int complain(trocar_status status, const report *why) {
 
 /* All that comes in is small: fragments are not for a server. */
 static void restrict_packets(void) {
-    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", NULL};
+    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
     static const packet_wishes wishes = {.channels = channels, .whole_only = true};
     lcm_filter_restrict(&wishes);
 }

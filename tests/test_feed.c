@@ -88,6 +88,23 @@ static void a_server_is_alive_while_it_sends(void **state) {
     assert_close_vector(base.position, f->state->needle.base.position, 0);
 }
 
+static void of_two_servers_the_first_is_followed(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t first = {.server = 1, .depth = 1}, second = {.server = 2, .depth = 2};
+    trocar_loop_timing_t timing = {.server = 2, .rate_hz = 500};
+    trocar_status_t status = {.server = 2, .host = "", .scene = "", .inverse = "", .message = ""};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &first);
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &second);
+    trocar_loop_timing_t_publish(f->lcm, "TROCAR_TIMING", &timing);
+    trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &status);
+    f->sight.contacts.server = 2;
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    handle_all(f);
+    assert_true(f->feed.wrench.depth == 1 && f->feed.timing.rate_hz == 0 && f->feed.status == NULL && f->feed.contacts == NULL);
+    assert_int_equal(f->timeline.sample_end, 1);
+    assert_int_equal(f->feed.refused, 0);
+}
+
 /* As they would come in by the network: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
@@ -111,6 +128,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_picture_is_complete_with_both_messages_of_its_tick, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(of_two_servers_the_first_is_followed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -32,6 +32,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
+    if (!server_choice_follows(&f->servers, w.server, 1e-9 * (double)monotonic_ns())) return;
     f->wrench = w;
     f->heard = monotonic_ns();
     plot_sample s = sample_of_wrench(now(f), &w);
@@ -48,7 +49,7 @@ static void on_timing(const lcm_recv_buf_t *received, const char *channel, void 
     feed *f = context;
     trocar_loop_timing_t m = {0};
     if (trocar_loop_timing_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) f->refused++;
-    else f->timing = m;
+    else if (m.server == f->servers.followed) f->timing = m;
 }
 
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -60,8 +61,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
-    if (f->status) trocar_status_t_destroy(f->status);
-    f->status = trocar_status_t_copy(&m);
+    if (m.server == f->servers.followed) {
+        if (f->status) trocar_status_t_destroy(f->status);
+        f->status = trocar_status_t_copy(&m);
+    }
     trocar_status_t_decode_cleanup(&m);
 }
 
@@ -74,8 +77,10 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
         f->refused++;
         return;
     }
-    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
-    f->contacts = trocar_contacts_t_copy(&m);
+    if (m.server == f->servers.followed) {
+        if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+        f->contacts = trocar_contacts_t_copy(&m);
+    }
     trocar_contacts_t_decode_cleanup(&m);
 }
 
@@ -95,7 +100,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         return;
     }
     report why; /* a picture without memory is left out */
-    if (f->contacts && f->contacts->tick == m.tick)
+    if (f->contacts && f->contacts->tick == m.tick && f->contacts->server == m.server)
         timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
@@ -105,7 +110,7 @@ trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, time
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh comes in fragments */
     lcm_filter_restrict(&wishes);
-    *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz};
+    *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .servers.patience = 1e-9 * (double)SILENCE};
     for (size_t i = 0; channels[i] != NULL; i++) {
         lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
         if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)

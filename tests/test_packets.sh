@@ -39,7 +39,14 @@ wait ${programs[device]} || fail "the device: status $?"
 grep -q '"puncture_count": [2-9]' report.json || fail "the device did not feel both punctures"
 rm -f top # a new page tells of now
 "$build/clients/trocar-top" --once >top || fail "the server is silent"
-curl -fsS --max-time 5 --unix-socket browsers http://localhost/ >/dev/null || fail "the viewer does not answer"
+/usr/bin/python3 - <<'END_OF_REQUEST' || fail "the viewer does not answer"
+import socket
+browser = socket.socket(socket.AF_UNIX)
+browser.settimeout(5)
+browser.connect("browsers")
+browser.sendall(b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
+assert b" 200 " in browser.recv(100)
+END_OF_REQUEST
 for name in server bridge top view; do
     kill ${programs[$name]}
     status=0

@@ -191,7 +191,7 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
 /* Keeps what a status says of the inverse; a status of another version says nothing. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_log *log = context;
-    static unsigned char data[STATUS_MAX];
+    unsigned char data[STATUS_MAX];
     trocar_status_t m;
     trocar_status status = read_data(r, h, data, STATUS_MAX, why);
     if (status != TROCAR_OK || h->data_length > STATUS_MAX || !status_fits(data, (size_t)h->data_length)) return status;

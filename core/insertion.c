@@ -272,6 +272,27 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
     profile_end_stage(&scratch->profile, INSERTION_WRENCH);
 }
 
+/* ---- what is not finite ------------------------------------------------------------------------------------------- */
+
+static double sum_of(vec3 v) { return v.x + v.y + v.z; }
+
+/* A sum is finite only if all its terms are. */
+bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench) {
+    const needle_tip *tip = &state->tip;
+    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
+               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing;
+    for (int i = 0; i < state->refined.count; i++) {
+        const shaft_contact *c = &state->contacts[i];
+        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus;
+    }
+    return isfinite(sum);
+}
+
+void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, insertion_wrench *wrench) {
+    insertion_reset(model, base, state);
+    *wrench = (insertion_wrench){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
+}
+
 /* ---- export ------------------------------------------------------------------------------------------------------------- */
 
 void insertion_refinement(const insertion_state *state, refinement *out) {

@@ -49,7 +49,7 @@ typedef enum {
     EVENT_REENTERED = 1 << 5,    /* and came back */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
-    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
+    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
 } insertion_event;
@@ -100,7 +100,7 @@ typedef struct {
     int region;              /* group index */
 } stratum;
 
-enum { MAX_STRATA = 32 };
+enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 
 /* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
    and restores it. */
@@ -178,6 +178,12 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
    O(log n), while the tip is outside or on it. No allocation, no lock, no call to a library. RT */
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
+
+/* Are the wrench, and all numbers that the next tick starts from, finite? RT */
+bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench);
+
+/* After a tick that was not: starts the insertion over at `base`. The wrench becomes zero, its event UNSTABLE. RT */
+void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, insertion_wrench *wrench);
 
 /* The refined mesh as the needle sees it now: the active contact nodes. */
 void insertion_refinement(const insertion_state *state, refinement *out);

@@ -85,12 +85,13 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* Memory that can be had without swapping, bytes; 8 GB where the system does not say. */
-static double available_memory(void) {
+/* Memory of this machine, bytes; 8 GB where the system does not say. Not what is free just now: the same scene shall have the
+   same owner each time, for the owners' results differ by rounding. */
+static double machine_memory(void) {
     double kilobytes = 8e6;
     char line[128];
     FILE *file = fopen("/proc/meminfo", "r");
-    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemAvailable: %lf", &kilobytes) != 1) continue;
+    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemTotal: %lf", &kilobytes) != 1) continue;
     if (file) fclose(file);
     return 1024.0 * kilobytes;
 }
@@ -100,7 +101,7 @@ static trocar_status build_owner(simulation *s, int reach_count, const int *reac
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .reach_given = reach_given(&config->reach), .reach_count = reach_count,
-                           .memory = available_memory()};
+                           .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
         trocar_status status = inverse_create_condensed(&s->tissue, reach_count, reach, config->cache, config->progress, &s->inverse,
@@ -169,6 +170,7 @@ void simulation_free(simulation *s) {
 trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
                               insertion_wrench *wrench, report *why) {
     insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
+    if (!insertion_is_finite(state, wrench)) insertion_start_over(&s->insertion, base, state, wrench);
     if (snapshot->serial == state->request.serial) return TROCAR_OK;
     return remesher_serve(s->remesher, &state->request, snapshot, why);
 }

@@ -117,10 +117,11 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
 }
 
 /* Notes where the track goes into another region. */
-static void enter_stratum(const mesh *m, insertion_state *state) {
+static void enter_stratum(const mesh *m, insertion_state *state, insertion_wrench *wrench) {
     int region = m->region[state->tip.tet], last = state->stratum_count - 1;
-    if (last + 1 < MAX_STRATA && (last < 0 || state->strata[last].region != region))
-        state->strata[state->stratum_count++] = (stratum){state->tip.depth, region};
+    if (last >= 0 && state->strata[last].region == region) return;
+    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){state->tip.depth, region};
+    else wrench->events |= EVENT_FULL;
 }
 
 static void leave_strata(insertion_state *state) {
@@ -184,7 +185,7 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
     if (model->settings.placement != PLACE_INSIDE) leave_contact_on_face(model, state, wrench);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     plan_contact(model, state, direction, wrench);
 }
 
@@ -261,7 +262,7 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
                               .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     wrench->events |= EVENT_TOUCHED;
     return true;
 }
@@ -277,7 +278,7 @@ void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, 
     tip->tet = hit.tet;
     tip->nominal = state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
 }
 

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "exchange.h"
+#include "lcm_filter.h"
 #include "scene.h"
 #include "server.h"
 
@@ -80,6 +81,13 @@ static int complain(trocar_status status, const report *why) {
     }
 }
 
+/* All that comes in is small: fragments are not for a server. */
+static void restrict_packets(void) {
+    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
+}
+
 int main(int argc, char **argv) {
     static const struct argp description = {
         options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
@@ -90,6 +98,7 @@ int main(int argc, char **argv) {
     report why;
     server *s;
     int signals = stop_signals();
+    restrict_packets();
     trocar_status status = server_create(&chosen, &s, &why);
     if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);

@@ -10,7 +10,7 @@ static const char *given(const char *url) {
 }
 
 static bool has_provider(const char *url) {
-    static const char *const providers[] = {"udpm://", "mpudpm://", "memq://", "file://", "tcpq://"};
+    static const char *const providers[] = {"udpm://", "memq://", "file://", "tcpq://"};
     for (size_t i = 0; i < sizeof providers / sizeof *providers; i++)
         if (strncmp(url, providers[i], strlen(providers[i])) == 0) return true;
     return false;

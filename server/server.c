@@ -16,9 +16,11 @@
 
 #include "haptic.h"
 #include "io.h"
+#include "lcm_filter.h"
 #include "progress.h"
 #include "realtime.h"
 #include "scene.h"
+#include "session.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -30,6 +32,7 @@ typedef struct {
 struct server {
     server_options options;
     scene scene;
+    int64_t id;                  /* in all that it sends */
     bool realtime;
     report refused;              /* why it is not */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
@@ -115,10 +118,11 @@ static trocar_status create_parts(server *s, report *why) {
     if (status != TROCAR_OK) return status;
     status = io_create(&s->io, s->options.lcm_url, &s->scene.guard, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;
+    s->haptic.server = s->io.server = s->id;
     s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .records = &x->loops};
     s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
-    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags,
+    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags, .server = s->id,
                                   .verbose = s->options.verbose};
     return telemetry_create(&s->telemetry, &telling, &s->simulation, &s->worker, x, why);
 }
@@ -163,6 +167,7 @@ trocar_status server_create(const server_options *options, server **created, rep
     server *s = calloc(1, sizeof *s);
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
+    s->id = session_new();
     s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
     trocar_status status = read_scene(s, why);
     if (status == TROCAR_OK) status = check_realtime(s, why);
@@ -277,6 +282,7 @@ static double resident_mebibytes(void) {
 void server_describe(const server *s, FILE *out) {
     const mesh *m = &s->simulation.mesh;
     const simulation_config *config = &s->scene.simulation;
+    fprintf(out, "server     %016llx\n", (unsigned long long)s->id);
     fprintf(out, "scene      %s\n", s->scene.path);
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
@@ -311,4 +317,5 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
     fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.intake.record.counts[POSE_ACCEPTED],
             (long long)s->io.intake.record.poses_lost);
+    fprintf(out, "packets    %lld malformed ones dropped\n", (long long)lcm_filter_dropped());
 }

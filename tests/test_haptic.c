@@ -212,7 +212,7 @@ static void survive(fixture *f, const char *name, size_t place, double bad, doub
         put_pose(f, engagement, f->tick, -0.185 + 0.05e-3 * (i < 50 ? 0 : i < 150 ? 50 - i : i - 250));
         tick(f, &w);
         serve_worker(f);
-        if (!isfinite(norm(w.force) + norm(w.torque))) fail_msg("%s = %g: a number that is none goes out", name, bad);
+        if (!isfinite(norm(w.force) + norm(w.torque) + norm(w.raw_force) + norm(w.raw_torque))) fail_msg("%s = %g: a number that is none goes out", name, bad);
     }
     bool healthy = (w.flags & ~TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME) == 0 && fabs(norm(w.force) / force - 1) < 0.2;
     if (!healthy) fail_msg("%s = %g: %g N, undisturbed %g N, flags %d", name, bad, norm(w.force), force, w.flags);

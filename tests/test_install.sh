@@ -112,6 +112,11 @@ for header in "$prefix"/include/trocar/core/*.h; do
 done
 ! ls "$prefix"/include/trocar/core | grep -E '_(method|owner|kind)\.h' || fail "a header of the core's own is installed"
 
+# Both keep crafted packets away from liblcm: see lcm_filter.h.
+for program in bridge/build/bridge bridge/with-pkg-config "$prefix"/bin/trocar-{server,device,replay,top,view}; do
+    nm -D "$program" | grep -qw 'T recvmsg' || fail "$program has no packet filter"
+done
+
 # The README's whole bridge is this one; with its two functions filled in it drives a device.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge_example.c - || fail "the README shows another bridge"
 sed '/^static void read_device/,/^static void render_on_device/c #include "device.h"' bridge/bridge_example.c >filled.c

@@ -22,6 +22,7 @@ static void expect(const char *url, trocar_status expected, const char *named) {
 static void a_provider_that_lcm_does_not_have_is_bad_input(void **unused) {
     (void)unused;
     expect("nonsense://", TROCAR_BAD_INPUT, "nonsense://");
+    expect("mpudpm://239.255.76.67:7667", TROCAR_BAD_INPUT, "mpudpm://"); /* LCM has it, but not safely */
     expect("239.255.76.67:7667", TROCAR_BAD_INPUT, "udpm://GROUP:PORT");
 }
 

@@ -4,6 +4,7 @@
 
 #include <lcm/lcm.h>
 
+#include "server_choice.h"
 #include "timeline.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -20,6 +21,7 @@ typedef struct {
     trocar_loop_timing_t timing;
     trocar_contacts_t *contacts; /* newest, NULL before the first */
     trocar_status_t *status; /* newest, NULL before the first */
+    server_choice choice;    /* only the followed one's messages are taken */
     int64_t refused;         /* messages that are not what their channel says */
 } feed;
 

@@ -73,9 +73,11 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
-    w->lateral[t] = local_at(model, tip->tet, tip->nominal).lateral / fmax(hold * (w->shares[t].to - w->shares[t].from + radius), 1e-9);
+    lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
+    double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
+    w->lateral[t] = logarithm.lateral / (fmax(hold, 1e-6) * (shaft.lateral + end));
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
-    w->axial[t + 1] = local_logarithm(model, tip->tet, tip->nominal).axial / shaft.axial;
+    w->axial[t + 1] = logarithm.axial / shaft.axial;
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */

@@ -9,6 +9,7 @@
 
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m, of shaft of which hardly any is in tissue: it has come out of a gap */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
@@ -71,13 +72,14 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     if (!w->tip) return;
     int t = state->active;
     const needle_tip *tip = &state->tip;
-    double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
+    double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
+    double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
     lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
     double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
     w->lateral[t] = logarithm.lateral / (fmax(hold, 1e-6) * (shaft.lateral + end));
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
-    w->axial[t + 1] = logarithm.axial / shaft.axial;
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth);
+    w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */

@@ -41,12 +41,12 @@ typedef struct {
 } insertion_model;
 
 typedef enum {
-    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface */
+    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
     EVENT_PUNCTURED = 1 << 1,    /* a membrane gave way (`membrane` says which) */
     EVENT_ADDED = 1 << 2,        /* a contact became active */
     EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
-    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side */
-    EVENT_REENTERED = 1 << 5,    /* and came back */
+    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
+    EVENT_REENTERED = 1 << 5,    /* and came back the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
@@ -56,7 +56,7 @@ typedef enum {
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
-typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side, shaft still in the tissue */
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side or in a gap, shaft still in the tissue */
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
@@ -88,16 +88,21 @@ typedef struct {
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`, that what blocks lies on */
+    bool entering;           /* what blocks is on the outer surface, and the tip comes from outside */
+    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
 
-/* From this depth on, up to the next stratum, the track lies in this region. */
+/* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
+enum { IN_A_GAP = -1 };
 typedef struct {
     double depth;            /* m */
-    int region;              /* group index */
+    int region;              /* group index, or IN_A_GAP */
+    int tet;                 /* element that the track starts in there; of a gap, the one that it left */
+    vec3 point;              /* m, nominal: where it starts */
 } stratum;
 
 enum { MAX_STRATA = 32 };
@@ -163,7 +168,7 @@ typedef struct {
 typedef struct {
     vec3 force;                  /* N, world frame: what the base exerts on the hand */
     vec3 torque;                 /* N m, world frame, about the base point, where it is */
-    double depth;                /* m, length of the track in the tissue */
+    double depth;                /* m, length of the track in the tissue, gaps between bodies included */
     int contacts;                /* active */
     unsigned events;             /* insertion_event bits of this tick */
     int membrane;                /* index of the membrane punctured in this tick, or -1 */

@@ -39,7 +39,7 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
     for (int k = 0; k < state->stratum_count; k++) {
         double top = k > 0 ? fmax(part.from, state->strata[k].depth) : part.from;
         double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
-        if (length <= 0.0) continue;
+        if (length <= 0.0 || state->strata[k].region == IN_A_GAP) continue;
         const region_material *material = &model->materials[state->strata[k].region];
         lateral_axial line = local_line_compliance(material);
         sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);

@@ -82,6 +82,28 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
+/* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
+   the force that it bears, m. What comes into a share in another region is not yet sheared; without this, the shaft would have to
+   slide for it, in the tick in which the tip enters that region. */
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double force, double *softness) {
+    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
+    double length = share.to - share.from, before = *softness;
+    *softness = length / fmax(shaft.axial, LEAST_STIFFNESS);
+    return before > 0.0 ? logarithm * (*softness - before) * force / length : 0.0;
+}
+
+static void keep_shear(const insertion_model *model, insertion_state *state, insertion_workspace *w) {
+    for (int i = 0; i < state->active; i++) {
+        shaft_contact *contact = &state->contacts[i];
+        double force = v3_dot(contact->force, needle_along(&w->points[i]));
+        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, force, &contact->softness);
+    }
+    if (!w->tip) return;
+    needle_tip *tip = &state->tip;
+    double logarithm = local_logarithm(model, tip->tet, tip->nominal).axial;
+    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_force, &tip->shaft_softness);
+}
+
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */
 
 static void bound_friction(const insertion_model *model, const insertion_state *state, int i, shaft_share share, double slid, friction_state last,
@@ -185,6 +207,7 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
         vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
         if (at_tip) {
             state->tip.force = force;
+            state->tip.shaft_force = p->force[2 * p->count + i + 1];
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
@@ -200,12 +223,14 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
 /* ---- passes ------------------------------------------------------------------------------------------------------------- */
 
 /* Starts from the last solve's shape and forces. */
-static void prepare(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
+static void prepare(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
                     insertion_workspace *w) {
     w->problem.count = state->active + w->tip;
     w->problem.axial_count = w->problem.count + w->tip;
     for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
     if (w->tip) find_tip_rows(state, snapshot, handles, w);
+    locate_points(model, state, w);
+    keep_shear(model, state, w);
     locate_points(model, state, w);
     find_local_compliance(model, state, w);
     load_needle(model, state, w);

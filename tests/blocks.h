@@ -23,13 +23,13 @@ typedef struct {
     size_t size;
     int nodes, element_count;
     double unit;
+    unsigned seed;
 } block_writer;
 
 /* In [-0.5, 0.5], the same on every machine. */
-static inline double blocks_random(void) {
-    static unsigned state = 12345;
-    state = state * 1664525u + 1013904223u;
-    return state / 4294967296.0 - 0.5;
+static inline double blocks_random(block_writer *w) {
+    w->seed = w->seed * 1664525u + 1013904223u;
+    return w->seed / 4294967296.0 - 0.5;
 }
 
 static inline int block_node(const block *b, int first, const int at[3]) {
@@ -44,8 +44,8 @@ static inline void write_block_nodes(block_writer *w, const block *b) {
         int x = i % n[0], y = i / n[0] % n[1], z = i / n[0] / n[1];
         bool inside = x % b->cells[0] && y % b->cells[1] && z % b->cells[2] && z != b->split;
         double by = inside ? 1.0 / 3.0 : 0.0;
-        fprintf(w->file, "%d %.17g %.17g %.17g\n", ++w->nodes, (b->low.x + cell.x * (x + by * blocks_random())) / w->unit,
-                (b->low.y + cell.y * (y + by * blocks_random())) / w->unit, (b->low.z + cell.z * (z + by * blocks_random())) / w->unit);
+        fprintf(w->file, "%d %.17g %.17g %.17g\n", ++w->nodes, (b->low.x + cell.x * (x + by * blocks_random(w))) / w->unit,
+                (b->low.y + cell.y * (y + by * blocks_random(w))) / w->unit, (b->low.z + cell.z * (z + by * blocks_random(w))) / w->unit);
     }
 }
 

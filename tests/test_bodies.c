@@ -99,6 +99,64 @@ static void a_start_finds_the_needle_in_both(void **unused) {
     lockstep_free(l);
 }
 
+/* Two bodies of one mesh each, whose faces match, are one. */
+static void matching_faces_are_joined(void **unused) {
+    (void)unused;
+    block whole = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.1), {6, 5, 5}, 2, 1, 2, true};
+    block parts[2] = {{whole.low, v3(0.05, 0.04, 0.04), {6, 5, 2}, 2, 1, 1, true}, {v3(-0.05, -0.04, 0.04), whole.high, {6, 5, 3}, 3, 2, 2, false}};
+    mesh one, both;
+    report why;
+    blocks_write_mesh(path, &whole, 1, 2, 1.0);
+    assert_int_equal(mesh_read(path, &one, &why), TROCAR_OK);
+    assert_string_equal(one.remarks.text, "");
+    blocks_write_mesh(path, parts, 2, 2, 1.0);
+    assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
+    assert_non_null(strstr(both.remarks.text, "42 nodes"));
+    assert_int_equal(both.node_count, one.node_count);
+    assert_int_equal(both.boundary_count, one.boundary_count);
+    for (int g = 0; g < one.group_count; g++) assert_int_equal(both.groups[g].node_count, one.groups[g].node_count);
+    mesh_free(&one);
+    mesh_free(&both);
+    parts[1].cells[0] = 5; /* now only the nodes at both ends coincide */
+    blocks_write_mesh(path, parts, 2, 2, 1.0);
+    assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
+    assert_int_equal(both.node_count, 7 * 6 * 3 + 6 * 6 * 4);
+    assert_non_null(strstr(both.remarks.text, "12 nodes lie where others do"));
+    mesh_free(&both);
+}
+
+/* ---- units -------------------------------------------------------------------------------------------------------------- */
+
+static void the_mesh_may_be_in_another_unit(void **unused) {
+    (void)unused;
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {5, 4, 5}, 2, 1, 2, true};
+    static const double units[] = {1.0, 1e-2, 1e-3};
+    double force[3];
+    for (int i = 0; i < 3; i++) {
+        blocks_write_mesh(path, &body, 1, 2, units[i]);
+        simulation_config c = blocks_config(path, 2);
+        c.mesh_unit = units[i];
+        lockstep *l = lockstep_create(&c, start_at(0.0031, -0.0027));
+        lockstep_move(l, v3(0, 0, 0.04), 0.4, 1e-3);
+        force[i] = l->wrench.force.z;
+        assert_string_equal(l->simulation.mesh.remarks.text, "");
+        lockstep_free(l);
+        if (i == 0) continue;
+        assert_close(force[i] / force[0], 1.0, 1e-6);
+        c.mesh_unit = 1.0;
+        l = lockstep_create(&c, start_at(0, 0));
+        assert_non_null(strstr(l->simulation.mesh.remarks.text, "mesh_unit"));
+        lockstep_free(l);
+    }
+    simulation_config c = blocks_config(path, 2); /* right unit, but a needle of 20 um */
+    c.mesh_unit = 1e-3;
+    c.needle.outer_diameter = 20e-6;
+    c.needle.inner_diameter = 0.0;
+    lockstep *l = lockstep_create(&c, start_at(0, 0));
+    assert_non_null(strstr(l->simulation.mesh.remarks.text, "far smaller"));
+    lockstep_free(l);
+}
+
 /* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
 
 /* Largest step of force in a tick, in max(7 %, 0.05 N), while the needle goes through a layer of the given stiffness, its base is
@@ -142,6 +200,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_next_body_is_felt),
         cmocka_unit_test(a_start_finds_the_needle_in_both),
+        cmocka_unit_test(matching_faces_are_joined),
+        cmocka_unit_test(the_mesh_may_be_in_another_unit),
         cmocka_unit_test(no_jump_out_of_stiff_tissue),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -83,25 +83,24 @@ static void find_local_compliance(const insertion_model *model, const insertion_
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
-   the force that it bears, m. What comes into a share in another region is not yet sheared; without this, the shaft would have to
+   the traction that it bears, m. What comes into a share in another region is not yet sheared; without this, the shaft would have to
    slide for it, in the tick in which the tip enters that region. */
-static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double force, double *softness) {
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness) {
     shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
-    double length = share.to - share.from, before = *softness;
-    *softness = length / fmax(shaft.axial, LEAST_STIFFNESS);
-    return before > 0.0 ? logarithm * (*softness - before) * force / length : 0.0;
+    double before = *softness;
+    *softness = (share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS);
+    return before > 0.0 ? logarithm * (*softness - before) * traction : 0.0;
 }
 
 static void keep_shear(const insertion_model *model, insertion_state *state, insertion_workspace *w) {
     for (int i = 0; i < state->active; i++) {
         shaft_contact *contact = &state->contacts[i];
-        double force = v3_dot(contact->force, needle_along(&w->points[i]));
-        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, force, &contact->softness);
+        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, contact->traction, &contact->softness);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, tip->tet, tip->nominal).axial;
-    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_force, &tip->shaft_softness);
+    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_traction, &tip->shaft_softness);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */
@@ -207,13 +206,14 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
         vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
         if (at_tip) {
             state->tip.force = force;
-            state->tip.shaft_force = p->force[2 * p->count + i + 1];
+            state->tip.shaft_traction = p->force[2 * p->count + i + 1] / (w->shares[i].to - w->shares[i].from);
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
             state->tip.shaft_friction = p->state[i + 1];
         } else {
             state->contacts[i].force = force;
+            state->contacts[i].traction = along / (w->shares[i].to - w->shares[i].from);
             state->contacts[i].slip = p->slip[i];
             state->contacts[i].friction = p->state[i];
         }

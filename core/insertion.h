@@ -70,6 +70,7 @@ typedef struct {
     double log_axial;        /* the same along the needle */
     double surplus;          /* m/N, what its node yields already by being in the mesh */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -84,8 +85,7 @@ typedef struct {
     double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     double shaft_slid;       /* m, and friction: as in shaft_contact */
     friction_state shaft_friction;
-    double shaft_force;      /* N, of that shaft along the needle: part of `force` */
-    double shaft_softness;   /* m^2/N, as in shaft_contact */
+    double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */

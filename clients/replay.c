@@ -150,6 +150,7 @@ static trocar_status prepare(replay *r, report *why) {
     if (!r->options->quiet) r->scene.simulation.progress = progress_show;
     if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
     if (status != TROCAR_OK) return status;
+    if (r->simulation.mesh.remarks.text[0]) fprintf(stderr, "trocar-replay: warning: %s\n", r->simulation.mesh.remarks.text);
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
     r->snapshot = calloc(1, sizeof *r->snapshot);
     if (!r->snapshot) return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");

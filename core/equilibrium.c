@@ -9,6 +9,7 @@
 
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m, of shaft of which hardly any is in tissue: it has come out of a gap */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
@@ -71,11 +72,35 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     if (!w->tip) return;
     int t = state->active;
     const needle_tip *tip = &state->tip;
-    double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
+    double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
+    double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
-    w->lateral[t] = local_at(model, tip->tet, tip->nominal).lateral / fmax(hold * (w->shares[t].to - w->shares[t].from + radius), 1e-9);
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
-    w->axial[t + 1] = local_logarithm(model, tip->tet, tip->nominal).axial / shaft.axial;
+    lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
+    double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
+    w->lateral[t] = logarithm.lateral / (fmax(hold, 1e-6) * (shaft.lateral + end));
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth);
+    w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
+}
+
+/* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
+   the traction that it bears, m. What comes into a share in another region is not yet sheared; without this, the shaft would have to
+   slide for it, in the tick in which the tip enters that region. */
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness) {
+    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
+    double before = *softness;
+    *softness = (share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS);
+    return before > 0.0 ? logarithm * (*softness - before) * traction : 0.0;
+}
+
+static void keep_shear(const insertion_model *model, insertion_state *state, insertion_workspace *w) {
+    for (int i = 0; i < state->active; i++) {
+        shaft_contact *contact = &state->contacts[i];
+        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, contact->traction, &contact->softness);
+    }
+    if (!w->tip) return;
+    needle_tip *tip = &state->tip;
+    double logarithm = local_logarithm(model, tip->tet, tip->nominal).axial;
+    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_traction, &tip->shaft_softness);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------------ */
@@ -181,12 +206,14 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
         vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
         if (at_tip) {
             state->tip.force = force;
+            state->tip.shaft_traction = p->force[2 * p->count + i + 1] / (w->shares[i].to - w->shares[i].from);
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
             state->tip.shaft_friction = p->state[i + 1];
         } else {
             state->contacts[i].force = force;
+            state->contacts[i].traction = along / (w->shares[i].to - w->shares[i].from);
             state->contacts[i].slip = p->slip[i];
             state->contacts[i].friction = p->state[i];
         }
@@ -196,12 +223,14 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
 /* ---- passes ------------------------------------------------------------------------------------------------------------- */
 
 /* Starts from the last solve's shape and forces. */
-static void prepare(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
+static void prepare(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
                     insertion_workspace *w) {
     w->problem.count = state->active + w->tip;
     w->problem.axial_count = w->problem.count + w->tip;
     for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
     if (w->tip) find_tip_rows(state, snapshot, handles, w);
+    locate_points(model, state, w);
+    keep_shear(model, state, w);
     locate_points(model, state, w);
     find_local_compliance(model, state, w);
     load_needle(model, state, w);

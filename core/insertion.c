@@ -61,6 +61,7 @@ static vec3 displacement_behind(const insertion_model *model, const insertion_st
     double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
     for (int i = state->active - 1; i >= 0; i--) {
         double depth = state->contacts[i].depth;
+        if (depth < tip_entry_depth(state)) break; /* of another body */
         vec3 here = carried(model, state, i);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
@@ -222,7 +223,8 @@ static void move_tip(const insertion_model *model, insertion_state *state, vec3 
     if (tip->phase != TIP_INSIDE) return;
     tip->stretch += tip->depth - before - slid;
     int last = contacts_passed(state) - 1;
-    if (beyond) tip->stretch = last < 0 ? 0.0 : shaft_ahead(model, state, last, dt);
+    bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
+    if (beyond) tip->stretch = last < 0 || next_body ? 0.0 : shaft_ahead(model, state, last, dt);
 }
 
 static void step(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,

@@ -41,12 +41,12 @@ typedef struct {
 } insertion_model;
 
 typedef enum {
-    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface */
+    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
     EVENT_PUNCTURED = 1 << 1,    /* a membrane gave way (`membrane` says which) */
     EVENT_ADDED = 1 << 2,        /* a contact became active */
     EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
-    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side */
-    EVENT_REENTERED = 1 << 5,    /* and came back */
+    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
+    EVENT_REENTERED = 1 << 5,    /* and came back the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
@@ -56,7 +56,7 @@ typedef enum {
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
-typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side, shaft still in the tissue */
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side or in a gap, shaft still in the tissue */
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
@@ -69,6 +69,8 @@ typedef struct {
     double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
     double log_axial;        /* the same along the needle */
     double surplus;          /* m/N, what its node yields already by being in the mesh */
+    double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -83,21 +85,27 @@ typedef struct {
     double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     double shaft_slid;       /* m, and friction: as in shaft_contact */
     friction_state shaft_friction;
+    double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`, that what blocks lies on */
+    bool entering;           /* what blocks is on the outer surface, and the tip comes from outside */
+    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
 
-/* From this depth on, up to the next stratum, the track lies in this region. */
+/* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
+enum { IN_A_GAP = -1 };
 typedef struct {
     double depth;            /* m */
-    int region;              /* group index */
+    int region;              /* group index, or IN_A_GAP */
+    int tet;                 /* element that the track starts in there; of a gap, the one that it left */
+    vec3 point;              /* m, nominal: where it starts */
 } stratum;
 
 enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
@@ -163,7 +171,7 @@ typedef struct {
 typedef struct {
     vec3 force;                  /* N, world frame: what the base exerts on the hand */
     vec3 torque;                 /* N m, world frame, about the base point, where it is */
-    double depth;                /* m, length of the track in the tissue */
+    double depth;                /* m, length of the track in the tissue, gaps between bodies included */
     int contacts;                /* active */
     unsigned events;             /* insertion_event bits of this tick */
     int membrane;                /* index of the membrane punctured in this tick, or -1 */

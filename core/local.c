@@ -110,8 +110,9 @@ lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x) {
 double local_surplus(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    double softness = 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial); /* 1 / mu */
-    return SURPLUS * softness / interpolate(model, tet, weights, model->mesh->node_size);
+    const region_material *material = &model->materials[model->mesh->region[tet]];
+    double mu = shear_modulus(material->youngs_modulus, material->poisson_ratio);
+    return SURPLUS / (mu * interpolate(model, tet, weights, model->mesh->node_size));
 }
 
 double local_of_share(double logarithm, double stiffness, double surplus) {

@@ -14,6 +14,7 @@ region_material region_defaults(void) {
 
 void simulation_defaults(simulation_config *config) {
     *config = (simulation_config){
+        .mesh_unit = 1.0,
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
@@ -143,8 +144,9 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
                     "choose volumetric_strain: element");
     s->config = *config;
-    trocar_status status = mesh_read(config->mesh_path, &s->mesh, why);
+    trocar_status status = mesh_read_in(config->mesh_path, config->mesh_unit, &s->mesh, why);
     if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
     status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);

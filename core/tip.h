@@ -8,10 +8,14 @@
 /* Contact nodes that the tip has passed: all but a planned one. RT */
 static inline int contacts_passed(const insertion_state *state) { return state->refined.count - state->tip.planned; }
 
+/* Depth at which the track entered the body that the tip is in, m: 0 in the first one. RT */
+double tip_entry_depth(const insertion_state *state);
+
 /* Starts an insertion where the outer surface lies between `from` and `to`; false if it does not. RT */
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 
-/* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track.
+/* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track. A tip that has
+   left the tissue on the far side is followed into whatever tissue the needle's end meets next.
    `track_gradient` is the derivative of the tissue's displacement along the track, about the tip. RT */
 void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench);
 

@@ -247,6 +247,21 @@ static void take_path(checker *c, const char *key, const char *what, const char 
     if (length < 0 || (size_t)length >= size) reject(c, key, "path longer than %zu characters", size - 1);
 }
 
+/* A unit by name, or its size in metres. */
+static void take_unit(checker *c, const char *text, double *unit) {
+    static const struct { const char *name; double size; } units[] = {{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}};
+    double number;
+    enter_section(c, "%s", "");
+    if (!text) return;
+    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
+        if (strcmp(text, units[i].name) == 0) {
+            *unit = units[i].size;
+            return;
+        }
+    if (parse_number(text, &number) && number >= 1e-9 && number <= 1e3) *unit = number;
+    else reject(c, "mesh_unit", "\"%s\": expected m, cm, mm, or the unit's size in m (1e-9 to 1000)", text);
+}
+
 static void take_methods(checker *c, const scene_text *text, simulation_config *s) {
     enter_section(c, "%s", "");
     static const char *const strains[] = {[STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element", NULL};
@@ -263,6 +278,7 @@ static trocar_status take_scene(checker *c, const scene_text *text, scene *s) {
     s->guard = guard_defaults();
     s->rate_hz = 1000;
     take_path(c, "mesh", "mesh file", text->mesh, s->simulation.mesh_path, sizeof s->simulation.mesh_path);
+    take_unit(c, text->mesh_unit, &s->simulation.mesh_unit);
     take_path(c, "cache", "directory", text->cache, s->simulation.cache, sizeof s->simulation.cache);
     take_number(c, "rate_hz", "Hz", text->rate_hz, RATE, &s->rate_hz);
     take_regions(c, text, &s->simulation);

@@ -57,7 +57,7 @@ static const cyaml_schema_field_t region_of_interest_fields[] = {
 
 static const cyaml_schema_field_t scene_fields[] = {
     REQUIRED_TEXT(scene_text, mesh), TEXT(scene_text, rate_hz), TEXT(scene_text, remeshing),
-    TEXT(scene_text, inverse), TEXT(scene_text, cache), TEXT(scene_text, volumetric_strain),
+    TEXT(scene_text, mesh_unit), TEXT(scene_text, inverse), TEXT(scene_text, cache), TEXT(scene_text, volumetric_strain),
     LIST(regions, CYAML_FLAG_DEFAULT, &region_entry), LIST(membranes, CYAML_FLAG_OPTIONAL, &membrane_entry),
     LIST(fixed, CYAML_FLAG_DEFAULT, &text_entry), SECTION(scene_text, needle, needle_fields),
     SECTION(scene_text, contact, contact_fields), SECTION(scene_text, device, device_fields),

@@ -39,7 +39,7 @@ typedef struct {
 } region_of_interest_text;
 
 typedef struct {
-    char *mesh, *rate_hz, *remeshing, *inverse, *cache, *volumetric_strain;
+    char *mesh, *mesh_unit, *rate_hz, *remeshing, *inverse, *cache, *volumetric_strain;
     region_text *regions;
     membrane_text *membranes;
     char **fixed;

@@ -286,6 +286,7 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "scene      %s\n", s->scene.path);
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
+    if (m->remarks.text[0]) fprintf(out, "warning    %s\n", m->remarks.text);
     fprintf(out, "inverse    %s\n", s->simulation.about_inverse.text);
     fprintf(out, "unknowns   %d; node addition by %s\n", s->simulation.tissue.dof_count, remesh_name(config->remeshing));
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);

@@ -287,8 +287,10 @@ static trocar_status open_log(view *v, report *why) {
 static trocar_status prepare(view *v, report *why) {
     const options *o = v->options;
     trocar_status status = scene_load(o->scene_path, &v->scene, why);
-    if (status == TROCAR_OK) status = mesh_read(v->scene.simulation.mesh_path, &v->mesh, why);
+    if (status == TROCAR_OK) status = mesh_read_in(v->scene.simulation.mesh_path, v->scene.simulation.mesh_unit, &v->mesh, why);
     if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&v->mesh, v->scene.simulation.needle.length, v->scene.simulation.needle.outer_diameter);
+    if (v->mesh.remarks.text[0]) fprintf(stderr, "trocar-view: warning: %s\n", v->mesh.remarks.text);
     v->home = find_home(&v->mesh, v->scene.simulation.needle.length);
     status = timeline_create(&v->timeline, o->log_path == NULL, why);
     if (status == TROCAR_OK && o->log_path) status = open_log(v, why);

@@ -74,7 +74,7 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
     w->lateral[t] = local_at(model, tip->tet, tip->nominal).lateral / fmax(hold * (w->shares[t].to - w->shares[t].from + radius), 1e-9);
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth, tip->pressing);
     w->axial[t + 1] = local_logarithm(model, tip->tet, tip->nominal).axial / shaft.axial;
 }
 

@@ -171,16 +171,17 @@ static bool follow_known_point(const insertion_model *model, insertion_state *st
 
 /* ---- the tick ----------------------------------------------------------------------------------------------------------- */
 
-/* Before it is in, the tip grips the surface by friction: pushed sideways harder than that, it glides. */
+/* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
+   surface's normal. Outside the cone the tip slides along the surface. */
 static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
-    vec3 axis = q_axis(state->needle.frames[model->needle->given.segments - 1]);
-    double pressing = v3_dot(tip->force, axis);
-    vec3 sideways = v3_axpy(-pressing, axis, tip->force);
-    double excess = v3_norm(sideways) - SURFACE_GRIP * fmax(pressing, 0.0);
+    vec3 inward = mesh_face_normal(model->mesh, tip->tet, tip->face);
+    double pressing = v3_dot(tip->force, inward);
+    vec3 tangential = v3_axpy(-pressing, inward, tip->force);
+    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
     double compliance = local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
-    tip_glide(model, state, axis, v3_scale(excess * compliance / v3_norm(sideways), sideways), wrench);
+    tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 
 /* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */

@@ -87,7 +87,7 @@ typedef struct {
     vec3 force;              /* N, world frame, on the tissue */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
-    int face;                /* of `tet`, that what blocks lies on */
+    int face;                /* of `tet`: where the tip is on the surface or blocked */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */

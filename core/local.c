@@ -118,12 +118,16 @@ double local_of_share(double logarithm, double stiffness, double surplus) {
     return fmax(logarithm - surplus * stiffness, LEAST_LOGARITHM) / stiffness;
 }
 
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {
+/* Around a tip in the depth the tissue yields less than around one on the surface. The tip counts as in the depth once it is a few
+   radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
+   skin would feel more force the further it cuts, with elastic energy that nobody put in. */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
-    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius)); /* from the surface to the end of a hole in the depth */
+    double dent = pressing * punch / radius;
+    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
     double known = (1.0 - in) * punch / SURFACE_RESOLUTION + in * disc / POINT_RESOLUTION;
     return fmax(whole / radius - known / resolved, 0.0);

@@ -6,7 +6,7 @@ enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
 static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
 static const double MOST_SHEAR = 0.7;        /* of the tissue along the track, that the tip's direction follows */
-static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
+static const double GLIDE_REACH = 2e-3;      /* m, how far above and below a gliding tip the surface is looked for */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
     return &model->materials[model->mesh->region[tet]];
@@ -257,7 +257,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .known_tet = -1,
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .known_tet = -1,
                               .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
@@ -266,15 +266,16 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
     return true;
 }
 
-void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench) {
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    vec3 goal = v3_add(tip->nominal, sideways);
-    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, axis, goal), v3_axpy(GLIDE_REACH, axis, goal));
+    vec3 goal = v3_add(tip->nominal, shift);
+    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge */
         leave_tissue(tip, wrench);
         return;
     }
     tip->tet = hit.tet;
+    tip->face = hit.face;
     tip->nominal = state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(model->mesh, state);

@@ -75,7 +75,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
         from = to;
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
-    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole);
+    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole, 0.0);
     double share = local_at(model, s->tip.tet, s->tip.nominal).lateral / (whole - from + model->needle->radius);
     double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, from, whole, true, 0.0);
     a[contacts * n + contacts] = own + (axis == 2 ? 1.0 / (1.0 / disc + 1.0 / shaft) : share); /* disc and shaft side by side */

@@ -44,7 +44,7 @@ static vec3 displacement_of(const insertion_model *model, const insertion_state 
     int corners[4];
     if (tip_handles(model, state, snapshot, corners)) {
         mat3 c = compliance_to_point(snapshot, corners, state->tip.known_weights, handle);
-        u = v3_add(u, m3_apply_transposed(&c, state->tip.force));
+        u = v3_add(u, m3_apply_transposed(&c, tip_load(&state->tip)));
     }
     return u;
 }
@@ -286,6 +286,6 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], tip->force, *corner);
+        *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
     }
 }

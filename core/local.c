@@ -12,6 +12,7 @@ static const double AXIAL_RESOLUTION = 1.1, POINT_RESOLUTION = 1.57, SURFACE_RES
    addition"): 0.11 over all chords, 0.15 by length; contact nodes are on neither the shortest nor only the longest. */
 static const double SURPLUS = 0.12;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
+static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
 static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than haptic devices render */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -107,11 +108,21 @@ lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x) {
     return unresolved(model, tet, weights);
 }
 
+/* 1 / mu */
+static double softness(const insertion_model *model, int tet, const double weights[4]) {
+    return 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial);
+}
+
 double local_surplus(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    double softness = 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial); /* 1 / mu */
-    return SURPLUS * softness / interpolate(model, tet, weights, model->mesh->node_size);
+    return SURPLUS * softness(model, tet, weights) / interpolate(model, tet, weights, model->mesh->node_size);
+}
+
+double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
+    double weights[4];
+    mesh_barycentric(model->mesh, tet, x, weights);
+    return 1.0 / sqrt(DENSITY * softness(model, tet, weights));
 }
 
 double local_of_share(double logarithm, double stiffness, double surplus) {

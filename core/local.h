@@ -31,6 +31,9 @@ double local_of_share(double logarithm, double stiffness, double surplus);
    `pressing` (N). RT */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
 
+/* Speed of shear waves, m/s. RT */
+double local_wave_speed(const insertion_model *model, int tet, vec3 x);
+
 /* Fills the node_ arrays of a model that is otherwise set: means over the elements around each node. NO_MEMORY. */
 trocar_status local_create(insertion_model *model, report *why);
 void local_free(insertion_model *model);

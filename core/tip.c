@@ -164,7 +164,8 @@ static void exit_tissue(const insertion_model *model, insertion_state *state, in
     drop_plan(state);
     if (state->tip.depth - last_contact_depth(state) > 0.5 * model->settings.contact_spacing) leave_contact(model, state, wrench);
     state->tip.phase = TIP_BEYOND;
-    state->tip.force = v3(0, 0, 0);
+    state->tip.force = state->tip.damping = v3(0, 0, 0);
+    state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = 0.0;
     state->tip.blocked_by = NOT_BLOCKED;
     wrench->events |= EVENT_EXITED;

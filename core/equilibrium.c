@@ -173,10 +173,10 @@ static void assemble_gaps(insertion_workspace *w, const insertion_state *state) 
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + state->tip.stretch;
 }
 
-/* Tissue springs back no faster than a shear wave crosses what is displaced: a damper at the tip, in parallel with the tissue. Towards
-   the displacement u that the forces would hold statically, the dent goes by 1 - exp(-c dt / dent) of the way in this step, c the wave's
-   speed: dent' = relaxed u + (1 - relaxed) dent. The damper's force on the tissue, (dent' - u) / compliance of the tip, is eliminated
-   here; it takes rank 1 off the tissue's compliance, which stays positive semidefinite. */
+/* Where the tip cuts, tissue springs back no faster than a shear wave crosses its dent: a damper at the tip, in parallel with the
+   tissue. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the displacement u that the forces would hold
+   statically, c being the wave's speed: dent' = relaxed u + (1 - relaxed) dent. The damper's force on the tissue, (dent' - u) over the
+   tip's compliance, is eliminated here. It takes a matrix of rank 1 off the tissue's compliance, which stays positive semidefinite. */
 static void damp_tip(insertion_workspace *w, const insertion_state *state) {
     contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2), all = tip + 2;
@@ -230,8 +230,10 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
     }
 }
 
+/* While the tip sticks, the tissue follows the hand, which is far slower than waves. */
 static double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
-    return tip->dent == 0.0 ? 1.0 : -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
+    if (tip->friction != SLIP_FORWARD || tip->dent == 0.0) return 1.0;
+    return -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
 }
 
 /* ---- passes ------------------------------------------------------------------------------------------------------------- */

@@ -172,7 +172,8 @@ static bool follow_known_point(const insertion_model *model, insertion_state *st
 /* ---- the tick ----------------------------------------------------------------------------------------------------------- */
 
 /* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
-   surface's normal. Outside the cone the tip slides along the surface. */
+   surface's normal. Outside the cone the tip slides along the surface, half of the way that would bring the force back: whole,
+   it could overshoot and lift a needle off that hardly presses. */
 static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->tet, tip->face);
@@ -180,7 +181,7 @@ static void glide_on_surface(const insertion_model *model, insertion_state *stat
     vec3 tangential = v3_axpy(-pressing, inward, tip->force);
     double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
-    double compliance = local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
+    double compliance = 0.5 * local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
     tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 

@@ -32,7 +32,7 @@ static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 static bool is_sound(const insertion_state *state, const insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
     double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
-               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing;
+               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent;
     for (int i = 0; i < state->refined.count; i++) {
         const shaft_contact *c = &state->contacts[i];
         sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus;

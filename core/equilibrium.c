@@ -78,7 +78,7 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
     double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
     w->lateral[t] = logarithm.lateral / (fmax(hold, 1e-6) * (shaft.lateral + end));
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth);
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing);
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
@@ -198,6 +198,43 @@ static void assemble_gaps(insertion_workspace *w, const insertion_state *state) 
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + state->tip.stretch;
 }
 
+/* Where the tip cuts, tissue springs back no faster than a shear wave crosses its dent: a damper at the tip, in parallel with the
+   tissue. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the displacement u that the forces would hold
+   statically, c being the wave's speed: dent' = relaxed u + (1 - relaxed) dent. The damper's force on the tissue, (dent' - u) over the
+   tip's compliance, is eliminated here. It takes a matrix of rank 1 off the tissue's compliance, which stays positive semidefinite. */
+static void damp_tip(insertion_workspace *w, const insertion_state *state) {
+    contact_problem *p = &w->problem;
+    int tip = unknown(p->count, p->count - 1, 2), all = tip + 2;
+    double *a = w->tip_column;
+    vec3 along = needle_along(&w->points[state->active]);
+    for (int i = 0; i < p->count; i++) {
+        vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
+        moved = m3_apply_transposed(&w->points[i].frame, moved);
+        a[unknown(p->count, i, 0)] = moved.x;
+        a[unknown(p->count, i, 1)] = moved.y;
+        a[unknown(p->count, i, 2)] = moved.z;
+    }
+    a[tip + 1] = a[tip];
+    a[tip] += w->axial[state->active];
+    double held = (1.0 - w->relaxed) / a[tip];
+    if (held == 0.0) return;
+    for (int i = 0; i < all; i++) {
+        for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
+        p->gap[i] -= held * a[i] * state->tip.dent;
+    }
+}
+
+/* The dent after this step, and the damper's force. */
+static void spring_back(insertion_state *state, const insertion_workspace *w) {
+    const contact_problem *p = &w->problem;
+    int tip = unknown(p->count, p->count - 1, 2);
+    double u = 0.0;
+    for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
+    double dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
+    state->tip.damping = v3_scale((dent - u) / w->tip_column[tip], needle_along(&w->points[state->active]));
+    state->tip.dent = dent;
+}
+
 static void take_forces(insertion_state *state, const insertion_workspace *w) {
     const contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
@@ -220,15 +257,22 @@ static void take_forces(insertion_state *state, const insertion_workspace *w) {
     }
 }
 
+/* While the tip sticks, the tissue follows the hand, which is far slower than waves. */
+static double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
+    if (tip->friction != SLIP_FORWARD || tip->dent == 0.0) return 1.0;
+    return -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
+}
+
 /* ---- passes ------------------------------------------------------------------------------------------------------------- */
 
 /* Starts from the last solve's shape and forces. */
 static void prepare(const insertion_model *model, insertion_state *state, const compliance_snapshot *snapshot, const int handles[4],
-                    insertion_workspace *w) {
+                    double dt, insertion_workspace *w) {
     w->problem.count = state->active + w->tip;
     w->problem.axial_count = w->problem.count + w->tip;
     for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
     if (w->tip) find_tip_rows(state, snapshot, handles, w);
+    w->relaxed = w->tip ? tip_relaxed(model, &state->tip, dt) : 1.0;
     locate_points(model, state, w);
     keep_shear(model, state, w);
     locate_points(model, state, w);
@@ -252,6 +296,7 @@ static bool solve_pass(const insertion_model *model, insertion_state *state, ins
     bound_contacts(model, state, dt, w);
     assemble_compliance(w, state, snapshot);
     assemble_gaps(w, state);
+    if (w->tip) damp_tip(w, state);
     if (contact_solve(&w->problem) != TROCAR_OK) return false;
     wrench->switches += w->problem.switches;
     take_forces(state, w);
@@ -271,7 +316,8 @@ static void give_up(insertion_state *state, insertion_wrench *wrench) {
         state->contacts[i].force = v3(0, 0, 0);
         state->contacts[i].slip = 0.0;
     }
-    state->tip.force = v3(0, 0, 0);
+    state->tip.force = state->tip.damping = v3(0, 0, 0);
+    state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
     state->base_shift = v3(0, 0, 0);
     state->buckled = true;
@@ -293,10 +339,11 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
 void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
                       const int handles[4], double dt, insertion_wrench *wrench) {
     bool found = true, converged = false;
-    prepare(model, state, snapshot, handles, w);
+    prepare(model, state, snapshot, handles, dt, w);
     for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++)
         found = solve_pass(model, state, w, snapshot, dt, wrench, &converged);
     if (found) judge_stability(state, w, converged, wrench);
     else give_up(state, wrench);
+    if (w->tip && !state->buckled) spring_back(state, w);
     if (w->tip) follow_pressing(&state->tip, &w->points[state->active], dt);
 }

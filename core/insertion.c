@@ -44,7 +44,7 @@ static vec3 displacement_of(const insertion_model *model, const insertion_state 
     int corners[4];
     if (tip_handles(model, state, snapshot, corners)) {
         mat3 c = compliance_to_point(snapshot, corners, state->tip.known_weights, handle);
-        u = v3_add(u, m3_apply_transposed(&c, state->tip.force));
+        u = v3_add(u, m3_apply_transposed(&c, tip_load(&state->tip)));
     }
     return u;
 }
@@ -172,16 +172,18 @@ static bool follow_known_point(const insertion_model *model, insertion_state *st
 
 /* ---- the tick ----------------------------------------------------------------------------------------------------------- */
 
-/* Before it is in, the tip grips the surface by friction: pushed sideways harder than that, it glides. */
+/* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
+   surface's normal. Outside the cone the tip slides along the surface, half of the way that would bring the force back: whole,
+   it could overshoot and lift a needle off that hardly presses. */
 static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
-    vec3 axis = q_axis(state->needle.frames[model->needle->given.segments - 1]);
-    double pressing = v3_dot(tip->force, axis);
-    vec3 sideways = v3_axpy(-pressing, axis, tip->force);
-    double excess = v3_norm(sideways) - SURFACE_GRIP * fmax(pressing, 0.0);
+    vec3 inward = mesh_face_normal(model->mesh, tip->tet, tip->face);
+    double pressing = v3_dot(tip->force, inward);
+    vec3 tangential = v3_axpy(-pressing, inward, tip->force);
+    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
-    double compliance = local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
-    tip_glide(model, state, axis, v3_scale(excess * compliance / v3_norm(sideways), sideways), wrench);
+    double compliance = 0.5 * local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
+    tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 
 /* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */
@@ -282,10 +284,12 @@ static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
     double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
-               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing;
+               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
+               + tip->shaft_traction;
     for (int i = 0; i < state->refined.count; i++) {
         const shaft_contact *c = &state->contacts[i];
-        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus;
+        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus
+             + c->softness + c->traction;
     }
     return isfinite(sum);
 }
@@ -308,6 +312,6 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], tip->force, *corner);
+        *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
     }
 }

@@ -88,9 +88,11 @@ typedef struct {
     double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
+    double dent;             /* m along the needle, by which the tissue at the tip is displaced */
+    vec3 damping;            /* N, world frame, on the tissue at the tip: it springs back no faster than waves spread in it */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
-    int face;                /* of `tet`, that what blocks lies on */
+    int face;                /* of `tet`: where the tip is on the surface or blocked */
     bool entering;           /* what blocks is on the outer surface, and the tip comes from outside */
     vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
@@ -98,6 +100,9 @@ typedef struct {
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
+
+/* N, all that displaces the tissue at the tip: the needle's force, and what holds the tissue back while it springs back. RT */
+static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->force, tip->damping); }
 
 /* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
 enum { IN_A_GAP = -1 };
@@ -164,6 +169,8 @@ typedef struct {
     shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
+    double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
+    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the needle at the tip */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

@@ -63,6 +63,13 @@ vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
     return x;
 }
 
+vec3 mesh_face_normal(const mesh *m, int tet, int face) {
+    vec3 corners[4], gradients[4];
+    corners_of(m, tet, corners);
+    tet_gradients(corners, gradients);
+    return v3_unit(gradients[face]);
+}
+
 /* The weight of vertex i falls at a constant rate along d and reaches zero on face i. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     vec3 corners[4], gradients[4];

@@ -85,6 +85,9 @@ int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
 
+/* Unit normal of a tet's face, toward the opposite corner. RT */
+vec3 mesh_face_normal(const mesh *m, int tet, int face);
+
 /* Gradient of the four linear shape functions, 1/m. Returns the volume. RT */
 double tet_gradients(const vec3 corners[4], vec3 gradients[4]);
 

@@ -6,7 +6,7 @@ enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
 static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
 static const double MOST_SHEAR = 0.7;        /* of the tissue along the track, that the tip's direction follows */
-static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
+static const double GLIDE_REACH = 2e-3;      /* m, how far above and below a gliding tip the surface is looked for */
 static const double OVERLAP = 2e-3;          /* m, bodies that were meshed apart may overlap by so much */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
@@ -183,7 +183,8 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
 static void go_beyond(const insertion_model *model, insertion_state *state) {
     needle_tip *tip = &state->tip;
     tip->phase = TIP_BEYOND;
-    tip->force = v3(0, 0, 0);
+    tip->force = tip->damping = v3(0, 0, 0);
+    tip->dent = 0.0;
     tip->slip = tip->shaft_slip = 0.0;
     tip->blocked_by = NOT_BLOCKED;
     tip->end = state->needle.joints[model->needle->given.segments];
@@ -302,7 +303,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .known_tet = -1,
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .known_tet = -1,
                               .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .entering = true, .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
@@ -311,15 +312,16 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
     return true;
 }
 
-void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench) {
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    vec3 goal = v3_add(tip->nominal, sideways);
-    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, axis, goal), v3_axpy(GLIDE_REACH, axis, goal));
+    vec3 goal = v3_add(tip->nominal, shift);
+    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge */
         leave_tissue(tip, wrench);
         return;
     }
     tip->tet = hit.tet;
+    tip->face = hit.face;
     tip->nominal = state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(model->mesh, state, wrench);
@@ -359,12 +361,12 @@ static void come_back(const insertion_model *model, insertion_state *state, inse
 /* Where the tip enters a body: a point of the mesh, and what blocks it there. */
 typedef struct {
     bool found;
-    int tet, blocked_by;
+    int tet, face, blocked_by;
     vec3 point;              /* m, nominal */
 } entrance;
 
 static entrance entrance_at(const insertion_model *model, surface_hit hit) {
-    return (entrance){hit.hit, hit.tet, hit.hit ? obstacle(model, hit.tet, hit.face, hit.tet) : NOT_BLOCKED, hit.point};
+    return (entrance){hit.hit, hit.tet, hit.face, hit.hit ? obstacle(model, hit.tet, hit.face, hit.tet) : NOT_BLOCKED, hit.point};
 }
 
 /* Into the next body, `gap` (m) after the exit. Where there is no room to note that, the needle goes on unfelt. */
@@ -378,6 +380,7 @@ static void enter_next(const insertion_model *model, insertion_state *state, con
     note_stratum(state, IN_A_GAP, wrench);
     tip->phase = TIP_INSIDE;
     tip->tet = at->tet;
+    tip->face = at->face;
     tip->nominal = at->point;
     tip->depth += fmax(gap, FACE_CLEARANCE);
     tip->known_tet = -1;

@@ -19,8 +19,8 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
    `track_gradient` is the derivative of the tissue's displacement along the track, about the tip. RT */
 void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench);
 
-/* Moves the tip's material point on the outer surface by `sideways`, m. RT */
-void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench);
+/* Moves the tip's material point along the outer surface by `shift`, m, tangential to it. `inward` is the surface's unit normal. RT */
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench);
 
 /* Lets a membrane give way that was overcome in the last solve. RT */
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench);

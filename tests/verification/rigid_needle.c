@@ -80,7 +80,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     shaft_share share = shaft_share_of(&all, contacts, true);
-    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth);
+    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0);
     double end = local_at(model, s->tip.tet, s->tip.nominal).lateral / model->needle->radius;
     double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, share.from, share.to, axis == 2, 0.0);
     a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* side by side */

@@ -59,8 +59,8 @@ static void find_tip_rows(const insertion_state *state, const compliance_snapsho
 }
 
 /* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
-   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force, beside
-   the shaft next to it. */
+   one radius more (its grip fades out at the surface unless it is pressed in); along the needle as a disc under the cutting force,
+   beside the shaft next to it. */
 static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
@@ -71,9 +71,10 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     if (!w->tip) return;
     int t = state->active;
     const needle_tip *tip = &state->tip;
-    double radius = model->needle->radius, hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE);
+    double hold = fmin(1.0, tip->depth / TIP_FADE + tip->pressing / TIP_BITE), length = w->shares[t].to - w->shares[t].from + model->needle->radius;
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
-    w->lateral[t] = local_at(model, tip->tet, tip->nominal).lateral / fmax(hold * (w->shares[t].to - w->shares[t].from + radius), 1e-9);
+    w->tip_lateral = local_at(model, tip->tet, tip->nominal).lateral / length;
+    w->lateral[t] = w->tip_lateral * (length / fmax(hold * length, 1e-9) - 1.0);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, tip->depth);
     w->axial[t + 1] = local_logarithm(model, tip->tet, tip->nominal).axial / shaft.axial;
 }
@@ -140,6 +141,21 @@ static void repeat_tip(contact_problem *p) {
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
+/* The tip's local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they
+   turned with a needle that bends about its tip, the passes would not converge near buckling, because no tangent accounts for that. */
+static void add_tip_compliance(contact_problem *p, const insertion_workspace *w, const needle_tip *tip) {
+    enum { SIDEWAYS = 2, AHEAD = 2, SHAFT };
+    int t = p->count - 1, row[] = {unknown(p->count, t, 0), unknown(p->count, t, 1), unknown(p->count, t, 2), unknown(p->count, t, 2) + 1};
+    vec3 along = m3_apply_transposed(&w->points[t].frame, tip->direction);
+    const double share[] = {along.x, along.y, along.z, along.z}; /* of each force, along the track */
+    for (int i = 0; i <= SHAFT; i++)
+        for (int j = 0; j <= i; j++) {
+            double across = (i == j || j >= AHEAD) - share[i] * share[j], axial = i < SHAFT ? w->axial[t] : j == SHAFT ? w->axial[t + 1] : 0.0;
+            p->compliance[row[i]][row[j]] += w->tip_lateral * across + axial * share[i] * share[j];
+        }
+    for (int i = 0; i < SIDEWAYS; i++) p->compliance[row[i]][row[i]] += w->lateral[t];
+}
+
 /* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
 static void assemble_compliance(insertion_workspace *w, const insertion_state *state, const compliance_snapshot *snapshot) {
     contact_problem *p = &w->problem;
@@ -152,9 +168,11 @@ static void assemble_compliance(insertion_workspace *w, const insertion_state *s
             put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
         }
     if (w->tip) repeat_tip(p);
-    for (int i = 0; i < p->count; i++)
+    for (int i = 0; i < state->active; i++) {
         for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->lateral[i];
-    for (int i = 0; i < p->axial_count; i++) p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
+        p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
+    }
+    if (w->tip) add_tip_compliance(p, w, &state->tip);
 }
 
 /* The gaps that would be open without contact forces. */

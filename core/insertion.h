@@ -77,6 +77,7 @@ typedef struct {
     tip_phase phase;
     int tet;                 /* nominal element, -1 outside */
     vec3 nominal;            /* m, the tissue's material point at the tip */
+    vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
     friction_state friction; /* forward while it cuts */
@@ -156,6 +157,7 @@ typedef struct {
     shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
+    double tip_lateral;                      /* m/N, of the tip in full grip; lateral[] has what comes on top of that */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

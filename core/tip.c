@@ -257,7 +257,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .known_tet = -1,
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)), .known_tet = -1,
                               .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
@@ -303,6 +303,14 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     give_way(model, state, wrench);
 }
 
+/* The track's direction is its mean over some diameter of the needle behind the tip. `way` is the piece cut last. */
+static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
+    double length = v3_norm(way);
+    if (length == 0.0) return;
+    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->direction);
+    tip->direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->direction));
+}
+
 /* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
 static void come_back(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = state->refined.count - 1;
@@ -316,10 +324,13 @@ void tip_move(const insertion_model *model, insertion_state *state, vec3 track_g
     needle_tip *tip = &state->tip;
     if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
     if (tip->phase != TIP_INSIDE) return;
+    vec3 before = tip->nominal;
     if (tip->slip > 0.0) {
         cut_forward(model, state, pull_back(track_gradient, needle_direction(model, state)), tip->slip, wrench);
+        follow_track(model, tip, v3_sub(tip->nominal, before));
     } else if (tip->slip < 0.0) {
         draw_back(model, state, -tip->slip, wrench);
+        follow_track(model, tip, v3_sub(before, tip->nominal));
     }
     tip->slip = 0.0;
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0

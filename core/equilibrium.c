@@ -10,6 +10,7 @@
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
+static const double DIVERGING = 0.05;    /* rad turned in the last pass, and more than in the pass before: no equilibrium is near */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
 
@@ -232,9 +233,10 @@ static int first_joint(const insertion_workspace *w) {
     return first;
 }
 
-/* Linearises the needle, solves the contact problem and turns the needle's segments. False: there is no equilibrium. */
+/* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
+   equilibrium. */
 static bool solve_pass(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt,
-                       insertion_wrench *wrench, bool *converged) {
+                       insertion_wrench *wrench, double *turned) {
     wrench->passes++;
     needle_linearise(model->needle, &state->needle, w->load, first_joint(w), &w->tangent);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
@@ -247,10 +249,9 @@ static bool solve_pass(const insertion_model *model, insertion_state *state, ins
     profile_end_stage(&w->profile, INSERTION_CONTACT);
     load_needle(model, state, w);
     shift_base(model, state, w->load);
-    double turned = needle_advance(model->needle, &w->tangent, w->load, &state->needle);
+    *turned = needle_advance(model->needle, &w->tangent, w->load, &state->needle);
     locate_points(model, state, w);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
-    *converged = turned * turned * model->needle->given.length < model->settings.tolerance;
     return true;
 }
 
@@ -282,10 +283,15 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
 void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
                       const int handles[4], double dt, insertion_wrench *wrench) {
     bool found = true, converged = false;
+    double turned = 0.0, before = 0.0;
     prepare(model, state, snapshot, handles, w);
-    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++)
-        found = solve_pass(model, state, w, snapshot, dt, wrench, &converged);
-    if (found) judge_stability(state, w, converged, wrench);
+    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++) {
+        before = turned;
+        found = solve_pass(model, state, w, snapshot, dt, wrench, &turned);
+        converged = turned * turned * model->needle->given.length < model->settings.tolerance;
+    }
+    bool diverging = before > 0.0 && turned > before && turned > DIVERGING;
+    if (found && !diverging) judge_stability(state, w, converged, wrench);
     else give_up(state, wrench);
     if (w->tip) follow_pressing(&state->tip, &w->points[state->active], dt);
 }

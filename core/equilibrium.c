@@ -10,7 +10,7 @@
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
-static const double DIVERGING = 0.05;    /* rad turned in the last pass, and more than in the pass before: no equilibrium is near */
+static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
 
@@ -143,7 +143,7 @@ static void repeat_tip(contact_problem *p) {
 }
 
 /* The tip's local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they
-   turned with a needle that bends about its tip, the passes would not converge near buckling, because no tangent accounts for that. */
+   turned with a needle that bends about its tip, the passes would diverge near buckling, because the tangent lacks that term. */
 static void add_tip_compliance(contact_problem *p, const insertion_workspace *w, const needle_tip *tip) {
     enum { SIDEWAYS = 2, AHEAD = 2, SHAFT };
     int t = p->count - 1, row[] = {unknown(p->count, t, 0), unknown(p->count, t, 1), unknown(p->count, t, 2), unknown(p->count, t, 2) + 1};
@@ -290,6 +290,7 @@ void equilibrium_find(const insertion_model *model, insertion_state *state, inse
         found = solve_pass(model, state, w, snapshot, dt, wrench, &turned);
         converged = turned * turned * model->needle->given.length < model->settings.tolerance;
     }
+    /* A state that the passes run away from is no equilibrium. A single pass cannot tell. */
     bool diverging = before > 0.0 && turned > before && turned > DIVERGING;
     if (found && !diverging) judge_stability(state, w, converged, wrench);
     else give_up(state, wrench);

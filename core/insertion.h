@@ -157,7 +157,7 @@ typedef struct {
     shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
-    double tip_lateral;                      /* m/N, of the tip in full grip; lateral[] has what comes on top of that */
+    double tip_lateral;                      /* m/N, of the tip sideways in full grip; lateral[] is what a weaker grip adds */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

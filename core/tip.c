@@ -303,7 +303,7 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     give_way(model, state, wrench);
 }
 
-/* The track's direction is its mean over some diameter of the needle behind the tip. `way` is the piece cut last. */
+/* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;

@@ -107,7 +107,7 @@ static void a_base_on_a_spring_feels_what_a_rigid_one_there_feels(void **state) 
 static void a_needle_that_bows_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 200e3;
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 60e3;
     for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = INFINITY;
     double section = M_PI / 64.0 * (pow(c.needle.outer_diameter, 4) - pow(c.needle.inner_diameter, 4));
     double euler = 20.19 * c.needle.youngs_modulus * section / pow(c.needle.length, 2); /* clamped and hinged */
@@ -118,7 +118,7 @@ static void a_needle_that_bows_is_in_equilibrium(void **unused) {
         lockstep_move(l, v3(0, 0, 1.8e-3), 0.1, 1e-3);
         lockstep_move(l, v3(2e-3, 0, 0), 0.1, 1e-3);
         double peak = 0.0, worst_jump = 0.0, worst_moment = 0.0;
-        for (int i = 0; i < 400; i++) {
+        for (int i = 0; i < 900; i++) {
             vec3 before = l->wrench.force;
             lockstep_move(l, v3(0, 0, 3e-5), 1e-3, 1e-3);
             double force = v3_norm(l->wrench.force), torque = v3_norm(l->wrench.torque);

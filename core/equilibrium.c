@@ -11,6 +11,7 @@ static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets i
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m, of shaft of which hardly any is in tissue: it has come out of a gap */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
+static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
 
@@ -60,8 +61,8 @@ static void find_tip_rows(const insertion_state *state, const compliance_snapsho
 }
 
 /* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
-   one radius more (fading out at the surface unless it is pressed in); along the needle as a disc under the cutting force, beside
-   the shaft next to it. */
+   one radius more (its grip fades out at the surface unless it is pressed in); along the needle as a disc under the cutting force,
+   beside the shaft next to it. */
 static void find_local_compliance(const insertion_model *model, const insertion_state *state, insertion_workspace *w) {
     for (int i = 0; i < state->active; i++) {
         const shaft_contact *contact = &state->contacts[i];
@@ -77,7 +78,8 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
     lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
     double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
-    w->lateral[t] = logarithm.lateral / (fmax(hold, 1e-6) * (shaft.lateral + end));
+    w->tip_lateral = logarithm.lateral / (shaft.lateral + end);
+    w->lateral[t] = w->tip_lateral * (1.0 / fmax(hold, 1e-6) - 1.0);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing);
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
@@ -165,6 +167,21 @@ static void repeat_tip(contact_problem *p) {
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
+/* The tip's local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they
+   turned with a needle that bends about its tip, the passes would diverge near buckling, because the tangent lacks that term. */
+static void add_tip_compliance(contact_problem *p, const insertion_workspace *w, const needle_tip *tip) {
+    enum { SIDEWAYS = 2, AHEAD = 2, SHAFT };
+    int t = p->count - 1, row[] = {unknown(p->count, t, 0), unknown(p->count, t, 1), unknown(p->count, t, 2), unknown(p->count, t, 2) + 1};
+    vec3 along = m3_apply_transposed(&w->points[t].frame, tip->direction);
+    const double share[] = {along.x, along.y, along.z, along.z}; /* of each force, along the track */
+    for (int i = 0; i <= SHAFT; i++)
+        for (int j = 0; j <= i; j++) {
+            double across = (i == j || j >= AHEAD) - share[i] * share[j], axial = i < SHAFT ? w->axial[t] : j == SHAFT ? w->axial[t + 1] : 0.0;
+            p->compliance[row[i]][row[j]] += w->tip_lateral * across + axial * share[i] * share[j];
+        }
+    for (int i = 0; i < SIDEWAYS; i++) p->compliance[row[i]][row[i]] += w->lateral[t];
+}
+
 /* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
 static void assemble_compliance(insertion_workspace *w, const insertion_state *state, const compliance_snapshot *snapshot) {
     contact_problem *p = &w->problem;
@@ -177,9 +194,11 @@ static void assemble_compliance(insertion_workspace *w, const insertion_state *s
             put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
         }
     if (w->tip) repeat_tip(p);
-    for (int i = 0; i < p->count; i++)
+    for (int i = 0; i < state->active; i++) {
         for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->lateral[i];
-    for (int i = 0; i < p->axial_count; i++) p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
+        p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
+    }
+    if (w->tip) add_tip_compliance(p, w, &state->tip);
 }
 
 /* The gaps that would be open without contact forces. */
@@ -287,9 +306,10 @@ static int first_joint(const insertion_workspace *w) {
     return first;
 }
 
-/* Linearises the needle, solves the contact problem and turns the needle's segments. False: there is no equilibrium. */
+/* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
+   equilibrium. */
 static bool solve_pass(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt,
-                       insertion_wrench *wrench, bool *converged) {
+                       insertion_wrench *wrench, double *turned) {
     wrench->passes++;
     needle_linearise(model->needle, &state->needle, w->load, first_joint(w), &w->tangent);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
@@ -303,10 +323,9 @@ static bool solve_pass(const insertion_model *model, insertion_state *state, ins
     profile_end_stage(&w->profile, INSERTION_CONTACT);
     load_needle(model, state, w);
     shift_base(model, state, w->load);
-    double turned = needle_advance(model->needle, &w->tangent, w->load, &state->needle);
+    *turned = needle_advance(model->needle, &w->tangent, w->load, &state->needle);
     locate_points(model, state, w);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
-    *converged = turned * turned * model->needle->given.length < model->settings.tolerance;
     return true;
 }
 
@@ -339,10 +358,16 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
 void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
                       const int handles[4], double dt, insertion_wrench *wrench) {
     bool found = true, converged = false;
+    double turned = 0.0, before = 0.0;
     prepare(model, state, snapshot, handles, dt, w);
-    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++)
-        found = solve_pass(model, state, w, snapshot, dt, wrench, &converged);
-    if (found) judge_stability(state, w, converged, wrench);
+    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++) {
+        before = turned;
+        found = solve_pass(model, state, w, snapshot, dt, wrench, &turned);
+        converged = turned * turned * model->needle->given.length < model->settings.tolerance;
+    }
+    /* A state that the passes run away from is no equilibrium. A single pass cannot tell. */
+    bool diverging = before > 0.0 && turned > before && turned > DIVERGING;
+    if (found && !diverging) judge_stability(state, w, converged, wrench);
     else give_up(state, wrench);
     if (w->tip && !state->buckled) spring_back(state, w);
     if (w->tip) follow_pressing(&state->tip, &w->points[state->active], dt);

@@ -79,6 +79,7 @@ typedef struct {
     tip_phase phase;
     int tet;                 /* nominal element, -1 outside */
     vec3 nominal;            /* m, the tissue's material point at the tip */
+    vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
     friction_state friction; /* forward while it cuts */
@@ -171,6 +172,7 @@ typedef struct {
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the needle at the tip */
+    double tip_lateral;                      /* m/N, of the tip sideways in full grip; lateral[] is what a weaker grip adds */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

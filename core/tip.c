@@ -303,8 +303,9 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .known_tet = -1,
-                              .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .entering = true, .next_contact = NAN};
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
+                              .known_tet = -1, .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .entering = true,
+                              .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(model->mesh, state, wrench);
@@ -382,6 +383,7 @@ static void enter_next(const insertion_model *model, insertion_state *state, con
     tip->tet = at->tet;
     tip->face = at->face;
     tip->nominal = at->point;
+    tip->direction = v3_unit(needle_direction(model, state));
     tip->depth += fmax(gap, FACE_CLEARANCE);
     tip->known_tet = -1;
     tip->blocked_by = at->blocked_by;
@@ -429,6 +431,14 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     if (tip->phase == TIP_BEYOND) enter_what_touches(model, state, v3_unit(needle_direction(model, state)), wrench);
 }
 
+/* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
+static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
+    double length = v3_norm(way);
+    if (length == 0.0) return;
+    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->direction);
+    tip->direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->direction));
+}
+
 /* The end of a needle that is out on the far side may meet other tissue as it goes on. */
 static void look_for_next(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
@@ -444,12 +454,15 @@ void tip_move(const insertion_model *model, insertion_state *state, vec3 track_g
     if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
     if (tip->phase == TIP_BEYOND) look_for_next(model, state, wrench);
     if (tip->phase != TIP_INSIDE) return;
+    vec3 before = tip->nominal;
     if (tip->slip > 0.0) {
         vec3 direction = pull_back(track_gradient, needle_direction(model, state));
         cut_forward(model, state, direction, tip->slip, wrench);
+        follow_track(model, tip, v3_sub(tip->nominal, before));
         if (tip->phase == TIP_BEYOND) enter_what_touches(model, state, direction, wrench);
     } else if (tip->slip < 0.0) {
         draw_back(model, state, -tip->slip, wrench);
+        follow_track(model, tip, v3_sub(before, tip->nominal));
     }
     tip->slip = 0.0;
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0

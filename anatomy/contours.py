@@ -30,9 +30,12 @@ class Unusable(Exception):
     """An input that no mesh can be made of. The text names region and slice; `rings` are what a picture shows."""
 
     def __init__(self, roi, problem, z=None, rings=()):
-        place = f"region \"{roi}\"" + (f", slice z = {z:g} mm" if z is not None else "")
-        super().__init__(f"{place}: {problem}")
+        super().__init__(roi, problem, z, rings)    # all of them: it is sent from one process to another
         self.rings = [np.asarray(ring, float) for ring in rings]
+
+    def __str__(self):
+        roi, problem, z, _ = self.args
+        return f"region \"{roi}\"" + (f", slice z = {z:g} mm" if z is not None else "") + f": {problem}"
 
 
 @dataclasses.dataclass

@@ -107,7 +107,7 @@ def add_point(rois, row, place):
 
 
 def read_surface(path, scale):
-    """A closed surface as vtkPolyData, mended, in mm; `scale`: mm per unit of the file."""
+    """A closed surface, mended, in mm, and remarks on what was mended; `scale`: mm per unit of the file."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     reader = vtk.vtkSTLReader() if kind_of(path) == ".stl" else vtk.vtkPLYReader()
@@ -121,8 +121,8 @@ def read_surface(path, scale):
     scaled.Scale(scale, scale, scale)
     move = vtk.vtkTransformPolyDataFilter()
     move.SetTransform(scaled)
-    surface = shells.mended(shells.pipe(surface, move))
+    surface, notes = shells.mended(shells.pipe(surface, move))
     if shells.open_edges(surface):
         raise Unusable(os.path.splitext(os.path.basename(path))[0],
                        f"the surface of {path} has holes that are too large to be filled ({shells.open_edges(surface)} open edges)")
-    return surface
+    return shells.from_vtk(surface), notes

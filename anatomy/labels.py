@@ -307,7 +307,7 @@ def surfaces_in(image, edge, radius):
     """The complex of one cluster. `radius`: of its thinnest region."""
     wanted = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0])
               for label in np.unique(image.labels[image.labels > 0]) for _, sizes in [parts_of(image.labels == label)]}
-    for cell in (0.0, 1.5 * edge, 0.75 * edge, 0.4 * edge):    # parts inside others are found from tetrahedra that meet them
+    for cell in (0.0, 1.5 * edge):    # parts inside others are found from tetrahedra that meet them
         found = complex_of(*meshed(image, edge, FLATNESS * radius, cell))
         if all(found.cells.count(label - 1) >= count for label, count in wanted.items()):
             break

@@ -134,10 +134,10 @@ def box_around(gland, bones, others):
         return points.min(axis=0), points.max(axis=0)
     low, high = corners(gland)
     low, high = low - [MARGIN, MARGIN, SKIN_DEPTH], high + MARGIN
-    for found in (bones, others):
+    for found, margin in ((bones, [OTHERS_MARGIN, OTHERS_MARGIN, EDGE]), (others, OTHERS_MARGIN)):
         if found:
             inner, outer = corners(found)
-            low, high = np.minimum(low, inner - OTHERS_MARGIN), np.maximum(high, outer + OTHERS_MARGIN)
+            low, high = np.minimum(low, inner - margin), np.maximum(high, outer + OTHERS_MARGIN)
     return low, high
 
 

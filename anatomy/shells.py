@@ -149,24 +149,27 @@ def crossings(shells):
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()
+    edges = whole.edges()
     margin = 1e-9 * np.ptp(whole.points, axis=0).max()
-    ends = np.sort(whole.points[whole.edges()], axis=1) + np.array([[-margin], [margin]])
-    for edge, box in zip(whole.edges(), ends.transpose(0, 2, 1).reshape(-1, 6)):
-        locator.FindCellsWithinBounds(box.tolist(), near)
-        close = np.array([near.GetId(k) for k in range(near.GetNumberOfIds())], int)
-        close = close[~np.isin(whole.triangles[close], edge).any(axis=1)]
-        if len(close) == 0:
-            continue
-        corner, b, c = (whole.points[whole.triangles[close, k]] for k in range(3))
-        ab, ac = b - corner, c - corner
-        start, way = whole.points[edge[0]], whole.points[edge[1]] - whole.points[edge[0]]
-        across, offset = np.cross(way, ac), start - corner
-        over = np.cross(offset, ab)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along, u, v = np.array([(ac * over).sum(axis=1), (offset * across).sum(axis=1), over @ way]) / (ab * across).sum(axis=1)
-            through = (along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1)
-        for k in np.flatnonzero(through):
-            yield start + along[k] * way, owner[edge[0]], owner[whole.triangles[close[k], 0]]
+    boxes = np.sort(whole.points[edges], axis=1) + np.array([[-margin], [margin]])
+    counts, triangles = np.zeros(len(edges), int), []
+    for k, box in enumerate(boxes.transpose(0, 2, 1).reshape(-1, 6).tolist()):
+        locator.FindCellsWithinBounds(box, near)
+        counts[k] = near.GetNumberOfIds()
+        triangles += map(near.GetId, range(counts[k]))
+    edges, triangles = np.repeat(edges, counts, axis=0), np.array(triangles, int)
+    apart = ~np.any(whole.triangles[triangles][:, :, None] == edges[:, None, :], axis=(1, 2))
+    edges, triangles = edges[apart], triangles[apart]
+    corner, b, c = (whole.points[whole.triangles[triangles, k]] for k in range(3))
+    ab, ac = b - corner, c - corner
+    start, way = whole.points[edges[:, 0]], whole.points[edges[:, 1]] - whole.points[edges[:, 0]]
+    across, offset = np.cross(way, ac), start - corner
+    over = np.cross(offset, ab)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along, u, v = np.array([(ac * over).sum(axis=1), (offset * across).sum(axis=1), (over * way).sum(axis=1)]) / (ab * across).sum(axis=1)
+        through = np.flatnonzero((along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1))
+    for k in through:
+        yield start[k] + along[k] * way[k], owner[edges[k, 0]], owner[whole.triangles[triangles[k], 0]]
 
 
 def distances(shell, points):

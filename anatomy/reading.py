@@ -9,11 +9,11 @@ import pydicom
 import vtk
 
 from . import shells
-from .contours import ExclusiveRings, Unusable
+from .contours import Rings, Unusable
 
 OUTLINES, SURFACES = (".dcm", ".csv"), (".stl", ".ply")
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
-CLOSED, EXCLUSIVE = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR"
+CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
 class BadFile(Exception):
@@ -51,7 +51,7 @@ def read_rtstruct(path):
 def rois_of(data):
     """ROI name -> list of rings, of an RT Structure Set."""
     names = roi_names(data.get("StructureSetROISequence", []))
-    rois = {name: [] for name in names.values()}
+    rois = {name: Rings() for name in names.values()}
     for item in data.get("ROIContourSequence", []):
         if item.ReferencedROINumber not in names:
             raise ValueError(f"outlines of ROI number {item.ReferencedROINumber}, which has no name")
@@ -59,9 +59,12 @@ def rois_of(data):
         for contour in item.get("ContourSequence", []):
             kind = contour.get("ContourGeometricType", "CLOSED_PLANAR")
             if kind == EXCLUSIVE:
-                rois[name] = ExclusiveRings(rois[name])
-            if kind in (CLOSED, EXCLUSIVE):
-                rois[name].append(points_of(contour, name))
+                rois[name].exclusive = True
+            points = points_of(contour, name)
+            if kind == OPEN:
+                rois[name].left_open.append(points)
+            elif kind in (CLOSED, EXCLUSIVE):
+                rois[name].append(points)
     return rois
 
 

@@ -141,7 +141,7 @@ def image_of(regions, edge, box=None):
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
-    low = points.min(axis=0) - 3 * step
+    low = points.min(axis=0) - 3.5 * step      # planes of voxels do not lie in the regions' flat faces
     size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
     image = Image(low, step, np.zeros(size[::-1], np.uint8))
     beyond = np.zeros(image.labels.shape, bool)
@@ -289,6 +289,15 @@ def parts_of(mask):
     return numbers, np.bincount(numbers.ravel())[1:]
 
 
+def around_middle(labels):
+    """Voxels to be added before and after each axis so that the image's middle is well inside a region: CGAL looks for first points of the
+    surfaces along lines from there, for ever if it is outside."""
+    depth = distance_to(np.pad(labels == 0, 1, constant_values=True), 1.0)[1:-1, 1:-1, 1:-1]
+    deepest = np.array(np.unravel_index(np.argmax(depth), labels.shape))
+    reach = np.maximum(deepest, np.array(labels.shape) - 1 - deepest) + 2
+    return reach - deepest, reach - (np.array(labels.shape) - 1 - deepest)
+
+
 def clusters(image):
     """Images of the groups of regions' parts that touch; splinters are left out."""
     numbers, sizes = parts_of(image.labels > 0)
@@ -298,9 +307,11 @@ def clusters(image):
         if not np.any(here[1:] > shells.SPLINTER * whole[1:]):
             continue
         within = np.argwhere(numbers == number)
-        first, last = within.min(axis=0) - 2, within.max(axis=0) + 3
+        first, last = within.min(axis=0), within.max(axis=0) + 1
         window = tuple(slice(a, b) for a, b in zip(first, last))
-        yield Image(image.low + image.step * first[::-1], image.step, np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8))
+        mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
+        before, after = around_middle(mine)
+        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])))
 
 
 def surfaces_in(image, edge, radius):

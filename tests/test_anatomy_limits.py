@@ -47,7 +47,8 @@ class Limits(unittest.TestCase):
         program.stdout.readline()
         child = None
         for _ in range(200):
-            children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(program.pid)], capture_output=True, text=True).stdout.split()
+            with open(f"/proc/{program.pid}/task/{program.pid}/children", encoding="ascii") as file:
+                children = file.read().split()
             if children:
                 child = int(children[0])
                 break

@@ -1,8 +1,7 @@
 """Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
 
-The first region is the gland: its surface is the membrane `capsule`. Regions that touch are kept apart by half an element:
-bones give way to the gland, other regions to both, the smaller to the larger. Outlines and surfaces are taken to be in
-DICOM's patient coordinates, millimetres.
+The first region is the gland: its surface is the membrane `capsule`. Regions that touch share their surface; where they
+overlap, the smaller one has it. Outlines and surfaces are taken to be in DICOM's patient coordinates, millimetres.
 """
 import argparse
 import os

@@ -163,7 +163,8 @@ def image_of(regions, edge, box=None):
 
 
 def close_gaps(image, count, gap):
-    """Gives what lies between two regions less than `gap` apart to the nearer one."""
+    """Gives what lies between two regions less than `gap` apart to the nearer one: what a closing of both together (dilation, then erosion
+    by half the gap) fills, so that nothing grows outward where they meet."""
     if count < 2:
         return
     nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
@@ -174,7 +175,8 @@ def close_gaps(image, count, gap):
         nearest[1] = np.where(nearer, nearest[0], np.minimum(nearest[1], distance))
         nearest[0] = np.where(nearer, distance, nearest[0])
         owner[nearer] = label
-    closed = (image.labels == 0) & (nearest[0] + nearest[1] <= gap + image.step)
+    filled = distance_to(nearest[0] > gap / 2, image.step) > gap / 2
+    closed = (image.labels == 0) & filled & (nearest[0] + nearest[1] <= gap + 2 * image.step)
     image.labels[closed] = owner[closed]
 
 

@@ -69,7 +69,7 @@ static const struct argp_option option_list[] = {
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
      "Of each component's peak in GOLDEN, taken as 0.1 N or 2 mN m where that is more (default 1)", 0},
     {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row a tick", 0},
-    {"region", OPTION_REGION, "NAME", 0, "That region (default prostate)", 0},
+    {"region", OPTION_REGION, "NAME", 0, "That region (default: the scene's first)", 0},
     {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
     {0},
 };
@@ -155,7 +155,7 @@ static trocar_status prepare(replay *r, report *why) {
     r->snapshot = calloc(1, sizeof *r->snapshot);
     if (!r->snapshot) return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
     if (!r->options->shift_path) return TROCAR_OK;
-    return region_motion_create(&r->simulation, r->options->region ? r->options->region : "prostate", &r->motion, why);
+    return region_motion_create(&r->simulation, r->options->region ? r->options->region : r->scene.simulation.regions[0].name, &r->motion, why);
 }
 
 static void clean_up(replay *r) {

@@ -71,7 +71,7 @@ static void capsule_stops_it_where_it_is(void **unused) {
 static insertion_wrench into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
-    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){0.0, l->simulation.mesh.region[l->state.tip.tet]};
+    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.tet]};
     l->state.stratum_count = layers;
     return break_through(l);
 }

@@ -223,9 +223,9 @@ static void assemble_gaps(insertion_workspace *w, const insertion_state *state) 
    tip's compliance, is eliminated here. It takes a matrix of rank 1 off the tissue's compliance, which stays positive semidefinite. */
 static void damp_tip(insertion_workspace *w, const insertion_state *state) {
     contact_problem *p = &w->problem;
-    int tip = unknown(p->count, p->count - 1, 2), all = tip + 2;
+    int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->tip_column;
-    vec3 along = needle_along(&w->points[state->active]);
+    vec3 along = state->tip.direction, own = m3_apply(&w->tip_row[t], along), local = m3_apply_transposed(&w->points[t].frame, along);
     for (int i = 0; i < p->count; i++) {
         vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
         moved = m3_apply_transposed(&w->points[i].frame, moved);
@@ -234,8 +234,11 @@ static void damp_tip(insertion_workspace *w, const insertion_state *state) {
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    a[tip] += w->axial[state->active];
-    double held = (1.0 - w->relaxed) / a[tip];
+    a[unknown(p->count, t, 0)] += w->axial[t] * local.x;
+    a[unknown(p->count, t, 1)] += w->axial[t] * local.y;
+    a[tip] += w->axial[t] * local.z;
+    w->tip_yield = v3_dot(along, own) + w->axial[t];
+    double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;
     for (int i = 0; i < all; i++) {
         for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
@@ -250,7 +253,7 @@ static void spring_back(insertion_state *state, const insertion_workspace *w) {
     double u = 0.0;
     for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
     double dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
-    state->tip.damping = v3_scale((dent - u) / w->tip_column[tip], needle_along(&w->points[state->active]));
+    state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);
     state->tip.dent = dent;
 }
 

@@ -89,7 +89,7 @@ typedef struct {
     double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
-    double dent;             /* m along the needle, by which the tissue at the tip is displaced */
+    double dent;             /* m along the track, by which the tissue at the tip is displaced */
     vec3 damping;            /* N, world frame, on the tissue at the tip: it springs back no faster than waves spread in it */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
@@ -171,7 +171,8 @@ typedef struct {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
-    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the needle at the tip */
+    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
+    double tip_yield;                        /* m/N, and of the tip itself */
     double tip_lateral;                      /* m/N, of the tip sideways in full grip; lateral[] is what a weaker grip adds */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;

@@ -77,9 +77,10 @@ static void find_local_compliance(const insertion_model *model, const insertion_
     double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
     lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
-    double end = radius * logarithm.lateral / local_at(model, tip->tet, tip->nominal).lateral; /* one radius more */
-    w->tip_lateral = logarithm.lateral / (shaft.lateral + end);
-    w->lateral[t] = w->tip_lateral * (1.0 / fmax(hold, 1e-6) - 1.0);
+    lateral_axial line = local_at(model, tip->tet, tip->nominal);
+    w->lateral[t] = logarithm.lateral / (shaft.lateral + radius * logarithm.lateral / line.lateral); /* one radius more */
+    w->held_axial = logarithm.axial / (shaft.axial + radius * logarithm.axial / line.axial);
+    w->loose = w->lateral[t] * (1.0 / fmax(hold, 1e-6) - 1.0);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing);
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
@@ -167,19 +168,23 @@ static void repeat_tip(contact_problem *p) {
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
-/* The tip's local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they
-   turned with a needle that bends about its tip, the passes would diverge near buckling, because the tangent lacks that term. */
-static void add_tip_compliance(contact_problem *p, const insertion_workspace *w, const needle_tip *tip) {
-    enum { SIDEWAYS = 2, AHEAD = 2, SHAFT };
-    int t = p->count - 1, row[] = {unknown(p->count, t, 0), unknown(p->count, t, 1), unknown(p->count, t, 2), unknown(p->count, t, 2) + 1};
-    vec3 along = m3_apply_transposed(&w->points[t].frame, tip->direction);
-    const double share[] = {along.x, along.y, along.z, along.z}; /* of each force, along the track */
-    for (int i = 0; i <= SHAFT; i++)
+/* Local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with a
+   needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. What sideways forces do along
+   the track, the shaft next to the tip shares with them and the end face does not, as for a contact: nothing jumps when one
+   takes the place of the other. */
+static void add_local_compliance(contact_problem *p, const insertion_workspace *w, int point, vec3 track, bool tip) {
+    enum { FACE = 2, SHAFT = 3 };
+    vec3 share = m3_apply_transposed(&w->points[point].frame, track); /* of each force, along the track */
+    const double along[] = {share.x, share.y, share.z, share.z};
+    int first = unknown(p->count, point, 0), axial = unknown(p->count, point, 2), row[] = {first, first + 1, axial, axial + 1};
+    for (int i = 0; i < 3 + tip; i++)
         for (int j = 0; j <= i; j++) {
-            double across = (i == j || j >= AHEAD) - share[i] * share[j], axial = i < SHAFT ? w->axial[t] : j == SHAFT ? w->axial[t + 1] : 0.0;
-            p->compliance[row[i]][row[j]] += w->tip_lateral * across + axial * share[i] * share[j];
+            bool same_line = i == j || j == FACE;
+            double yields = w->axial[point]; /* along the track */
+            if (tip && i != FACE) yields = j == FACE ? 0.0 : j == SHAFT ? w->axial[point + 1] : w->held_axial;
+            else if (tip && j != FACE) yields = 0.0;
+            p->compliance[row[i]][row[j]] += w->lateral[point] * (same_line - along[i] * along[j]) + yields * along[i] * along[j];
         }
-    for (int i = 0; i < SIDEWAYS; i++) p->compliance[row[i]][row[i]] += w->lateral[t];
 }
 
 /* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
@@ -194,11 +199,10 @@ static void assemble_compliance(insertion_workspace *w, const insertion_state *s
             put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
         }
     if (w->tip) repeat_tip(p);
-    for (int i = 0; i < state->active; i++) {
-        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->lateral[i];
-        p->compliance[2 * p->count + i][2 * p->count + i] += w->axial[i];
-    }
-    if (w->tip) add_tip_compliance(p, w, &state->tip);
+    for (int i = 0; i < state->active; i++) add_local_compliance(p, w, i, state->contacts[i].direction, false);
+    if (!w->tip) return;
+    add_local_compliance(p, w, state->active, state->tip.direction, true);
+    for (int a = 0; a < 2; a++) p->compliance[2 * state->active + a][2 * state->active + a] += w->loose;
 }
 
 /* The gaps that would be open without contact forces. */
@@ -225,7 +229,7 @@ static void damp_tip(insertion_workspace *w, const insertion_state *state) {
     contact_problem *p = &w->problem;
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->tip_column;
-    vec3 along = state->tip.direction, own = m3_apply(&w->tip_row[t], along), local = m3_apply_transposed(&w->points[t].frame, along);
+    vec3 along = state->tip.direction, own = m3_apply(&w->tip_row[t], along);
     for (int i = 0; i < p->count; i++) {
         vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
         moved = m3_apply_transposed(&w->points[i].frame, moved);
@@ -234,9 +238,7 @@ static void damp_tip(insertion_workspace *w, const insertion_state *state) {
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    a[unknown(p->count, t, 0)] += w->axial[t] * local.x;
-    a[unknown(p->count, t, 1)] += w->axial[t] * local.y;
-    a[tip] += w->axial[t] * local.z;
+    a[tip] += w->axial[t] * v3_dot(needle_along(&w->points[t]), along);
     w->tip_yield = v3_dot(along, own) + w->axial[t];
     double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;

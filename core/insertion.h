@@ -62,6 +62,7 @@ typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on t
 typedef struct {
     double arc;              /* m from the base: the needle's material point that is there */
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
+    vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
     double slid;             /* m of sliding since it last stuck */
@@ -173,7 +174,8 @@ typedef struct {
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
-    double tip_lateral;                      /* m/N, of the tip sideways in full grip; lateral[] is what a weaker grip adds */
+    double held_axial;                       /* m/N, along the track, of what holds the tip sideways */
+    double loose;                            /* m/N, what the tip yields sideways on top of that while it has not got its full hold */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     insertion_profile profile;
 } insertion_workspace;

@@ -110,7 +110,7 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     if (!met) drop_plan(state);
     if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
         shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
+        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .direction = tip->direction, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
                                    .friction = tip->shaft_friction};
     }
     tip->planned = false;
@@ -154,6 +154,7 @@ static void take_up_contact(const insertion_model *model, insertion_state *state
     double weights[4];
     tip->nominal = state->contacts[last].track;
     tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
+    tip->direction = state->contacts[last].direction;
     tip->depth = state->contacts[last].depth;
     tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;

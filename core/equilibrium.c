@@ -11,6 +11,7 @@ static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets i
 static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface; the hold */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m, of shaft of which hardly any is in tissue: it has come out of a gap */
 static const double BITE_TIME = 20e-3;   /* s, follows that force with this lag: at once, the two would take turns each tick */
+static const double NEW_PUSH = 0.05;     /* of Euler's load: a needle pushed by so much more than it was linearised for is linearised again */
 static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
 /* ---- points and forces ------------------------------------------------------------------------------------------------- */
@@ -311,17 +312,24 @@ static int first_joint(const insertion_workspace *w) {
     return first;
 }
 
-/* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
-   equilibrium. */
-static bool solve_pass(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt,
-                       insertion_wrench *wrench, double *turned) {
-    wrench->passes++;
+/* Linearises the needle and puts the contact problem together. */
+static void linearise(const insertion_model *model, const insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt) {
     needle_linearise(model->needle, &state->needle, w->load, first_joint(w), &w->tangent);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(model, state, dt, w);
     assemble_compliance(w, state, snapshot);
     assemble_gaps(w, state);
     if (w->tip) damp_tip(w, state);
+}
+
+/* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
+   equilibrium. */
+static bool solve_pass(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt,
+                       insertion_wrench *wrench, double *turned) {
+    wrench->passes++;
+    linearise(model, state, w, snapshot, dt);
+    int all = unknown(w->problem.count, w->problem.count, 2) + w->tip;
+    for (int i = 0; i < all && w->lag_left > 0.0; i++) w->problem.gap[i] -= w->lag_left * w->lag[i];
     if (contact_solve(&w->problem) != TROCAR_OK) return false;
     wrench->switches += w->problem.switches;
     take_forces(state, w);
@@ -335,7 +343,7 @@ static bool solve_pass(const insertion_model *model, insertion_state *state, ins
 }
 
 /* No equilibrium: the needle has buckled beyond what the tissue holds. */
-static void give_up(insertion_state *state, insertion_wrench *wrench) {
+void equilibrium_release(insertion_state *state) {
     for (int i = 0; i < state->active; i++) {
         state->contacts[i].force = v3(0, 0, 0);
         state->contacts[i].slip = 0.0;
@@ -344,14 +352,28 @@ static void give_up(insertion_state *state, insertion_wrench *wrench) {
     state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
     state->base_shift = v3(0, 0, 0);
+}
+
+/* From the next tick on the needle takes no part, until it is drawn back. */
+static void buckle(const insertion_model *model, insertion_state *state, const insertion_workspace *w) {
     state->buckled = true;
+    state->stuck_at = w->start.joints[model->needle->given.segments];
+}
+
+/* There is nothing that this tick could give. */
+static void give_up(const insertion_model *model, insertion_state *state, const insertion_workspace *w, insertion_wrench *wrench) {
+    equilibrium_release(state);
+    buckle(model, state, w);
     wrench->events |= EVENT_UNSTABLE;
 }
 
+/* By Haynsworth's inertia formula: see README.md, "One tick is one convex problem". */
+static bool is_saddle(const insertion_workspace *w) { return w->problem.negative < w->tangent.unstable; }
+
 /* Needle and tissue would not stay at a saddle. Seen on the way to the solution, it counts if it is seen twice. */
-static void judge_stability(insertion_state *state, const insertion_workspace *w, bool converged, insertion_wrench *wrench) {
-    bool saddle = w->problem.negative < w->tangent.unstable;
-    if (saddle && (converged || state->saddle)) give_up(state, wrench);
+static void judge_stability(const insertion_model *model, insertion_state *state, const insertion_workspace *w, bool converged, insertion_wrench *wrench) {
+    bool saddle = is_saddle(w);
+    if (saddle && (converged || state->saddle)) give_up(model, state, w, wrench);
     state->saddle = saddle;
 }
 
@@ -360,20 +382,110 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
     tip->pressing += (pressing - tip->pressing) * -expm1(-dt / BITE_TIME);
 }
 
-void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
-                      const int handles[4], double dt, insertion_wrench *wrench) {
-    bool found = true, converged = false;
-    double turned = 0.0, before = 0.0;
-    prepare(model, state, snapshot, handles, dt, w);
-    for (int pass = 0; pass < model->settings.max_passes && found && !converged; pass++) {
+/* Sum of the forces of all points on the tissue, N. */
+static vec3 push_on(const insertion_state *state, const insertion_workspace *w) {
+    vec3 sum = w->tip ? state->tip.force : v3(0, 0, 0);
+    for (int i = 0; i < state->active; i++) sum = v3_add(sum, state->contacts[i].force);
+    return sum;
+}
+
+typedef struct {
+    bool found, converged, diverging, buckling;
+} pass_result;
+
+/* Newton passes from the present shape. */
+static pass_result run_passes(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
+                              double dt, int most, insertion_wrench *wrench) {
+    pass_result r = {.found = true};
+    double turned = 0.0, before = 0.0, length = model->needle->given.length, buckling_scale = 20.2 * model->needle->bending / (length * length);
+    vec3 push = push_on(state, w);
+    for (int pass = 0; pass < most && r.found && !r.converged; pass++) {
         before = turned;
-        found = solve_pass(model, state, w, snapshot, dt, wrench, &turned);
-        converged = turned * turned * model->needle->given.length < model->settings.tolerance;
+        r.found = solve_pass(model, state, w, snapshot, dt, wrench, &turned);
+        vec3 now = push_on(state, w), more = v3_sub(now, push);
+        push = now;
+        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale;
     }
     /* A state that the passes run away from is no equilibrium. A single pass cannot tell. */
-    bool diverging = before > 0.0 && turned > before && turned > DIVERGING;
-    if (found && !diverging) judge_stability(state, w, converged, wrench);
-    else give_up(state, wrench);
+    r.diverging = before > 0.0 && turned > before && turned > DIVERGING;
+    return r;
+}
+
+/* Shape and forces at the start of the tick. */
+static void remember(const insertion_state *state, insertion_workspace *w) {
+    w->start = state->needle;
+    for (int i = 0; i < state->active; i++) w->start_force[i] = state->contacts[i].force;
+    w->start_force[state->active] = state->tip.force;
+    w->start_traction = state->tip.shaft_traction;
+}
+
+/* How far the gaps are from what the forces at the start of the tick hold open: the base has moved, and a tip that has met bone has not. */
+static void find_lag(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot, double dt) {
+    contact_problem *p = &w->problem;
+    double force[MAX_UNKNOWNS];
+    int tip = state->active, all = unknown(p->count, p->count, 2) + w->tip;
+    linearise(model, state, w, snapshot, dt);
+    for (int i = 0; i < p->count; i++) {
+        vec3 f = m3_apply_transposed(&w->points[i].frame, i < tip ? state->contacts[i].force : state->tip.force);
+        force[unknown(p->count, i, 0)] = f.x;
+        force[unknown(p->count, i, 1)] = f.y;
+        force[unknown(p->count, i, 2)] = f.z;
+    }
+    if (w->tip) {
+        double shaft = state->tip.shaft_traction * (w->shares[tip].to - w->shares[tip].from);
+        force[all - 2] -= shaft;
+        force[all - 1] = shaft;
+    }
+    for (int i = 0; i < all; i++) {
+        w->lag[i] = p->gap[i];
+        for (int j = 0; j < all; j++) w->lag[i] -= (i > j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
+    }
+}
+
+/* Back to what was remembered. */
+static void recall(const insertion_model *model, insertion_state *state, insertion_workspace *w) {
+    state->needle = w->start;
+    for (int i = 0; i < state->active; i++) state->contacts[i].force = w->start_force[i];
+    state->tip.force = w->start_force[state->active];
+    state->tip.shaft_traction = w->start_traction;
+    locate_points(model, state, w);
+    load_needle(model, state, w);
+}
+
+/* The same tick again, with the gaps closed little by little. One large step against bone finds the straight needle, which beyond
+   Euler's load is no stable equilibrium; small ones follow the branch on which it bows. Where that ends, the tick does, too: with the last
+   stable equilibrium on the way, as the force at which the needle buckled. */
+static pass_result approach(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
+                            double dt, insertion_wrench *wrench) {
+    const double least_step = 1.0 / 256;
+    pass_result r = {.found = true};
+    recall(model, state, w);
+    find_lag(model, state, w, snapshot, dt);
+    for (double done = 0.0, step = 0.25; done < 1.0 && step >= least_step;) {
+        w->lag_left = 1.0 - (done + step);
+        r = run_passes(model, state, w, snapshot, dt, model->settings.max_passes, wrench);
+        bool stable = r.found && r.converged && !is_saddle(w);
+        if (stable) remember(state, w), done += step;
+        else recall(model, state, w), step *= 0.5;
+        r.buckling = !stable;
+    }
+    w->lag_left = 0.0;
+    if (!r.buckling) return r;
+    recall(model, state, w);
+    return (pass_result){.found = true, .buckling = true};
+}
+
+void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
+                      const int handles[4], double dt, insertion_wrench *wrench) {
+    w->lag_left = 0.0;
+    prepare(model, state, snapshot, handles, dt, w);
+    remember(state, w);
+    pass_result r = run_passes(model, state, w, snapshot, dt, model->settings.max_passes, wrench);
+    bool suspect = !r.found || r.diverging || is_saddle(w);
+    if (suspect && !state->saddle) r = approach(model, state, w, snapshot, dt, wrench);
+    if (r.buckling) buckle(model, state, w);
+    else if (r.found && !r.diverging) judge_stability(model, state, w, r.converged, wrench);
+    else give_up(model, state, w, wrench);
     if (w->tip && !state->buckled) spring_back(state, w);
     if (w->tip) follow_pressing(&state->tip, &w->points[state->active], dt);
 }

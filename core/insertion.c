@@ -196,11 +196,12 @@ static void move_freely(const insertion_model *model, insertion_state *state, po
     tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
 }
 
-/* A buckled needle counts as straight and without force until its tip is back at the point where it stuck. */
+/* A buckled needle counts as straight and without force until the hand has drawn its end back to where that was stuck. */
 static void wait_for_return(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
+    equilibrium_release(state);
     needle_rest(model->needle, base, &state->needle);
-    vec3 off = v3_sub(state->needle.joints[model->needle->given.segments], state->tip.nominal);
-    state->buckled = v3_norm(off) > RETURN_DISTANCE;
+    vec3 off = v3_sub(state->needle.joints[model->needle->given.segments], state->stuck_at);
+    state->buckled = v3_norm(off) > RETURN_DISTANCE || v3_dot(off, q_axis(base.orientation)) > 0.0;
     if (state->buckled) wrench->events |= EVENT_UNSTABLE;
 }
 
@@ -255,13 +256,6 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     sum_wrench(state, scratch, wrench);
 }
 
-/* A fraction of the way from the pose held to the new one. */
-static pose between(pose from, pose to, double fraction) {
-    vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
-    return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),
-                  q_unit(q_multiply(q_exp(v3_scale(fraction, turn)), from.orientation))};
-}
-
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     *wrench = (insertion_wrench){.membrane = -1};
@@ -270,7 +264,7 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
     held.position = v3_sub(held.position, state->base_shift);
     dt = fmax(dt, 1e-6);
     int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), model->settings.most_steps);
-    for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
+    for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, pose_between(held, base, (double)i / steps), dt / steps, wrench);
     step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);
     profile_end_stage(&scratch->profile, INSERTION_WRENCH);

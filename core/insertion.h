@@ -132,6 +132,7 @@ typedef struct {
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
     bool saddle;                 /* the last tick ended, without convergence perhaps, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
+    vec3 stuck_at;               /* m, world frame: where the needle's end was then */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;
@@ -177,6 +178,10 @@ typedef struct {
     double held_axial;                       /* m/N, along the track, of what holds the tip sideways */
     double loose;                            /* m/N, what the tip yields sideways on top of that while it has not got its full hold */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
+    needle_state start;                      /* shape before the first pass, */
+    vec3 start_force[MAX_POINTS];            /* N, and forces, */
+    double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is done again; share of that which is left */
     insertion_profile profile;
 } insertion_workspace;
 

@@ -127,10 +127,22 @@ export class Echo {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas
-    this.renderer.setSize(clientWidth, clientHeight, false)
-    this.marks.width = clientWidth * devicePixelRatio
-    this.marks.height = clientHeight * devicePixelRatio
-    this.dirty = true
+    this.setSize(clientWidth, clientHeight, devicePixelRatio)
+  }
+
+  /** `ratio`: of the marks' pixels to those of the size; `unit`: of the size's pixels to those that text and lines are given in. */
+  setSize(width, height, ratio, unit = 1) {
+    Object.assign(this, { width, height, unit: ratio * unit, dirty: true })
+    this.renderer.setSize(width, height, false)
+    this.marks.width = width * ratio
+    this.marks.height = height * ratio
+  }
+
+  /** Draws at another size than the screen's; returns the canvases from the lowest to the uppermost, for this task only. */
+  drawAt(width, height, ratio, unit) {
+    this.setSize(width, height, ratio, unit)
+    this.render(2)
+    return [this.canvas, this.marks]
   }
 
   /** Where the needle crosses the slice: x, y, or null. */
@@ -148,10 +160,13 @@ export class Echo {
 
   /** If anything has changed, or was `coarse` and need not be any more. */
   draw(coarse) {
-    if (!this.dirty && this.coarse === coarse || !this.scene || this.canvas.clientWidth === 0) return
+    if (!this.dirty && this.coarse === coarse || !this.scene || !this.width) return
     this.dirty = false
     this.coarse = coarse
-    const ratio = coarse ? MOVING : Math.min(devicePixelRatio, 2)
+    this.render(coarse ? MOVING : Math.min(devicePixelRatio, 2))
+  }
+
+  render(ratio) {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.cutTissue()
     const needle = this.crossing(), { uniforms } = this.flash.material
@@ -174,7 +189,7 @@ export class Echo {
 
   /** Seen along the needle: y up, x to the left. */
   aim() {
-    const { clientWidth: width, clientHeight: height } = this.canvas, scale = this.view.size / Math.min(width, height)
+    const { width, height } = this, scale = this.view.size / Math.min(width, height)
     this.halfWidth = scale * width / 2
     this.halfHeight = scale * height / 2
     Object.assign(this.camera, { left: this.halfWidth, right: -this.halfWidth, top: this.halfHeight, bottom: -this.halfHeight })
@@ -188,7 +203,7 @@ export class Echo {
   }
 
   drawMarks(needle) {
-    const ink = this.marks.getContext('2d'), ratio = devicePixelRatio
+    const ink = this.marks.getContext('2d'), ratio = this.unit
     ink.clearRect(0, 0, this.marks.width, this.marks.height)
     this.drawOutlines(ink, this.scene.nodes, this.outlined, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
     this.drawOutlines(ink, this.nodes, this.outlined, '#ff8fa3', [], 1.6 * ratio)

@@ -6,13 +6,13 @@ import { Echo } from './echo.js'
 import { History } from './history.js'
 import { Link } from './link.js'
 import { FORCE_SCALE } from './needle.js'
-import { compose, save } from './picture.js'
+import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 import { showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const posing = new URLSearchParams(location.search).has('picture') // draw the one picture there is, send it back, and that is all
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // draw the one picture there is, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -142,7 +142,7 @@ function advanceClock(now) {
 
 function frame(now) {
   requestAnimationFrame(frame)
-  if (!scene) return
+  if (!scene || posing) return
   advanceClock(now)
   if (stage.finished()) draw(now)
   if (now - plotsDrawn > PLOT_PERIOD) {
@@ -220,6 +220,7 @@ function drawPlots() {
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
   element('clock').textContent = state.name === 'live' ? 'now' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
   element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
   element('play').textContent = clock.playing ? 'Pause' : 'Play'
   element('live').disabled = clock.following
@@ -253,10 +254,10 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** A little behind the tip, so that the needle shows; in the middle while the tip is outside. */
+/** At the tip; in the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
-  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
+  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
@@ -295,8 +296,8 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: shown?.time ?? 0, range }) }
-const savePicture = async () => save(await takePicture(), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
+const takePicture = (plan) => compose(plan, { stage, echo, shown, history, time: shown?.time ?? 0, range })
+const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
@@ -333,19 +334,29 @@ for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) docu
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-if (matchMedia('(max-width: 860px)').matches) element('layers').open = false
+if (matchMedia('(max-width: 860px), (max-height: 560px)').matches) element('layers').open = false
 requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
+/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres. */
+async function pose() {
+  const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
+  setTheme(asked.get('theme') ?? 'light')
+  stage.setSize(plan.stage.width, plan.stage.height)
+  stage.look(number('view', 1))
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis]
+  setCut(axis, asked.has('place') ? (number('place') - from) / (to - from) : 0.5)
+  seek(history.end)
+  showPicture()
+  link.sendPicture(await (await takePicture(plan)).arrayBuffer())
+}
+
 if (posing) {
-  document.body.classList.add('picture')
-  const wait = setInterval(async () => {
+  const wait = setInterval(() => {
     if (history.pictures.length === 0) return
     clearInterval(wait)
-    seek(history.end)
-    showPicture()
-    link.sendPicture(await (await takePicture()).arrayBuffer())
+    pose()
   }, 50)
 }
 window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -162,10 +162,22 @@ export class Stage {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement
-    this.renderer.setSize(clientWidth, clientHeight, false)
-    this.camera.aspect = clientWidth / clientHeight
+    this.setSize(clientWidth, clientHeight)
+  }
+
+  setSize(width, height) {
+    this.renderer.setSize(width, height, false)
+    this.camera.aspect = width / height
     this.camera.updateProjectionMatrix()
     this.dirty = true
+  }
+
+  /** Draws at another size than the screen's; returns the canvas, for this task only. */
+  drawAt(width, height, ratio) {
+    this.setSize(width, height)
+    this.controls.update()
+    this.render(false, ratio)
+    return this.canvas
   }
 
   /** Draws if anything has changed, and finely once nothing changes any more; returns whether it did. */
@@ -178,10 +190,9 @@ export class Stage {
     return true
   }
 
-  /** `coarse`: with fewer pixels. */
-  render(coarse) {
+  /** `coarse`: with fewer pixels; or `ratio`: of drawn pixels to those of the size. */
+  render(coarse, ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
-    const ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.renderer.render(this.world, this.camera)
     this.coarse = coarse
@@ -202,9 +213,9 @@ export class Stage {
   }
 
   /** Metres that a pixel stands for at the point that the camera turns about. */
-  metresPerPixel() {
+  metresPerPixel(height = this.canvas.clientHeight) {
     const distance = this.camera.position.distanceTo(this.controls.target)
-    return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / this.canvas.clientHeight
+    return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / height
   }
 
   /* ---- dragging planes ---- */

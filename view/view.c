@@ -32,7 +32,7 @@ typedef struct {
     int view;                /* 1 .. 4, as the page's keys have it */
     const char *theme;
     char cut;                /* axis normal to the cut, 0: none */
-    double place;            /* m, where the cut crosses its axis; NAN: the middle of the body */
+    double place;            /* m, where the cut crosses its axis; NAN: where the needle's tip is */
 } picture;
 
 typedef struct {
@@ -89,7 +89,7 @@ static const struct argp_option option_list[] = {
     {"at", OPTION_AT, "SECONDS", 0, "Time of the picture, from the log's first pose (default: the end)", 2},
     {"size", OPTION_SIZE, "WIDTHxHEIGHT", 0, "Size of the picture in pixels, 320 to 4096 each (default 1600x1000)", 2},
     {"view", OPTION_VIEW, "NAME", 0, "Seen from: oblique (default), side, above, or along the needle", 2},
-    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue open in a sagittal, coronal or axial plane, at MM along its axis (x, y or z; default: the middle)", 2},
+    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue open in a sagittal, coronal or axial plane, at MM along x, y or z (default: through the tip)", 2},
     {"theme", OPTION_THEME, "NAME", 0, "light (default) or dark", 2},
     {0},
 };

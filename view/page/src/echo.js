@@ -76,6 +76,11 @@ export class Echo {
     discard(this.world)
     this.world.clear()
     this.frameFan(scene)
+    this.range = { from: Infinity, to: -Infinity } // of the body along z
+    for (let i = 2; i < scene.nodes.length; i += 3) {
+      this.range.from = Math.min(this.range.from, scene.nodes[i])
+      this.range.to = Math.max(this.range.to, scene.nodes[i])
+    }
     this.addTissue(scene)
     this.dirty = true
   }
@@ -92,7 +97,6 @@ export class Echo {
     this.spread = Math.min(1.0, Math.atan2(size.x / 2 + 0.012, size.y / 2 + 0.016))
     const width = 2 * this.reach.y * Math.sin(this.spread) * 1.04, low = this.probe.y + this.reach.x * Math.cos(this.spread) - 0.006, high = this.probe.y + this.reach.y + 0.003
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
-    this.range = { from: box.min.z - 0.01, to: box.max.z + 0.01 }
   }
 
   addTissue(scene) {
@@ -220,9 +224,11 @@ export class Echo {
     ink.fillStyle = '#cfd8e3'
     ink.font = `${11 * ratio}px system-ui, sans-serif`
     ink.textAlign = 'left'
-    ink.fillText(`axial, z = ${(1e3 * this.place).toFixed(1)} mm`, 10 * ratio, 18 * ratio)
-    ink.textAlign = 'right'
-    ink.fillText('seen along the needle', this.marks.width - 10 * ratio, 18 * ratio)
+    const place = `axial, z = ${(1e3 * this.place).toFixed(1)} mm`
+    ink.fillText(place, 10 * ratio, 18 * ratio)
+    const seen = 'seen along the needle', beside = this.marks.width > 30 * ratio + ink.measureText(seen + place).width
+    ink.textAlign = beside ? 'right' : 'left'
+    ink.fillText(seen, beside ? this.marks.width - 10 * ratio : 10 * ratio, (beside ? 18 : 33) * ratio)
   }
 
   drawOutlines(ink, nodes, wanted, colour, dash, width) {

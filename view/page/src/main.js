@@ -257,7 +257,7 @@ function setSlice(z) {
 /** At the tip; in the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
-  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
+  setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
@@ -325,7 +325,7 @@ element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
 element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
-new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('stage'))
+new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
 
 document.body.classList.toggle('software', stage.slow)
@@ -339,16 +339,16 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres. */
+/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres; without one, through the tip if that is inside. */
 async function pose() {
   const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
   setTheme(asked.get('theme') ?? 'light')
   stage.setSize(plan.stage.width, plan.stage.height)
   stage.look(number('view', 1))
-  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis]
-  setCut(axis, asked.has('place') ? (number('place') - from) / (to - from) : 0.5)
   seek(history.end)
   showPicture()
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needle.tip[axis]) - from) / (to - from)
+  setCut(axis, part > 0 && part < 1 ? part : 0.5)
   link.sendPicture(await (await takePicture(plan)).arrayBuffer())
 }
 

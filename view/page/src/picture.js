@@ -58,11 +58,11 @@ function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } 
   })
 
   text('displacement', 0, 172, small, '--muted')
-  const bar = ink.createLinearGradient(left + 100 * unit, 0, left + 250 * unit, 0), stops = rampCss.match(/rgb\([^)]*\)/g)
+  const bar = ink.createLinearGradient(left + 120 * unit, 0, left + 270 * unit, 0), stops = rampCss.match(/rgb\([^)]*\)/g)
   stops.forEach((stop, i) => bar.addColorStop(i / (stops.length - 1), stop))
   ink.fillStyle = bar
-  ink.fillRect(left + 100 * unit, top + 162 * unit, 150 * unit, 10 * unit)
-  text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 262, 172)
+  ink.fillRect(left + 120 * unit, top + 162 * unit, 150 * unit, 10 * unit)
+  text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 282, 172)
 
   const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')]]
   let x = 0

@@ -51,7 +51,7 @@ export class Plots {
     this.container.append(holder)
     const options = {
       width: 320, height: 110, legend: { live: true, mount: (u, legend) => head.append(legend) }, cursor: { sync: { key: 'time' }, drag: { x: false, y: false }, points: { size: 5 } },
-      padding: [4, 8, 2, 0],
+      padding: [7, 8, 6, 0],
       scales: { x: { time: false }, y: plot.logarithmic ? { distr: 3, range: (u, low, high) => [1e-6, Math.max(2 * this.budget, high * 1.2)] } : { range: (u, low, high) => this.range(plot, low, high) } },
       axes: [
         { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)) },

@@ -161,7 +161,7 @@ export class Stage {
   }
 
   resize() {
-    const { clientWidth, clientHeight } = this.canvas.parentElement
+    const { clientWidth, clientHeight } = this.canvas
     this.setSize(clientWidth, clientHeight)
   }
 

@@ -334,7 +334,9 @@ for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) docu
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-if (matchMedia('(max-width: 860px), (max-height: 560px)').matches) element('layers').open = false
+const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches }
+small.addEventListener('change', foldLayers)
+foldLayers()
 requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */

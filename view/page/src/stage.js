@@ -22,6 +22,9 @@ function rampTexture() {
   return texture
 }
 
+/** How much farther away the camera has to be for a view of this aspect to show the same width. */
+const room = (aspect) => Math.max(1, 1.25 / aspect)
+
 function drawsInSoftware() {
   const graphics = document.createElement('canvas').getContext('webgl2'), info = graphics?.getExtension('WEBGL_debug_renderer_info')
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
@@ -107,7 +110,7 @@ export class Stage {
     middle.z -= 0.12 * size.z
     const reach = size.length() / (Math.sin(THREE.MathUtils.degToRad(this.camera.fov / 2))) * (number === 4 ? 0.48 : 0.52)
     this.controls.target.copy(middle)
-    this.camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[number]).normalize(), reach * Math.max(1, 1.25 / this.camera.aspect))
+    this.camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[number]).normalize(), reach * room(this.camera.aspect))
     this.controls.update()
     this.dirty = true
   }
@@ -166,7 +169,10 @@ export class Stage {
   }
 
   setSize(width, height) {
+    if (width === 0 || height === 0) return
     this.renderer.setSize(width, height, false)
+    const { position, aspect } = this.camera, { target } = this.controls
+    position.sub(target).multiplyScalar(room(width / height) / room(aspect)).add(target)
     this.camera.aspect = width / height
     this.camera.updateProjectionMatrix()
     this.dirty = true

@@ -315,6 +315,7 @@ try {
     await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
+    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the colours of the cut are those of the legend')
     await page.waitForTimeout(300) // the plots are drawn at their own pace
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
@@ -337,18 +338,18 @@ try {
   })
 
   await check('--png: size, view, cut and theme', async () => {
-    const taken = {}
-    for (const [name, ...options] of [['plain'], ['dark', '--theme', 'dark'], ['other', '--size', '640x900', '--view', 'side', '--cut', 'sagittal:5', '--theme', 'dark']]) {
-      const file = path.join(out, `png-${name}.png`), child = run('view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file, ...options)
+    const taken = {}, file = (name) => path.join(out, `png-${name}.png`)
+    for (const [name, ...options] of [['plain'], ['cut', '--cut', 'sagittal'], ['small', '--size', '640x900', '--view', 'side', '--cut', 'axial:40', '--theme', 'dark']]) {
+      const child = run('view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
       if (child.exitCode === null) await once(child, 'exit')
       assert.equal(child.exitCode, 0)
-      taken[name] = await page.evaluate(partsOf, await read(file))
+      taken[name] = await page.evaluate(partsOf, await read(file(name)))
     }
-    const { plain, dark, other } = taken, said = JSON.stringify(taken)
-    assert.deepEqual([plain.width, plain.height, other.width, other.height], [1600, 1000, 640, 900])
-    assert(plain.slice > 25 && dark.slice > 25 && other.below > 25, said)
-    assert(plain.ground > 200 && dark.ground < 40 && other.ground < 40, said)
-    assert(plain.coloured < 0.5 * other.coloured, `the cut shows the displacement's colours: ${said}`)
+    const { plain, cut, small } = taken, said = JSON.stringify(taken)
+    assert.deepEqual([plain, cut, small].map(({ width, height }) => [width, height]), [[1600, 1000], [1600, 1000], [640, 900]])
+    assert(plain.slice > 25 && cut.slice === plain.slice && small.below > 25, said)
+    assert(plain.ground > 200 && cut.ground > 200 && small.ground < 40, said)
+    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is seen')
   })
 
   for (const [width, height] of SIZES)
@@ -401,6 +402,12 @@ function forceDrawn(times) {
   })
 }
 
+/** Runs in the page. */
+function coloursOfCut() {
+  const { array, count } = trocar.stage.anatomy.cutTints
+  return Array.from(array.subarray(0, count))
+}
+
 /** Runs in the page: a plain ground under what is written on the 3D view, as axe-core sees no contrast with gradients and canvases.
  *  It is the end of the gradient that is harder to read on. */
 function plainGround(theme) {
@@ -437,7 +444,7 @@ function layoutFaults() {
 }
 
 /** Runs in the page: size of a picture; mean brightness of its ground, of its slice where that is beside and where it is below the
- *  3D view; spread of the 3D view's brightness; and the share of colours between green and yellow. */
+ *  3D view; and the spread of the 3D view's brightness. */
 async function partsOf(url) {
   const image = new Image()
   image.src = url
@@ -445,12 +452,10 @@ async function partsOf(url) {
   const { width, height } = image, ink = new OffscreenCanvas(width, height).getContext('2d')
   ink.drawImage(image, 0, 0)
   const values = (x, y, size) => ink.getImageData(x, y, size, size).data.filter((value, i) => i % 4 === 0), mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length
-  const middle = values(width / 2 - 400 > 0 ? width / 2 - 400 : 0, height / 4, Math.min(400, width / 2)), all = ink.getImageData(0, 0, width, height).data
-  let coloured = 0
-  for (let i = 0; i < all.length; i += 4) coloured += all[i + 1] > all[i + 2] + 40 && all[i + 1] >= all[i] - 20
+  const middle = values(Math.max(width / 2 - 400, 0), height / 4, Math.min(400, width / 2))
   const level = mean(middle), side = Math.min(0.45 * height, 0.34 * width)
   return { width, height, ground: mean(values(2, 2, 8)), slice: mean(values(width - 0.55 * side - 50, 0.45 * side, 100)), below: mean(values(0.74 * width - 30, height - 0.3 * width, 60)),
-           stage: Math.sqrt(mean(middle.map((v) => (v - level) ** 2))), coloured: coloured / (width * height) }
+           stage: Math.sqrt(mean(middle.map((v) => (v - level) ** 2))) }
 }
 
 async function read(file) {

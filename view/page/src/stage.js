@@ -147,6 +147,13 @@ export class Stage {
     return largest
   }
 
+  /** Full scale of the displacement's colours, m; those of the cut are made anew. */
+  setRange(range) {
+    this.anatomy.setRange(range)
+    if (this.cutPlane) this.recut()
+    this.dirty = true
+  }
+
   /** The needle outside, for a server that has not shown one yet. */
   showHome() { this.show(pictureAtHome(this.scene)) }
 

@@ -241,7 +241,7 @@ function showNumbers() {
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
-  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(2)} N`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`
 }
 
 /* ---- slices and layers ---- */

@@ -78,7 +78,7 @@ function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } 
   const perPixel = stage.metresPerPixel(height), length = [0.05, 0.02, 0.01, 0.005, 0.002, 0.001].find((l) => l / perPixel < 0.5 * side) ?? 0.001
   ink.fillStyle = colour('--text')
   ink.fillRect(left, top + 231 * unit, length / perPixel, 2.5 * unit)
-  text(`${1e3 * length} mm, force ${+(length / FORCE_SCALE).toPrecision(2)} N`, length / perPixel / unit + 12, 237)
+  text(`${1e3 * length} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`, length / perPixel / unit + 12, 237)
 }
 
 export function save(blob, name) {

@@ -56,6 +56,15 @@ try {
     assert(await tip(first) < 0, 'the needle waits outside')
   })
 
+  for (const [width, height] of [[390, 844], [844, 390], [1024, 768]])
+    await check(`layout without a server, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+      if (process.env.SHOTS) await first.screenshot({ path: path.join(out, `none-${width}.png`) })
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
+
   await check('a server that starts is seen', async () => {
     server = await startServer()
     await until(first, badge('live'))

@@ -219,7 +219,7 @@ function drawPlots() {
   plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
-  element('clock').textContent = state.name === 'live' ? 'now' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  element('clock').textContent = state.name === 'live' ? 'now' : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
   for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
   element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
   element('play').textContent = clock.playing ? 'Pause' : 'Play'
@@ -227,6 +227,7 @@ function drawPlots() {
 }
 
 function showNumbers() {
+  showScale()
   if (history.count === 0) return
   const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -234,7 +235,6 @@ function showNumbers() {
   element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
-  showScale()
 }
 
 /** A bar of a round length, about 100 pixels. */

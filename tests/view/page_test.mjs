@@ -303,7 +303,7 @@ const MOMENTS = [ // s; cut; what must be seen
 /** In both themes: nothing that axe-core objects to, nothing that lies over something else or is cut off. */
 async function checkLayout(page, name) {
   await page.evaluate(axe)
-  for (const theme of ['dark', 'light']) {
+  for (const theme of ['light', 'dark']) { // the pages are dark before and after
     await page.evaluate((theme) => trocar.setTheme(theme), theme)
     await page.evaluate(plainGround, theme)
     const found = await page.evaluate('axe.run()')

@@ -170,22 +170,19 @@ static void repeat_tip(contact_problem *p) {
 }
 
 /* Local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with a
-   needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. What sideways forces do along
-   the track, the shaft next to the tip shares with them and the end face does not, as for a contact: nothing jumps when one
-   takes the place of the other. */
+   needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. The shaft next to the tip
+   carries what lies sideways with it as a contact would, so that nothing jumps when one takes the place of the other. What the end
+   face presses in yields along the needle, under its own force alone. */
 static void add_local_compliance(contact_problem *p, const insertion_workspace *w, int point, vec3 track, bool tip) {
-    enum { FACE = 2, SHAFT = 3 };
+    int first = unknown(p->count, point, 0), face = unknown(p->count, point, 2), axial = face + tip;
+    const int row[] = {first, first + 1, axial};
     vec3 share = m3_apply_transposed(&w->points[point].frame, track); /* of each force, along the track */
-    const double along[] = {share.x, share.y, share.z, share.z};
-    int first = unknown(p->count, point, 0), axial = unknown(p->count, point, 2), row[] = {first, first + 1, axial, axial + 1};
-    for (int i = 0; i < 3 + tip; i++)
-        for (int j = 0; j <= i; j++) {
-            bool same_line = i == j || j == FACE;
-            double yields = w->axial[point]; /* along the track */
-            if (tip && i != FACE) yields = j == FACE ? 0.0 : j == SHAFT ? w->axial[point + 1] : w->held_axial;
-            else if (tip && j != FACE) yields = 0.0;
-            p->compliance[row[i]][row[j]] += w->lateral[point] * (same_line - along[i] * along[j]) + yields * along[i] * along[j];
-        }
+    const double along[] = {share.x, share.y, share.z};
+    double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j <= i; j++)
+            p->compliance[row[i]][row[j]] += w->lateral[point] * ((i == j) - along[i] * along[j]) + (j == 2 ? shaft : held) * along[i] * along[j];
+    if (tip) p->compliance[face][face] += w->axial[point];
 }
 
 /* Compliance of tissue, needle and the hold on its base between all points, in their frames; local compliance on the diagonal. */
@@ -231,6 +228,7 @@ static void damp_tip(insertion_workspace *w, const insertion_state *state) {
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->tip_column;
     vec3 along = state->tip.direction, own = m3_apply(&w->tip_row[t], along);
+    double facing = v3_dot(needle_along(&w->points[t]), along);
     for (int i = 0; i < p->count; i++) {
         vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
         moved = m3_apply_transposed(&w->points[i].frame, moved);
@@ -239,8 +237,8 @@ static void damp_tip(insertion_workspace *w, const insertion_state *state) {
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    a[tip] += w->axial[t] * v3_dot(needle_along(&w->points[t]), along);
-    w->tip_yield = v3_dot(along, own) + w->axial[t];
+    a[tip] += w->axial[t] * facing;
+    w->tip_yield = v3_dot(along, own) + w->axial[t] * facing * facing;
     double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;
     for (int i = 0; i < all; i++) {

@@ -175,7 +175,7 @@ typedef struct {
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
-    double held_axial;                       /* m/N, along the track, of what holds the tip sideways */
+    double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
     double loose;                            /* m/N, what the tip yields sideways on top of that while it has not got its full hold */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */

@@ -5,9 +5,11 @@ import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
 import { connect } from 'node:net'
 import path from 'node:path'
-import { ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
+import { axe, ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
+const LOG = path.join(source, 'tests/traces/figure8.log')
+const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
 const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 
@@ -51,8 +53,17 @@ try {
     assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), Number(written[1]))
     for (const layer of ['body', 'prostate', 'capsule', 'bone']) assert(await first.evaluate(`trocar.stage.anatomy.layers.has('${layer}')`), layer)
     assert.equal(await first.evaluate('trocar.history.pictures.length'), 0)
+    await until(first, 'document.getElementById("scale-bar").clientWidth > 40')
     assert(await tip(first) < 0, 'the needle waits outside')
   })
+
+  for (const [width, height] of [[390, 844], [844, 390], [1024, 768]])
+    await check(`layout without a server, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
 
   await check('a server that starts is seen', async () => {
     server = await startServer()
@@ -189,6 +200,14 @@ try {
     assert.deepEqual(await first.evaluate(graphicsHeld), held)
   })
 
+  for (const [width, height] of SIZES)
+    await check(`layout while the needle is driven, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
+
   await check('only a Reset that is held resets', async () => {
     const deep = await tip(first), [reset] = [first.locator('#reset')]
     await reset.click()
@@ -280,15 +299,34 @@ const MOMENTS = [ // s; cut; what must be seen
   ['deep', 1.3, 'x', ({ depth, gland }) => depth > 0.06 && gland > 5e-5],
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, the tissue sticks
 ]
-const player = await start('view/trocar-view', '--log', path.join(source, 'tests/traces/figure8.log'))
+
+/* ---- layouts and pictures ---- */
+
+/** In both themes: nothing that axe-core objects to, nothing that lies over something else or is cut off. */
+async function checkLayout(page, name) {
+  await page.evaluate(axe)
+  for (const theme of ['light', 'dark']) { // the pages are dark before and after
+    await page.evaluate((theme) => trocar.setTheme(theme), theme)
+    await page.evaluate(plainGround, theme)
+    const found = await page.evaluate('axe.run()')
+    const said = found.violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`)
+    assert.deepEqual(said, [], `${name}, ${theme}`)
+    assert(found.passes.some(({ id }) => id === 'color-contrast'))
+    await page.evaluate(plainGround, null)
+  }
+  assert.deepEqual(await page.evaluate(layoutFaults), [], name)
+}
+
+const player = await start('view/trocar-view', '--log', LOG)
 try {
-  const page = await open({ width: 1440, height: 900 })
-  await until(page, 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011')
+  const page = await open({ width: 1440, height: 900 }), whole = 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011'
+  await until(page, whole)
   for (const [name, time, cut, seen] of MOMENTS) {
     await page.evaluate(`trocar.setCut('${cut}', 0.55); trocar.seek(${time})`)
     await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
+    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the colours of the cut are those of the legend')
     await page.waitForTimeout(300) // the plots are drawn at their own pace
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
@@ -299,6 +337,43 @@ try {
       console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
       assert(difference.mean < 1.5 && difference.far < 0.006, `${name} differs: ${JSON.stringify(difference)}; see ${out}`)
     }
+  })
+
+  await check('the picture button saves what is shown, and the slice', async () => {
+    const [file] = await Promise.all([page.waitForEvent('download'), page.click('#screenshot')])
+    await file.saveAs(path.join(out, 'button.png'))
+    const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
+    assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // a slice that is not drawn has 6
+    await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
+  })
+
+  await check('--png: size, view, cut and theme', async () => {
+    const taken = {}, file = (name) => path.join(out, `png-${name}.png`)
+    for (const [name, ...options] of [['plain'], ['cut', '--cut', 'sagittal'], ['small', '--size', '640x900', '--view', 'side', '--cut', 'axial:40', '--theme', 'dark']]) {
+      const child = run('view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
+      if (child.exitCode === null) await once(child, 'exit')
+      assert.equal(child.exitCode, 0)
+      taken[name] = await page.evaluate(partsOf, await read(file(name)))
+    }
+    const { plain, cut, small } = taken, said = JSON.stringify(taken)
+    assert.deepEqual([plain, cut, small].map(({ width, height }) => [width, height]), [[1600, 1000], [1600, 1000], [640, 900]])
+    assert(plain.slice > 25 && cut.slice === plain.slice && small.below > 25, said)
+    assert(plain.ground > 200 && cut.ground > 200 && small.ground < 40, said)
+    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is seen')
+  })
+
+  for (const [width, height] of SIZES)
+    await check(`layout of a log at ${width} x ${height}`, async () => {
+      await page.setViewportSize({ width, height })
+      await page.waitForTimeout(300)
+      await checkLayout(page, `${width} x ${height}`)
+    })
+  await check('layout of the list of keys', async () => {
+    await page.setViewportSize({ width: 390, height: 844 })
+    await page.click('#help')
+    await checkLayout(page, 'keys')
+    await page.keyboard.press('Escape')
   })
   assert.deepEqual(faults, [])
 } finally {
@@ -336,6 +411,62 @@ function forceDrawn(times) {
     for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
     return false
   })
+}
+
+/** Runs in the page. */
+function coloursOfCut() {
+  const { array, count } = trocar.stage.anatomy.cutTints
+  return Array.from(array.subarray(0, count))
+}
+
+/** Runs in the page: a plain ground under what is written on the 3D view, as axe-core sees no contrast with gradients and canvases.
+ *  It is the end of the gradient that is harder to read on. */
+function plainGround(theme) {
+  const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
+  stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''
+  for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas')) canvas.style.visibility = hidden
+}
+
+/** Runs in the page: what lies over something else, is cut off, or is outside the window. */
+function layoutFaults() {
+  const dialog = document.querySelector('dialog[open]')
+  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
+    .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility() && part.getBoundingClientRect().width > 0)
+  const name = (part) => part.id || `${part.tagName.toLowerCase()} "${part.textContent.trim().slice(0, 20)}"`
+  const scroller = document.getElementById('plots').getBoundingClientRect()
+  const boxOf = (part) => { // what is seen of it
+    const { left, right, top, bottom } = part.getBoundingClientRect()
+    return part.closest('#plots') ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
+  }
+  const faults = [], boxes = parts.map(boxOf)
+  parts.forEach((part, i) => {
+    const a = boxes[i]
+    if (a.bottom <= a.top) return
+    if (a.left < -1 || a.top < -1 || a.right > innerWidth + 1 || a.bottom > innerHeight + 1) faults.push(`${name(part)} is outside the window`)
+    if (!part.title && part.scrollWidth > part.clientWidth + 1 && part.clientWidth > 0 && getComputedStyle(part).display !== 'inline') faults.push(`${name(part)} is cut off`)
+    for (let k = i + 1; k < parts.length; k++) {
+      const b = boxes[k], across = Math.min(a.right, b.right) - Math.max(a.left, b.left), down = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top)
+      if (across > 1 && down > 1 && !part.contains(parts[k]) && !parts[k].contains(part)) faults.push(`${name(part)} and ${name(parts[k])}`)
+    }
+  })
+  const names = [...document.querySelectorAll('#plots > div')].map((plot) => [...plot.querySelectorAll('th')].map((th) => th.textContent))
+  for (const series of names) if (new Set(series).size < series.length) faults.push(`two series of one name: ${series}`)
+  return faults
+}
+
+/** Runs in the page: size of a picture; mean brightness of its ground, of its slice where that is beside and where it is below the
+ *  3D view; and the spread of the 3D view's brightness. */
+async function partsOf(url) {
+  const image = new Image()
+  image.src = url
+  await image.decode()
+  const { width, height } = image, ink = new OffscreenCanvas(width, height).getContext('2d')
+  ink.drawImage(image, 0, 0)
+  const values = (x, y, size) => ink.getImageData(x, y, size, size).data.filter((value, i) => i % 4 === 0), mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length
+  const middle = values(Math.max(width / 2 - 400, 0), height / 4, Math.min(400, width / 2))
+  const level = mean(middle), side = Math.min(0.45 * height, 0.34 * width)
+  return { width, height, ground: mean(values(2, 2, 8)), slice: mean(values(width - 0.55 * side - 50, 0.45 * side, 100)), below: mean(values(0.74 * width - 30, height - 0.3 * width, 60)),
+           stage: Math.sqrt(mean(middle.map((v) => (v - level) ** 2))) }
 }
 
 async function read(file) {

@@ -6,13 +6,13 @@ import { Echo } from './echo.js'
 import { History } from './history.js'
 import { Link } from './link.js'
 import { FORCE_SCALE } from './needle.js'
-import { compose, save } from './picture.js'
+import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
 import { showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const posing = new URLSearchParams(location.search).has('picture') // draw the one picture there is, send it back, and that is all
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // draw the one picture there is, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -142,7 +142,7 @@ function advanceClock(now) {
 
 function frame(now) {
   requestAnimationFrame(frame)
-  if (!scene) return
+  if (!scene || posing) return
   advanceClock(now)
   if (stage.finished()) draw(now)
   if (now - plotsDrawn > PLOT_PERIOD) {
@@ -200,7 +200,7 @@ function looksSame(a, b) {
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
-  stage.anatomy.setRange(range)
+  stage.setRange(range)
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
@@ -219,13 +219,15 @@ function drawPlots() {
   plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
-  element('clock').textContent = state.name === 'live' ? 'now' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  element('clock').textContent = state.name === 'live' ? 'now' : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
   element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
   element('play').textContent = clock.playing ? 'Pause' : 'Play'
   element('live').disabled = clock.following
 }
 
 function showNumbers() {
+  showScale()
   if (history.count === 0) return
   const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -233,14 +235,13 @@ function showNumbers() {
   element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
-  showScale()
 }
 
 /** A bar of a round length, about 100 pixels. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
-  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(2)} N`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`
 }
 
 /* ---- slices and layers ---- */
@@ -253,10 +254,10 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** A little behind the tip, so that the needle shows; in the middle while the tip is outside. */
+/** At the tip; in the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
-  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
+  setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
@@ -295,8 +296,8 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: shown?.time ?? 0, range }) }
-const savePicture = async () => save(await takePicture(), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
+const takePicture = (plan) => compose(plan, { stage, echo, shown, history, time: shown?.time ?? 0, range })
+const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
@@ -324,7 +325,7 @@ element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
 element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
-new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('stage'))
+new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
 
 document.body.classList.toggle('software', stage.slow)
@@ -333,19 +334,31 @@ for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) docu
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-if (matchMedia('(max-width: 860px)').matches) element('layers').open = false
+const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches }
+small.addEventListener('change', foldLayers)
+foldLayers()
 requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
+/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres; without one, through the tip if that is inside. */
+async function pose() {
+  const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
+  setTheme(asked.get('theme') ?? 'light')
+  stage.setSize(plan.stage.width, plan.stage.height)
+  stage.look(number('view', 1))
+  seek(history.end)
+  showPicture()
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needle.tip[axis]) - from) / (to - from)
+  setCut(axis, part > 0 && part < 1 ? part : 0.5)
+  link.sendPicture(await (await takePicture(plan)).arrayBuffer())
+}
+
 if (posing) {
-  document.body.classList.add('picture')
-  const wait = setInterval(async () => {
+  const wait = setInterval(() => {
     if (history.pictures.length === 0) return
     clearInterval(wait)
-    seek(history.end)
-    showPicture()
-    link.sendPicture(await (await takePicture()).arrayBuffer())
+    pose()
   }, 50)
 }
 window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -25,10 +25,13 @@ def write_log(path):
         while at < len(log):
             name, data = struct.unpack_from(">II", log, at + 20)
             event = bytearray(log[at:at + 28 + name + data])
+            at += len(event)
+            if event[28:28 + name] != b"TROCAR_WRENCH":
+                continue
             struct.pack_into(">Q", event, 12, time)
             struct.pack_into(">Q", event, 28 + name + 24, 0)  # session, after fingerprint, utime and tick
             out.write(event)
-            at, time = at + len(event), time + 100000
+            time += 100000
 
 
 def connect(port):

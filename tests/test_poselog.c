@@ -246,12 +246,12 @@ static void a_status_names_the_owner_of_the_inverse(void **state) {
     wrench_log_free(&log);
 }
 
-/* The golden traces are of before wrenches named their server: same numbers, no owner of the inverse. */
+/* Recorded before wrenches named their server: same numbers, no owner of the inverse. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
     report why;
     wrench_log log;
-    assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &log, &why), TROCAR_OK);
+    assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/wrenches-without-server.log", &log, &why), TROCAR_OK);
     assert_true(log.count > 100 && log.inverse[0] == '\0');
     double peak = 0;
     for (int i = 0; i < log.count; i++) {

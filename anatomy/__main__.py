@@ -1,15 +1,14 @@
 """Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
 
-The first region is the gland: its surface is the membrane `capsule`. Regions that touch are kept apart by half an element:
-bones give way to the gland, other regions to both, the smaller to the larger. Outlines and surfaces are taken to be in
-DICOM's patient coordinates, millimetres.
+The first region is the gland: its surface is the membrane `capsule`. Regions that touch share their surface; where they
+overlap, the smaller one has it. Outlines and surfaces are taken to be in DICOM's patient coordinates, millimetres.
 """
 import argparse
 import os
 import re
 import sys
 
-from . import contours, picture, pipeline, quality, reading, scene, session
+from . import contours, limits, picture, pipeline, quality, reading, scene
 
 
 def parse_arguments(arguments):
@@ -22,9 +21,14 @@ def parse_arguments(arguments):
     parser.add_argument("--nodes", type=int, default=570, help="number of nodes, hit within 10 %% (default 570)")
     parser.add_argument("--corridor", type=float, nargs=3, metavar=("X", "Y", "RADIUS"),
                         help="mm: elements of half the size around this line along z, in the mesh's frame")
-    parser.add_argument("--unit", choices=("mm", "m"), default="mm", help="of STL and PLY (default mm)")
+    parser.add_argument("--crop", action="store_true", help="a box around the gland and the bones only; what sticks out of it is cut off, and told")
+    parser.add_argument("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS",
+                        help="for each stage of the work: one that takes longer is stopped (default %(default)g)")
+    parser.add_argument("--unit", choices=("mm", "cm", "m"), default="mm", help="of STL and PLY (default mm)")
     parser.add_argument("--picture", metavar="FILE.svg", help="draws the outlines as they came and as they were understood, also when they cannot be used")
     given = parser.parse_args(arguments)
+    if not given.time_limit > 0:
+        parser.error("--time-limit must be positive")
     if given.nodes < 200:
         parser.error("--nodes must be at least 200")
     if given.corridor and given.corridor[2] <= 0:
@@ -43,17 +47,17 @@ def read_all(given):
     """ROI name -> rings or surface, in the files' order."""
     kinds = {reading.kind_of(path) for path in given.input}
     if kinds <= set(reading.SURFACES):
-        scale = 1.0 if given.unit == "mm" else 1e3
+        scale = {"mm": 1.0, "cm": 10.0, "m": 1e3}[given.unit]
         paths = {}
         for path in given.input:
             stem = os.path.splitext(os.path.basename(path))[0]
             if stem in paths:
                 raise reading.BadFile(f"{path}: its region would have the name of that of {paths[stem]}: rename one of the files")
             paths[stem] = path
-        return {stem: reading.read_surface(path, scale) for stem, path in paths.items()}
+        return {stem: limits.run(f"reading {path}", reading.read_surface, path, scale) for stem, path in paths.items()}
     if len(given.input) > 1:
         raise reading.BadFile("one file of outlines, or any number of surfaces, not both")
-    return reading.read_outlines(given.input[0])
+    return limits.run(f"reading {given.input[0]}", reading.read_outlines, given.input[0])
 
 
 def organs_of(given, available):
@@ -67,15 +71,21 @@ def organs_of(given, available):
         if chosen.count(name) > 1:
             raise reading.BadFile(f"{given.input[0]}: region \"{name}\" is chosen twice")
     names = pipeline.region_names(chosen)
-    make = pipeline.organ_of_rings if isinstance(available[soft[0]], list) else pipeline.organ_of_surface
-    organs = [make(name, names[name], name in bones, available[name]) for name in chosen]
+    organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, available[name]) for name in chosen]
     for organ in organs:
         if organ.name != re.sub(r"\W+", "_", organ.roi.lower()).strip("_"):
             organ.note(f"is called {organ.name} in mesh and scene")
     return sorted(organs, key=lambda organ: (organ is not organs[0], not organ.bone, -organ.volume))
 
 
+def organ_of(roi, name, bone, came):
+    if isinstance(came, list):
+        return pipeline.organ_of_rings(roi, name, bone, came)
+    return pipeline.organ_of_surface(roi, name, bone, *came)
+
+
 def run(given):
+    limits.SECONDS = given.time_limit
     available = read_all(given)
     if given.list:
         print("\n".join(available))
@@ -90,8 +100,8 @@ def run(given):
         picture.draw([organ.stack for organ in organs], available, given.picture)
     elif given.picture:
         print("anatomy: --picture: surfaces have no outlines: there is none", file=sys.stderr)
-    session.start()
-    mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor], given.output + ".msh")
+    mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor], given.output + ".msh",
+                                              given.crop)
     write_texts(given, organs, domain, mesh, outlined)
 
 
@@ -119,9 +129,10 @@ def write(path, content):
 
 
 def main():
+    limits.end_on_signals()
     try:
         run(parse_arguments(sys.argv[1:]))
-    except (reading.BadFile, contours.Unusable, OSError) as error:
+    except (reading.BadFile, contours.Unusable, limits.TooLong, limits.Crashed, OSError) as error:
         print(f"anatomy: {error}", file=sys.stderr)
         sys.exit(2)
 

@@ -19,20 +19,29 @@ SPECK = 3.0           # mm^2: what is smaller was not meant
 INSIDE = 0.98         # share of an outline that lies inside another one, if it is a hole in it
 HOLE = 0.8            # of the area around it: an outline inside another that is not smaller is the same one drawn again
 DOUBLED = 0.02        # of its area: an outline that differs by less from another one is a copy
+MOST_OPEN = 0.1       # share of the outlines that may be open
 SCRAMBLED = 0.8       # an outline with less than this share of the area that its points span in order of angle was not in order
 
 
-class ExclusiveRings(list):
-    """Rings of which an even number, one inside the other, enclose nothing (DICOM's CLOSEDPLANAR_XOR)."""
+class Rings(list):
+    """Rings of a region, as a structure set has them."""
+
+    def __init__(self, rings=(), exclusive=False, left_open=()):
+        super().__init__(rings)
+        self.exclusive = exclusive           # where an even number of them overlap is outside (DICOM's CLOSEDPLANAR_XOR)
+        self.left_open = list(left_open)     # outlines that are not closed (OPEN_PLANAR): they enclose nothing
 
 
 class Unusable(Exception):
     """An input that no mesh can be made of. The text names region and slice; `rings` are what a picture shows."""
 
     def __init__(self, roi, problem, z=None, rings=()):
-        place = f"region \"{roi}\"" + (f", slice z = {z:g} mm" if z is not None else "")
-        super().__init__(f"{place}: {problem}")
+        super().__init__(roi, problem, z, rings)    # all of them: it is sent from one process to another
         self.rings = [np.asarray(ring, float) for ring in rings]
+
+    def __str__(self):
+        roi, problem, z, _ = self.args
+        return f"region \"{roi}\"" + (f", slice z = {z:g} mm" if z is not None else "") + f": {problem}"
 
 
 @dataclasses.dataclass
@@ -122,6 +131,18 @@ def large_enough(shape):
     return MultiPolygon([p for p in polygons(shape) if p.area >= SPECK])
 
 
+def open_slices(roi, rings):
+    """A remark on outlines that are not closed; Unusable if there are too many."""
+    open_ = sorted(float(np.median(ring[:, 2])) for ring in getattr(rings, "left_open", []) if len(ring))
+    if not open_:
+        return []
+    share, heights = len(open_) / (len(open_) + len(rings)), ", ".join(f"{z:g}" for z in open_)
+    problem = f"{len(open_)} of {len(open_) + len(rings)} outlines ({100 * share:.0f} %) are open (OPEN_PLANAR) and enclose nothing, at z = {heights} mm"
+    if share > MOST_OPEN:
+        raise Unusable(roi, f"{problem}: close them", rings=rings.left_open)
+    return [f"{problem}: left out, interpolated from the slices beside"]
+
+
 def build_stack(roi, rings):
     """`rings`: arrays of points (x, y, z), in any order of slices."""
     flat = []
@@ -137,7 +158,8 @@ def build_stack(roi, rings):
                            "export axial slices", z, [ring])
         flat.append((z, ring[:, :2]))
     flat.sort(key=lambda item: item[0])
-    combine = exclusive_or if isinstance(rings, ExclusiveRings) else merge
+    left_open = open_slices(roi, rings)
+    combine = exclusive_or if getattr(rings, "exclusive", False) else merge
     slices, notes, left_out = [], [], []
     while flat:
         z = flat[0][0]
@@ -154,7 +176,7 @@ def build_stack(roi, rings):
     if len(slices) < 2:
         raise Unusable(roi, f"{len(slices)} usable slice{'s' * (len(slices) != 1)}: at least two are needed"
                        + "".join(f"; {note}" for note in notes), rings=rings)
-    stack = Stack(roi, slices, notes, left_out)
+    stack = Stack(roi, slices, notes + left_open, left_out)
     stack.notes += [f"no slice between z = {lower.z:g} and {upper.z:g} mm: interpolated"
                     for lower, upper in itertools.pairwise(slices) if upper.z - lower.z > 1.5 * stack.spacing]
     return stack

@@ -42,12 +42,6 @@ class Field:
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])
         return Field(self.low, self.step, np.maximum(self.values, gap - np.abs(distance.reshape(self.values.shape))))
 
-    def inside_box(self, low, high):
-        """The same shape cut off at the faces of a box."""
-        points = self.points()
-        beyond = np.maximum(low - points, points - high).max(axis=1)
-        return Field(self.low, self.step, np.maximum(self.values, beyond.reshape(self.values.shape)))
-
     def surfaces(self):
         """Smooth closed surfaces where the field is zero."""
         if self.values.min() >= 0:
@@ -99,12 +93,3 @@ def of_stack(stack):
         beyond = max(heights[0] - z, z - heights[-1]) - stack.spacing / 2
         values[k] = np.maximum((1 - share) * planes[above - 1] + share * planes[above], beyond)
     return Field(np.array([axis[0] for axis in axes]), step, values).holding(stack.volume())
-
-
-def of_surface(surface):
-    """Of a closed surface (vtkPolyData, mended)."""
-    shell = from_vtk(surface)
-    axes, step = grid(shell.points.min(axis=0), shell.points.max(axis=0))
-    made = Field(np.array([axis[0] for axis in axes]), step, np.empty([len(axis) for axis in axes[::-1]]))
-    made.values = shells.distances(shell, made.points()).reshape(made.values.shape)
-    return made

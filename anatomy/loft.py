@@ -2,7 +2,7 @@
 import gmsh
 import numpy as np
 
-from . import contours, session
+from . import contours, limits, session
 from .shells import Shell, oriented
 
 POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor of the hand
@@ -61,14 +61,16 @@ def of_stack(stack):
     """The closed surface, or None where outlines branch or the loft folds: see `field`."""
     if not stack.is_tube():
         return None
-    gmsh.model.add("loft")
     try:
-        shell = triangulate(stack)
+        shell = limits.run(f"loft of {stack.name}", lofted, stack)
     except Exception:  # Gmsh raises no other class
-        session.restart()
         return None
-    gmsh.model.remove()
-    for option, value in (("MeshSizeMin", 0), ("MeshSizeMax", 1e22)):
-        gmsh.option.setNumber("Mesh." + option, value)
     sound = is_closed(shell) and abs(shell.volume() / stack.volume() - 1) < ERROR
     return shell if sound else None
+
+
+def lofted(stack):
+    """In a process of its own."""
+    session.start()
+    gmsh.model.add("loft")
+    return triangulate(stack)

@@ -1,15 +1,17 @@
-"""Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes."""
+"""Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes. Each try runs in
+a process of its own with a time limit."""
 import collections
 import dataclasses
 import math
 import os
 import shutil
 import tempfile
+import time
 
 import gmsh
 import numpy as np
 
-from . import quality, session
+from . import labels, limits, quality, session
 from .contours import Unusable
 from .loft import mesh_shell
 from .shells import Shell, crossings, decimated, distances
@@ -23,14 +25,19 @@ FAILURES = 3            # of Gmsh, after which nothing is expected of other size
 JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
 OFF = 0.10              # of the wanted number of nodes: a mesh that is further off is none
+WORST = 4.0             # times as far from the paper's angles: 2.5 and 174.9 degrees; a mesh beyond that is refused
+INSIDE = 0.3            # of an element: what lies deeper in the gland is inside of it, not beside it
 
 
 class Failure(Exception):
     """Gmsh made no mesh. `names`: regions whose surfaces are the reason; `z`: m, where, or None."""
 
     def __init__(self, problem, names, z=None):
-        super().__init__(problem)
+        super().__init__(problem, names, z)     # all of them: it is sent from one process to another
         self.names, self.z = names, z
+
+    def __str__(self):
+        return self.args[0]
 
 
 @dataclasses.dataclass
@@ -45,8 +52,18 @@ class Body:
 
 
 @dataclasses.dataclass
+class Region:
+    """One that may touch others."""
+    name: str
+    surface: str
+    shells: list             # closed, m, world frame
+    volume: float
+    hollow: bool = False
+
+
+@dataclasses.dataclass
 class Domain:
-    """What is meshed: bodies that do not touch, in a box with the skin in front (z = 0)."""
+    """What is meshed, in a box with the skin in front (z = 0): bodies that do not touch, or `regions` that may."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
@@ -54,6 +71,9 @@ class Domain:
     reach: float             # m: half the gland's longest side
     origin: np.ndarray       # DICOM mm: where the mesh has its origin
     corridor: tuple = None   # x, y, radius, m
+    regions: list = None     # in order of priority
+    gland: str = ""
+    crop: tuple = None       # low, high: nothing of the regions outside
 
     def parents(self):
         """Index of the smallest body around each body, or None."""
@@ -151,48 +171,112 @@ def add_box(low, high):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the bodies' coarse surfaces."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and what regions lost."""
     formula = size_formula(domain, fine)
-    shells = [coarse(body, formula) for body in domain.bodies]
+    if domain.regions:
+        found, lost = labels.shared_surfaces([region.shells for region in domain.regions], [region.volume for region in domain.regions],
+                                             fine, domain.crop)
+        missing = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
+        if missing:
+            raise Failure("nothing is left of it: it lies inside other regions, or is too thin", missing)
+        patches, hollow = patches_of_complex(domain, found, fine), [k != labels.OUTSIDE and domain.regions[k].hollow for k in found.cells]
+        names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
+        owners, shells = domain.regions, [found.surface(k) for k in range(len(domain.regions))]
+        lost = {(domain.regions[k].name, domain.regions[winner].name if winner != labels.OUTSIDE else None): share
+                for (k, winner), share in lost.items()}
+    else:
+        shells, lost = [coarse(body, formula) for body in domain.bodies], {}
+        points, patches = patches_of_bodies(domain, shells)
+        owners, names, hollow = domain.bodies, [body.name for body in domain.bodies], [body.hollow for body in domain.bodies]
     try:
-        fill(domain, shells, formula)
+        fill(domain, found.points if domain.regions else points, patches, names, hollow, formula)
     except Exception as error:  # Gmsh's own has no other class
-        raise failure_of(domain.bodies, shells, error) from error
-    return shells
+        raise failure_of(owners, shells, error) from error
+    return shells, lost
 
 
-def fill(domain, shells, formula):
-    """Tetrahedra inside and around the surfaces."""
+@dataclasses.dataclass
+class Patch:
+    """A surface between two cells."""
+    name: str                # of its group
+    triangles: np.ndarray    # into the points of all
+    sides: tuple             # cells, or OUTSIDE
+
+
+def patches_of_bodies(domain, shells):
+    first = np.cumsum([0] + [len(shell.points) for shell in shells])
+    outside = [labels.OUTSIDE if parent is None else parent for parent in domain.parents()]
+    return np.vstack([shell.points for shell in shells]), [
+        Patch(body.surface, shell.triangles + at, (k, around))
+        for k, (body, shell, at, around) in enumerate(zip(domain.bodies, shells, first, outside))]
+
+
+def patches_of_complex(domain, found, fine):
+    """Where two regions meet, the surface has the name of a bone's, else the gland's, else the one that was drawn on top; a region inside the
+    gland has its own."""
+    gland = next(region for region in domain.regions if region.name == domain.gland)
+    sides = np.sort(found.sides, axis=1)
+    patches = []
+    for pair in np.unique(sides, axis=0):
+        triangles = found.triangles[np.all(sides == pair, axis=1)]
+        between = sorted({found.cells[side] for side in pair if side != labels.OUTSIDE} - {labels.OUTSIDE})
+        names = [domain.regions[k].surface for k in between]
+        if "bone" in names:
+            name = "bone"
+        elif gland.surface in names and len(names) > 1:
+            middles = found.points[triangles].mean(axis=1)
+            depth = np.median(np.min([distances(shell, middles) for shell in gland.shells], axis=0))
+            name = gland.surface if depth > -INSIDE * fine else next(n for n in names if n != gland.surface)
+        else:
+            name = names[0]
+        patches.append(Patch(name, triangles, tuple(int(side) for side in pair)))
+    return patches
+
+
+def add_patches(points, patches):
+    """Tags of surfaces of the current model that share their points."""
+    tags = [gmsh.model.addDiscreteEntity(2) for _ in patches]
+    added = np.zeros(len(points), bool)
+    for tag, patch in zip(tags, patches):
+        mine = np.unique(patch.triangles)
+        mine = mine[~added[mine]]
+        added[mine] = True
+        gmsh.model.mesh.addNodes(2, tag, mine + 1, points[mine].ravel())
+    for tag, patch in zip(tags, patches):
+        gmsh.model.mesh.addElementsByType(tag, 2, [], patch.triangles.ravel() + 1)
+    return tags
+
+
+def fill(domain, points, patches, names, hollow, formula):
+    """Tetrahedra in the cells, `names`, that are not hollow, and around them."""
     gmsh.model.add("tissue")
-    surfaces = [add_discrete(shell) for shell in shells]
+    surfaces = add_patches(points, patches)
     faces = add_box(domain.low, domain.high)
     geo = gmsh.model.geo
-    loops = [geo.addSurfaceLoop([tag]) for tag in surfaces]
-    parents = domain.parents()
 
-    def holes(parent):
-        return [loop for loop, around in zip(loops, parents) if around == parent]
-    volumes = {i: geo.addVolume([loop, *holes(i)]) for i, loop in enumerate(loops) if not domain.bodies[i].hollow}
-    volumes["surrounding"] = geo.addVolume([geo.addSurfaceLoop(list(faces.values())), *holes(None)])
+    def around(cell):
+        return [tag for tag, patch in zip(surfaces, patches) if cell in patch.sides]
+    volumes = [(name, geo.addVolume([geo.addSurfaceLoop(around(k))])) for k, name in enumerate(names) if not hollow[k]]
+    volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(labels.OUTSIDE)])])))
     geo.synchronize()
-    name_groups(domain, volumes, surfaces, faces)
+    name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches)], faces)
     set_sizes(formula)
     gmsh.model.mesh.generate(3)
-    if any(len(gmsh.model.mesh.getElementsByType(4, volume)[0]) == 0 for volume in volumes.values()):
+    if any(len(gmsh.model.mesh.getElementsByType(4, volume)[0]) == 0 for _, volume in volumes):
         raise RuntimeError("a region stayed empty")
     for _ in range(3):
         gmsh.model.mesh.optimize("")
         gmsh.model.mesh.optimize("Relocate3D")
 
 
-def name_groups(domain, volumes, surfaces, faces):
-    """`volumes`: by index of the body, and around all of them."""
+def name_groups(volumes, surfaces, faces):
+    """Both: (name, tag)."""
     groups = {}
-    for i, volume in volumes.items():
-        groups.setdefault((3, i if i == "surrounding" else domain.bodies[i].name), []).append(volume)
+    for name, tag in volumes:
+        groups.setdefault((3, name), []).append(tag)
     groups[2, "skin"] = [faces["z-"]]
-    for body, surface in zip(domain.bodies, surfaces):
-        groups.setdefault((2, body.surface), []).append(surface)
+    for name, tag in surfaces:
+        groups.setdefault((2, name), []).append(tag)
     groups[2, "fixed"] = [faces["z+"], faces["y-"]]
     for number, ((dimension, name), tags) in enumerate(groups.items(), 1):
         gmsh.model.addPhysicalGroup(dimension, tags, number)
@@ -222,39 +306,64 @@ def first_size(extent, nodes):
     return 0.8 * (float(np.prod(extent)) / nodes) ** (1 / 3)
 
 
+@dataclasses.dataclass
+class Attempt:
+    """A mesh, and what it was made of."""
+    mesh: quality.Mesh
+    shells: list         # surfaces of the bodies or regions
+    lost: dict           # (region, region that has it now, or None for the box): share
+
+
+def attempt(domain, fine, path):
+    """In a process of its own."""
+    session.start()
+    shells, lost = build(domain, fine)
+    gmsh.write(path)
+    return Attempt(current_mesh(), shells, lost)
+
+
 def generate(domain, nodes, path):
-    """Writes the mesh of about so many nodes with the best angles that a few sizes of element give; returns it."""
+    """Writes the mesh of about so many nodes with the best angles that a few sizes of element give; returns the attempt."""
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
-        mesh, shells = search(domain, nodes, best)
-        if abs(len(mesh.points) / nodes - 1) > OFF:
-            raise too_far_off(nodes, len(mesh.points), domain.bodies, shells)
+        made = search(domain, nodes, best)
+        if abs(len(made.mesh.points) / nodes - 1) > OFF:
+            raise too_far_off(nodes, len(made.mesh.points), domain.regions or domain.bodies, made.shells)
+        if made.mesh.badness() > WORST:
+            angles = made.mesh.dihedral_angles()
+            raise Unusable('" and "'.join(sorted({owner.name for owner in domain.regions or domain.bodies})),
+                           f"dihedral angles of {angles.min():.2f} to {angles.max():.2f} degrees are the best that was reached: "
+                           "beyond what forces can be computed with; raise --nodes, or leave the thinnest region out")
         shutil.copyfile(best, path)
-    return mesh
+    return made
 
 
 def search(domain, nodes, path):
-    """The best mesh, also written, and its surfaces."""
+    """The best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size, failures = None, (2, math.inf), None, 0
-    for attempt in range(TRIES):
+    best, best_rank, close_size, failures, start = None, (2, math.inf), None, 0, time.monotonic()
+    every = sorted({owner.name for owner in domain.regions or domain.bodies})
+    for number in range(TRIES):
+        if best and time.monotonic() - start > limits.SECONDS:
+            break
         try:
-            shells = build(domain, fine)
-        except Failure:
-            session.restart()
+            try:
+                made = limits.run(f"mesh of {', '.join(every)}", attempt, domain, fine, path + ".try.msh")
+            except (limits.TooLong, limits.Crashed) as error:
+                raise Failure(str(error), every) from error
+        except Failure as failure:
             failures += 1
-            if best is None and failures == FAILURES:
+            if best is None and (failures == FAILURES or isinstance(failure.__cause__, limits.TooLong)):
                 raise
             fine *= 0.98
             continue
-        mesh = current_mesh()
+        mesh = made.mesh
         count = len(mesh.points)
         off = abs(count / nodes - 1)
         rank = (0, mesh.badness()) if off <= CLOSE else (1, off)
         if rank < best_rank:
-            best, best_rank = (mesh, shells), rank
-            gmsh.write(path)
-        gmsh.model.remove()
+            best, best_rank = made, rank
+            os.replace(path + ".try.msh", path)
         if rank[0] == 0 and rank[1] <= 1:
             break
         centre = fine * (count / nodes) ** (1 / 3)
@@ -262,7 +371,7 @@ def search(domain, nodes, path):
             fine = centre
         else:  # look around it
             close_size = close_size or centre
-            fine = close_size * (1 + JITTER * (0.618 * attempt % 1 - 0.5))
+            fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
 
 

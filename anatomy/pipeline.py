@@ -5,14 +5,21 @@ import unicodedata
 
 import numpy as np
 
-from . import contours, field, loft, meshing, shells
+from . import contours, field, labels, limits, loft, meshing, shells
 from .contours import Unusable
 
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
 MARGIN = 25.0           # mm of tissue around the gland
-BONE_MARGIN = 8.0       # mm around bones
-EDGE = 5.0              # mm from the box's faces at which other regions are cut off
-GAP = 0.5               # size of an element: regions keep this distance from each other
+OTHERS_MARGIN = 8.0     # mm around bones and other regions
+EDGE = 5.0              # mm from the box's faces at which regions are cut off, if the box is not to hold them all
+GAP = 0.5               # of an element: regions that do not touch keep this distance from each other
+TOUCH = 1.0             # mm: regions that come this close share a surface
+LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
+MOST_LOSS = 0.10        # of a region's volume: a mesh that holds less of it, or more, is refused
+SMALL, LARGE = 20.0, 2000.0     # mm: a surface with a longest side beyond these is probably in another unit
+STEEP = 5.0             # of the median edge: longer ones make a thorn or a dent
+FEW = 4                 # edges that may be longer
+MOST_CHECKED = 40000    # triangles: what is larger is looked through for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that a mesh has anyway
 LONGEST_NAME = 40       # characters; a mesh allows 63, with what is appended
 SLENDER = 1.5           # radii of a thin region: its triangles are not longer
@@ -25,10 +32,12 @@ class Organ:
     name: str                    # as mesh and scene do
     bone: bool
     points: np.ndarray           # (n, 3) of the outlines or the surface, as they came; DICOM mm
-    shape: field.Field = None    # DICOM mm
+    shape: field.Field = None    # DICOM mm; if it is not a loft
+    shells: list = None          # closed surfaces, DICOM mm; of files of surfaces
     stack: contours.Stack = None
     volume: float = 0.0          # mm^3
     notes: list = dataclasses.field(default_factory=list)
+    share: bool = False          # its surfaces are made from an image of labels
 
     def note(self, text):
         if f"{self.roi}: {text}" not in self.notes:
@@ -52,19 +61,64 @@ def region_names(rois):
 
 def organ_of_rings(roi, name, bone, rings):
     stack = contours.build_stack(roi, rings)
-    return Organ(roi, name, bone, np.vstack([np.reshape(ring, (-1, 3)) for ring in rings]), None, stack, stack.volume(),
-                 [f"{roi}: {note}" for note in stack.notes])
+    return Organ(roi, name, bone, np.vstack([np.reshape(ring, (-1, 3)) for ring in rings]), stack=stack, volume=stack.volume(),
+                 notes=[f"{roi}: {note}" for note in stack.notes])
 
 
-def organ_of_surface(roi, name, bone, surface):
-    shell = shells.from_vtk(surface)
-    if shell.volume() < 100:
-        raise Unusable(roi, f"the surface encloses {shell.volume():.3g} mm^3: are its coordinates in mm? (--unit)")
-    return Organ(roi, name, bone, shell.points, field.of_surface(surface), None, shell.volume())
+def organ_of_surface(roi, name, bone, surface, notes=()):
+    """`notes`: what was mended in it."""
+    notes = [f"{roi}: {note}" for note in notes]
+    size = np.ptp(surface.points, axis=0)
+    measures = " x ".join(f"{side:.3g}" for side in size)
+    if surface.volume() < 100 or size.max() > LARGE:
+        raise Unusable(roi, f"the surface measures {measures} mm and encloses {surface.volume():.3g} mm^3: is its unit right? (--unit)")
+    if size.max() < SMALL:
+        notes.append(f"{roi}: it measures {measures} mm: is its unit right? (--unit)")
+    organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=notes)
+    note_parts(organ)
+    note_long_edges(organ)
+    mend_crossings(organ)
+    return organ
+
+
+def note_parts(organ):
+    volumes = np.array([part.volume() for part in shells.all_parts(organ.shells[0])])
+    small = volumes < shells.SPLINTER * volumes.max()
+    if len(volumes) > 1:
+        organ.note(f"has {len(volumes)} separate parts" + (f", of which {np.count_nonzero(small)} of less than {100 * shells.SPLINTER:g} % of the "
+                   f"largest one's volume may be left out ({100 * volumes[small].sum() / volumes.sum():.2f} % in all)" if small.any() else ""))
+
+
+def note_long_edges(organ):
+    surface = organ.shells[0]
+    ends = surface.points[surface.edges()]
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    long = length > STEEP * np.median(length)
+    if np.count_nonzero(long) > FEW:
+        place = ", ".join(f"{v:.0f}" for v in ends[long].mean(axis=(0, 1)))
+        organ.note(f"{np.count_nonzero(long)} edges are over {STEEP:g} times as long as usual, up to {length.max():.0f} mm, around ({place}) mm: "
+                   f"was part of the surface displaced? It is taken as it is, {organ.volume * 1e-3:.1f} ml")
+
+
+def mend_crossings(organ):
+    """A surface that crosses itself gives way to that of all it winds around."""
+    surface = organ.shells[0]
+    checked = shells.decimated(surface, MOST_CHECKED)
+    places = [point for point, *_ in shells.crossings([checked])]
+    if not places:
+        return
+    around = labels.all_inside(surface)
+    volume = sum(shell.volume() for shell in around)
+    place = ", ".join(f"{v:.0f}" for v in places[0])
+    organ.note(f"its surface crosses itself at {len(places)} edges, first at ({place}) mm: taken is all that it encloses, {volume * 1e-3:.2f} ml "
+               f"instead of {organ.volume * 1e-3:.2f} ml ({100 * (volume / organ.volume - 1):+.1f} %)")
+    organ.shells, organ.volume = around, volume
 
 
 def smooth_surfaces(organ):
     """Loft where there is one, else through the field."""
+    if organ.shells:
+        return organ.shells
     if organ.shape is None:
         lofted = loft.of_stack(organ.stack)
         if lofted:
@@ -73,35 +127,45 @@ def smooth_surfaces(organ):
     return organ.shape.surfaces()
 
 
-def box_around(gland, others):
-    """Low and high corner, DICOM mm. The skin is the low z."""
-    low, high = gland.points.min(axis=0) - MARGIN, gland.points.max(axis=0) + MARGIN
-    low[2] = gland.points[:, 2].min() - SKIN_DEPTH
-    for bone in others:
-        inner, outer = bone.points.min(axis=0) - BONE_MARGIN, bone.points.max(axis=0) + BONE_MARGIN
-        low[:2] = np.minimum(low[:2], inner[:2])
-        high = np.maximum(high, outer)
+def box_around(gland, bones, others):
+    """Low and high corner, DICOM mm. The skin is the low z. Each: a list of shells."""
+    def corners(found):
+        points = np.vstack([shell.points for shell in found])
+        return points.min(axis=0), points.max(axis=0)
+    low, high = corners(gland)
+    low, high = low - [MARGIN, MARGIN, SKIN_DEPTH], high + MARGIN
+    for found, margin in ((bones, [OTHERS_MARGIN, OTHERS_MARGIN, EDGE]), (others, OTHERS_MARGIN)):
+        if found:
+            inner, outer = corners(found)
+            low, high = np.minimum(low, inner - margin), np.maximum(high, outer + OTHERS_MARGIN)
     return low, high
 
 
-def trimmed(organ, surfaces, before, low, high, gap):
-    """The organ's surfaces cut off at the box and kept away from those before it, and whether that changed anything."""
-    inside = all(np.all(s.points > low + EDGE) and np.all(s.points < high - EDGE) for s in surfaces)
-    near = [other for other in before if any(np.abs(shells.distances(other, s.points)).min() < gap for s in surfaces)]
-    if inside and not near:
-        return surfaces, False
+def kept_apart(organ, surfaces, before, gap):
+    """The organ's surfaces, kept away from those before it; None if these touch it, or too much of it would be lost."""
+    distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
+    away = [min(np.abs(d).min() for d in each) for each in distances]
+    if any(d < TOUCH for d in away):
+        return None
+    near = [other for other, d in zip(before, away) if d < gap]
+    if not near:
+        return surfaces
     shape = organ.shape or field.of_stack(organ.stack)
-    if not inside:
-        shape = shape.inside_box(low + EDGE, high - EDGE)
     for other in near:
         shape = shape.apart_from(other, gap)
-    return shape.surfaces(), True
+    kept = shape.surfaces()
+    held, left = (sum(shell.volume() for shell in found) for found in (surfaces, kept))
+    if left < (1 - LOSS) * held:
+        return None
+    organ.note(f"kept {gap:.1f} mm from other regions' surfaces, which takes {100 * (1 - left / held):.1f} % of it")
+    return kept
 
 
-def origin_under(gland):
+def origin_under(gland, low):
     """DICOM mm: below the gland's middle, on the skin."""
-    middle = gland.centre()
-    return np.array([middle[0], middle[1], gland.points[:, 2].min() - SKIN_DEPTH])
+    points = np.vstack([shell.points for shell in gland])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return np.array([middle[0], middle[1], low[2]])
 
 
 def world(points, origin):
@@ -109,68 +173,126 @@ def world(points, origin):
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
-def domain_of(organs, nodes, corridor):
-    """The gland first. Returns the domain and region name -> volume of its outlines, m^3, of regions that were not cut."""
+def surface_name(organ, organs):
+    return "bone" if organ.bone else "capsule" if organ is organs[0] else organ.name + "_wall"
+
+
+def domain_of(organs, nodes, corridor, crop=False):
+    """The gland first. `crop`: the box holds the gland and the bones, not all regions. Returns the domain and region name -> volume of its
+    outlines, m^3."""
     surfaces = [smooth_surfaces(organ) for organ in organs]
     for organ, found in zip(organs, surfaces):
         if not found:
             raise Unusable(organ.roi, "it is too thin to be resolved")
-    gland = surfaces[0][0]
-    low, high = box_around(gland, [s for organ, found in zip(organs, surfaces) if organ.bone for s in found])
+    bones, others = ([s for organ, found in zip(organs[1:], surfaces[1:]) if organ.bone == bone for s in found] for bone in (True, False))
+    low, high = box_around(surfaces[0], bones, [] if crop else others)
+    cut = crop and any(np.any(s.points < low + EDGE) or np.any(s.points > high - EDGE) for s in others)
     gap = GAP * meshing.first_size(high - low, nodes)
-    origin = origin_under(gland)
-    bodies, before, outlined = [], [], {}
-    for organ, found in zip(organs, surfaces):
-        kept, cut = trimmed(organ, found, before, low, high, gap)
-        before += kept
-        if not kept:
-            raise Unusable(organ.roi, f"nothing is left of it {gap:.1f} mm from the other regions: raise --nodes, or leave it out")
-        if cut:
-            organ.note(f"cut off {EDGE:g} mm from the edge of the mesh and {gap:.1f} mm from other regions' surfaces")
-        else:
-            outlined[organ.name] = organ.volume * 1e-9
-        share = 1 if cut else organ.volume / sum(shell.volume() for shell in kept)
-        surface = "bone" if organ.bone else "capsule" if organ is organs[0] else organ.name + "_wall"
+    origin = origin_under(surfaces[0], low)
+
+    def placed(shell):
+        return shells.Shell(world(shell.points, origin), shell.triangles)
+    corners = world(np.array([low, high]), origin)
+    points = np.vstack([shell.points for shell in surfaces[0]])
+    reach = float(np.ptp(points, axis=0).max()) / 2 * 1e-3
+    middle = world((points.min(axis=0) + points.max(axis=0)) / 2, origin)
+    domain = meshing.Domain([], corners.min(axis=0), corners.max(axis=0), middle, reach, origin, corridor, gland=organs[0].name)
+    apart = not cut and apart_surfaces(organs, surfaces, gap)
+    outlined = {organ.name: organ.volume * 1e-9 for organ in organs}
+    if not apart:
+        edge = np.array([EDGE * 1e-3] * 3)
+        domain.crop = (domain.low + edge, domain.high - edge) if cut else None
+        domain.regions = [meshing.Region(organ.name, surface_name(organ, organs), [placed(s) for s in found], organ.volume * 1e-9, organ.bone)
+                          for organ, found in sorted(zip(organs, surfaces), key=lambda pair: priority(pair[0], organs[0]))]
+        return domain, outlined
+    for organ, kept in zip(organs, apart):
+        share = organ.volume / sum(shell.volume() for shell in surfaces[organs.index(organ)])
+        outlined[organ.name] = share * sum(shell.volume() for shell in kept) * 1e-9
         for shell in kept:
             thin = SLENDER * 2 * shell.volume() / shell.area()
-            placed = shells.Shell(world(shell.points, origin), shell.triangles)
-            bodies.append(meshing.Body(organ.name, surface, placed, share * shell.volume() * 1e-9, thin * 1e-3, organ.bone))
-    corners = world(np.array([low, high]), origin)
-    reach = float(np.ptp(gland.points, axis=0).max()) / 2 * 1e-3
-    domain = meshing.Domain(bodies, corners.min(axis=0), corners.max(axis=0), world(gland.centre(), origin), reach, origin, corridor)
-    for body, parent in zip(bodies, domain.parents()):  # what lies inside is not part of it
-        if parent is not None and bodies[parent].name in outlined:
-            outlined[bodies[parent].name] -= body.volume
+            domain.bodies.append(meshing.Body(organ.name, surface_name(organ, organs), placed(shell), share * shell.volume() * 1e-9, thin * 1e-3, organ.bone))
+    for body, parent in zip(domain.bodies, domain.parents()):  # what lies inside is not part of it
+        if parent is not None:
+            outlined[domain.bodies[parent].name] -= body.volume
     return domain, outlined
 
 
-def mesh_of(organs, nodes, corridor, path):
-    """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed gives way to a field."""
+def priority(organ, gland):
+    """Where regions overlap, the smaller one has it; but bones give way to what is not larger than the gland, and others to bones."""
+    if organ.bone:
+        return 1, organ.volume
+    return (0 if organ.volume <= gland.volume else 2), organ.volume
+
+
+def apart_surfaces(organs, surfaces, gap):
+    """Surfaces of each organ, away from those before it; None if they are to share their surfaces where they meet."""
+    if any(organ.share or organ.shells for organ in organs):
+        return None
+    before, apart = [], []
+    for organ, found in zip(organs, surfaces):
+        kept = kept_apart(organ, found, before, gap)
+        if not kept:
+            return None
+        before += kept
+        apart.append(kept)
+    return apart
+
+
+def mesh_of(organs, nodes, corridor, path, crop=False):
+    """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed gives way to a field, and that to
+    surfaces from an image of labels."""
     while True:
-        domain, outlined = domain_of(organs, nodes, corridor)
+        domain, outlined = domain_of(organs, nodes, corridor, crop)
         try:
-            return meshing.generate(domain, nodes, path), domain, outlined
+            made = meshing.generate(domain, nodes, path)
         except meshing.Failure as failure:
-            give_way([organ for organ in organs if organ.name in failure.names], failure, domain.origin)
+            give_way([organ for organ in organs if organ.name in failure.names], failure, domain)
+            continue
+        note_losses(organs, made.lost, outlined)
+        check_volumes(organs, made.mesh, outlined)
+        return made.mesh, domain, outlined
 
 
-def give_way(organs, failure, origin):
-    """Fields from now on for those of the organs that were lofted."""
+def note_losses(organs, lost, outlined):
+    called = {organ.name: organ for organ in organs}
+    for (name, winner), share in lost.items():
+        organ = called[name]
+        outlined[name] -= share * organ.volume * 1e-9
+        if winner is None:
+            organ.note(f"{100 * share:.1f} % of it lie outside of the mesh's box and are left out")
+        elif share >= 5e-4:
+            organ.note(f"{100 * share:.1f} % of it lie in {called[winner].roi}, which has them")
+
+
+def check_volumes(organs, mesh, outlined):
+    for organ in organs:
+        if not organ.bone and abs(mesh.region_volume(organ.name) / outlined[organ.name] - 1) > MOST_LOSS:
+            raise Unusable(organ.roi, f"the mesh holds {mesh.region_volume(organ.name) * 1e6:.2f} ml of {outlined[organ.name] * 1e6:.2f} ml "
+                           f"({100 * (mesh.region_volume(organ.name) / outlined[organ.name] - 1):+.1f} %): raise --nodes, or leave it out")
+
+
+def give_way(organs, failure, domain):
+    """Fields from now on for those of the organs that were lofted; if there are none, surfaces from an image of labels for all."""
     where = ""
     if failure.z is not None:
-        z = origin[2] + 1e3 * failure.z
+        z = domain.origin[2] + 1e3 * failure.z
         heights = [s.z for organ in organs if organ.stack for s in organ.stack.slices] or [z]
         where = f" at z = {min(heights, key=lambda height: abs(height - z)):g} mm"
-    lofted = [organ for organ in organs if organ.shape is None]
-    if not lofted:
+    lofted = [organ for organ in organs if organ.stack and organ.shape is None]
+    if lofted and not isinstance(failure.__cause__, limits.TooLong):
+        for organ in lofted:
+            organ.shape = field.of_stack(organ.stack)
+            organ.note(f"as a loft, {failure}{where}: interpolated between slices instead")
+    elif not domain.regions:
+        for organ in organs:
+            organ.share = True
+            organ.note(f"{failure}{where}: its surface is made from an image instead")
+    else:
         raise Unusable('" and "'.join(organ.roi for organ in organs), f"{failure}{where}: try another --nodes, or fewer regions")
-    for organ in lofted:
-        organ.shape = field.of_stack(organ.stack)
-        organ.note(f"as a loft, {failure}{where}: interpolated between slices instead")
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Region name -> distances (mm) of the points that came from its surface in the mesh, if it was not cut."""
-    surface = {body.name: mesh.surfaces[body.surface] for body in domain.bodies}
+    """Region name -> distances (mm) of the points that came from its surface in the mesh, if nothing was cut off."""
+    surface = {organ.name: mesh.surfaces["bone"] if organ.bone else mesh.boundary(organ.name) for organ in organs}
     return {organ.name: 1e3 * np.abs(shells.distances(surface[organ.name], world(organ.points, domain.origin)))
-            for organ in organs if organ.name in outlined}
+            for organ in organs if outlined[organ.name] > (1 - MOST_LOSS) * organ.volume * 1e-9}

@@ -10,6 +10,8 @@ matplotlib.rcParams["svg.fonttype"] = "none"      # text stays text
 matplotlib.rcParams["svg.hashsalt"] = "trocar"    # the same input gives the same file
 import matplotlib.pyplot as plt  # noqa: E402
 
+from .shells import Shell  # noqa: E402
+
 LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, of the paper's mesh: what a mesh should keep
 PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",
          "tetrahedra around a node, at most": "40"}
@@ -29,6 +31,13 @@ class Mesh:
 
     def region_volume(self, name):
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
+
+    def boundary(self, name):
+        """The triangles around a region, which others may share."""
+        tets = self.tets[self.region == self.regions.index(name)]
+        faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+        return Shell(self.points, faces[first[count == 1]])
 
     def edges(self):
         pairs = np.concatenate([self.tets[:, pair] for pair in itertools.combinations(range(4), 2)])

@@ -9,11 +9,11 @@ import pydicom
 import vtk
 
 from . import shells
-from .contours import ExclusiveRings, Unusable
+from .contours import Rings, Unusable
 
 OUTLINES, SURFACES = (".dcm", ".csv"), (".stl", ".ply")
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
-CLOSED, EXCLUSIVE = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR"
+CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
 class BadFile(Exception):
@@ -51,7 +51,7 @@ def read_rtstruct(path):
 def rois_of(data):
     """ROI name -> list of rings, of an RT Structure Set."""
     names = roi_names(data.get("StructureSetROISequence", []))
-    rois = {name: [] for name in names.values()}
+    rois = {name: Rings() for name in names.values()}
     for item in data.get("ROIContourSequence", []):
         if item.ReferencedROINumber not in names:
             raise ValueError(f"outlines of ROI number {item.ReferencedROINumber}, which has no name")
@@ -59,9 +59,12 @@ def rois_of(data):
         for contour in item.get("ContourSequence", []):
             kind = contour.get("ContourGeometricType", "CLOSED_PLANAR")
             if kind == EXCLUSIVE:
-                rois[name] = ExclusiveRings(rois[name])
-            if kind in (CLOSED, EXCLUSIVE):
-                rois[name].append(points_of(contour, name))
+                rois[name].exclusive = True
+            points = points_of(contour, name)
+            if kind == OPEN:
+                rois[name].left_open.append(points)
+            elif kind in (CLOSED, EXCLUSIVE):
+                rois[name].append(points)
     return rois
 
 
@@ -107,7 +110,7 @@ def add_point(rois, row, place):
 
 
 def read_surface(path, scale):
-    """A closed surface as vtkPolyData, mended, in mm; `scale`: mm per unit of the file."""
+    """A closed surface, mended, in mm, and remarks on what was mended; `scale`: mm per unit of the file."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     reader = vtk.vtkSTLReader() if kind_of(path) == ".stl" else vtk.vtkPLYReader()
@@ -121,8 +124,8 @@ def read_surface(path, scale):
     scaled.Scale(scale, scale, scale)
     move = vtk.vtkTransformPolyDataFilter()
     move.SetTransform(scaled)
-    surface = shells.mended(shells.pipe(surface, move))
+    surface, notes = shells.mended(shells.pipe(surface, move))
     if shells.open_edges(surface):
         raise Unusable(os.path.splitext(os.path.basename(path))[0],
                        f"the surface of {path} has holes that are too large to be filled ({shells.open_edges(surface)} open edges)")
-    return surface
+    return shells.from_vtk(surface), notes

@@ -7,7 +7,7 @@ import tempfile
 
 import numpy as np
 
-from . import contours, patient, pipeline, session, shells
+from . import contours, patient, pipeline, shells
 
 VOLUME_LIMIT = 0.03                     # of the outlines' own volume, as they came
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before they were spoilt, which puts them up to 10 mm off
@@ -49,7 +49,6 @@ def run(number, folder):
 
 def main():
     first, count = (int(v) for v in (sys.argv[1:] + ["0", "50"][len(sys.argv) - 1:]))
-    session.start()
     print("| patient | true ml | slices, mm | gaps and blanks | outlines, ml | mesh, % | off, mm: mean | greatest "
           "| nodes | tetrahedra | least angle | greatest | valence | good |")
     print("|" + 14 * "---|")

@@ -22,7 +22,9 @@ static int64_t microseconds(clockid_t clock) {
 
 static void keep_newest(const lcm_recv_buf_t *buffer, const char *channel, const trocar_needle_wrench_t *wrench, void *newest) {
     (void)buffer, (void)channel;
-    *(arrived *)newest = (arrived){*wrench, microseconds(CLOCK_MONOTONIC)};
+    arrived *last = newest;
+    if (last->wrench.server != 0 && last->wrench.server != wrench->server) return; /* two servers: follow the first */
+    *last = (arrived){*wrench, microseconds(CLOCK_MONOTONIC)};
 }
 
 int main(void) {

@@ -53,10 +53,16 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
                                int count, double tolerance, comparison *c, report *why) {
     *c = (comparison){0};
     double peaks[COMPONENTS];
+    const trocar_needle_wrench_t *first = NULL;
     find_peaks(golden, peaks);
     for (int i = 0; i < golden->count; i++) {
         const trocar_needle_wrench_t *w = &golden->wrenches[i];
         if (w->session != replayed[0].session) continue;
+        if (first == NULL) first = w;
+        if (w->server != first->server) {
+            c->foreign++;
+            continue;
+        }
         const trocar_needle_wrench_t *match = bsearch(w, replayed, (size_t)count, sizeof *w, by_pose);
         if (!match)
             return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: of another recording?",
@@ -106,6 +112,8 @@ void comparison_print(const comparison *c, const wrench_log *golden, const char 
     } else {
         fprintf(out, "%s: %d wrenches agree\n", golden_path, c->compared);
     }
+    if (c->foreign) fprintf(out, "  %d wrenches of a second server left out: it ran beside the first one, or came after it\n", c->foreign);
+    if (golden->skipped_not_finite) fprintf(out, "  %" PRId64 " wrenches left out that are not finite\n", golden->skipped_not_finite);
     fprintf(out, "  largest: ");
     print_deviation(&c->largest, replayed, out);
     fprintf(out, "  last:    ");

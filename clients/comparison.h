@@ -16,6 +16,7 @@ enum { SHARE_BINS = 1001 };
 
 typedef struct {
     int compared, differing; /* golden wrenches */
+    int foreign;             /* golden wrenches left out: of another server than the first one's */
     deviation first;         /* beyond the tolerance; meaningless if none differs */
     deviation largest;
     deviation last;          /* of the last golden wrench */
@@ -25,7 +26,7 @@ typedef struct {
 /* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may be off by `tolerance`
    (a share of its peak, taken as 0.1 N or 2 mN m where that is more) from the range that the replay has at the pose it
    answers and the ones beside it: other processors and BLAS kernels round otherwise, which moves contact events by a tick.
-   Golden wrenches of other sessions are passed over; there may be fewer than poses. BAD_INPUT if one answers a pose that
+   Golden wrenches of other sessions are passed over, and of all servers but that of the first one compared; there may be fewer than poses. BAD_INPUT if one answers a pose that
    was not replayed, or none is left. */
 trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
                                int count, double tolerance, comparison *c, report *why);

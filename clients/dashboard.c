@@ -10,8 +10,15 @@
 
 static const double silence = 1.0;  /* s without a message that alarm */
 
+/* Is the message of the server that is shown? */
+static bool follows(dashboard *d, int64_t server, double now) {
+    d->servers.patience = silence;
+    return server_choice_follows(&d->servers, server, now);
+}
+
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now) {
-    if (!d->heard || timing->ticks < d->timing.ticks) d->first_misses = timing->misses;  /* the first, or of a new server */
+    if (!follows(d, timing->server, now)) return;
+    if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;  /* the first, or of a new server */
     d->heard = true;
     d->heard_at = now;
     d->timing = *timing;
@@ -21,9 +28,10 @@ void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, dou
     }
 }
 
-void dashboard_take_status(dashboard *d, const trocar_status_t *status) {
+void dashboard_take_status(dashboard *d, const trocar_status_t *status, double now) {
+    if (!follows(d, status->server, now)) return;
     d->status = *status;
-    d->status.scene = d->status.message = NULL;
+    d->status.host = d->status.scene = d->status.inverse = d->status.message = NULL;
     snprintf(d->scene, sizeof d->scene, "%s", status->scene);
     snprintf(d->message, sizeof d->message, "%s", status->message);
 }
@@ -113,7 +121,8 @@ static void add_counters(page *p, const dashboard *d) {
         s->poses_malformed, s->poses_not_finite, s->poses_not_unit);
     add(p, bad > 0, "            too fast %" PRId64 ", refused %" PRId64 ", repeated %" PRId64 ", lost %" PRId64 ", last %s ago",
         s->poses_jumped, s->poses_refused, s->poses_old, s->poses_lost, duration_text(s->pose_age).text);
-    add(p, t->wrenches_dropped > 0, "wrenches    dropped %" PRId64 ", limited %" PRId64, t->wrenches_dropped, s->saturated_ticks);
+    add(p, t->wrenches_dropped > 0, "wrenches    dropped %" PRId64 ", limited %" PRId64 "; malformed packets dropped %" PRId64, t->wrenches_dropped,
+        s->saturated_ticks, s->packets_dropped);
     add(p, s->energy_lowest < 0, "energy      %.1f mJ, lowest %.1f mJ, coupling %.0f N/m", 1e3 * s->energy, 1e3 * s->energy_lowest,
         s->coupling_stiffness);
     if (d->message[0]) add(p, true, "last fault  %s", d->message);
@@ -162,6 +171,8 @@ int dashboard_draw(const dashboard *d, double now, int height, dashboard_line li
     }
     add(&p, false, "trocar      %s, %g Hz, tick %" PRId64, d->scene, d->timing.rate_hz, d->timing.ticks);
     if (now - d->heard_at > silence) add(&p, true, "server      silent for %.0f s", now - d->heard_at);
+    if (server_choice_has_other(&d->servers, now))
+        add(&p, true, "two servers %016" PRIx64 ", shown here, and %016" PRIx64 ": stop one", d->servers.followed, d->servers.other);
     add_flags(&p, d);
     add_timing(&p, &d->timing);
     add_stages(&p, &d->timing);

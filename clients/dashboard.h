@@ -4,12 +4,15 @@
 
 #include <stdbool.h>
 
+#include "server_choice.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 
 enum { DASHBOARD_BINS = 32, DASHBOARD_LINES = 64, DASHBOARD_WIDTH = 160 };
 
+/* All zero at the start. */
 typedef struct {
+    server_choice servers;                       /* only the followed one is shown */
     bool heard;                                  /* a timing has come */
     double heard_at;                             /* s, when the newest one came */
     trocar_loop_timing_t timing;                 /* the newest */
@@ -25,8 +28,9 @@ typedef struct {
     bool alarm;                                  /* somebody should look at this */
 } dashboard_line;
 
+/* A message came at `now`, s. */
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now);
-void dashboard_take_status(dashboard *d, const trocar_status_t *status);
+void dashboard_take_status(dashboard *d, const trocar_status_t *status, double now);
 void dashboard_clear(dashboard *d);              /* empties the histograms */
 
 /* Fills the lines as they are at `now` (s, the clock of take_timing) for a screen of `height` lines, histograms at the

@@ -3,16 +3,19 @@
 #include "player.h"
 
 #include <errno.h>
+#include <inttypes.h>
 #include <poll.h>
-#include <sched.h>
 #include <signal.h>
 #include <string.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
 
+#include "lcm_filter.h"
+#include "network.h"
 #include "poselog.h"
 #include "realtime.h"
+#include "server_choice.h"
 #include "session.h"
 #include "timing.h"
 #include "trocar_command_t.h"
@@ -22,6 +25,7 @@ static const double last_answers = 0.008; /* s to listen after the last pose: le
 typedef struct {
     const play_settings *settings;
     recording *record;
+    server_choice servers;
     lcm_t *lcm;
     int timer;
     double period;           /* s */
@@ -41,12 +45,21 @@ static void interrupt(int signal) {
 
 static double now(void) { return 1e-9 * (double)monotonic_ns(); } /* s */
 
+/* Is that the server whose wrenches are felt? Another one is told of once and counted. */
+static bool follow(player *p, int64_t server) {
+    if (server_choice_follows(&p->servers, server, now())) return true;
+    if (p->record->foreign_wrenches++ == 0)
+        fprintf(stderr, "trocar-device: two servers answer on this LCM URL: following %016" PRIx64 ", not %016" PRIx64 "; stop one of them\n",
+                (uint64_t)p->servers.followed, (uint64_t)server);
+    return false;
+}
+
 static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
     (void)channel;
     player *p = user;
     trocar_needle_wrench_t wrench;
     if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &wrench) != (int)buffer->data_size) return;
-    if (wrench.session != p->record->session) return;
+    if (wrench.session != p->record->session || !follow(p, wrench.server)) return;
     p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
     p->wrench_tick = wrench.tick;
     trocar_status status = recording_add_wrench(p->record, now(), &wrench, p->why);
@@ -122,17 +135,17 @@ static void release_needle(player *p) {
 
 /* Before LCM is created: its reader thread inherits the priority. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
-    if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0)
-        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(errno));
+    int error = realtime_use_fifo(PRIORITY_DEVICE);
+    if (error != 0)
+        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(error));
 }
 
 static trocar_status open_links(player *p) {
-    const char *url = p->settings->lcm_url;
-    p->lcm = lcm_create(url);
-    if (!p->lcm)
-        return fail(p->why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?",
-                    url ? url : "its default URL");
+    trocar_status status = network_open(p->settings->lcm_url, &p->lcm, p->why);
+    if (status != TROCAR_OK) return status;
+    static const char *const channels[] = {WRENCH_CHANNEL, NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
     lcm_subscribe(p->lcm, WRENCH_CHANNEL, on_wrench, p);
     long period = lround(1e9 * p->period);
     struct itimerspec every = {.it_interval = {period / 1000000000, period % 1000000000}, .it_value = {0, 1}};
@@ -149,7 +162,7 @@ static void close_links(player *p) {
 
 trocar_status play(const play_settings *settings, recording *r, report *why) {
     *r = (recording){.session = session_new()};
-    player p = {.settings = settings, .record = r, .timer = -1, .period = 1.0 / settings->rate, .hand = settings->hand,
+    player p = {.settings = settings, .record = r, .servers.patience = 0.1, .timer = -1, .period = 1.0 / settings->rate, .hand = settings->hand,
                 .why = why};
     p.hand.position = settings->start.position;
     p.hand.velocity = v3(0, 0, 0);

@@ -9,12 +9,16 @@
 #include <sys/stat.h>
 
 #include "guard.h"
+#include "message_fit.h"
 
 /* LCM's own reader trusts the lengths that it finds, prints to stderr and resumes at the next magic number: a damaged
    log would pass for a shorter one. The format is simple enough to read with checks. An event on disk, big-endian:
    magic, event number (8), timestamp (8), two lengths (4 each), channel, data. */
-enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512 };
+enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
+
+/* Wrenches once had no `server`, which is now the last field. */
+static const uint64_t WRENCH_WITHOUT_SERVER = 0x9bb829ef4984e48c;
 
 /* A log being read. */
 typedef struct {
@@ -22,6 +26,7 @@ typedef struct {
     FILE *file;
     int64_t size, offset;    /* bytes */
     int64_t event;           /* number of the current event */
+    bool cut;                /* the file ends within the current event */
 } reader;
 
 typedef struct {
@@ -58,8 +63,8 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
         return bad_event(r, r->event ? "no LCM event here: the log is damaged" : "not an LCM log", why);
     h->channel_length = big_endian_32(bytes + EVENT_CHANNEL_LENGTH);
     h->data_length = big_endian_32(bytes + EVENT_DATA_LENGTH);
-    if (got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset)
-        return bad_event(r, "the log is cut short", why);
+    r->cut = got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset;
+    if (r->cut) return bad_event(r, "the log is cut short", why);
     if (h->channel_length < 1 || h->channel_length > CHANNEL_MAX)
         return bad_event(r, "impossible length of the channel name: the log is damaged", why);
     size_t length = (size_t)h->channel_length;
@@ -79,12 +84,14 @@ static pose raw_pose(const trocar_needle_pose_t *message) {
     return (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
 }
 
-/* Reads an event's data and checks that it begins with the fingerprint of its type. */
-static trocar_status read_data(const reader *r, const event_header *h, const char *type, int64_t fingerprint,
-                               unsigned char data[DATA_MAX], report *why) {
-    size_t length = (size_t)(h->data_length < DATA_MAX ? h->data_length : DATA_MAX);
-    if (fread(data, 1, length, r->file) != length) return bad_event(r, "cannot be read", why);
-    int64_t found = length < sizeof fingerprint ? 0 : big_endian_64(data);
+static trocar_status read_data(const reader *r, const event_header *h, unsigned char *data, int64_t room, report *why) {
+    size_t length = (size_t)(h->data_length < room ? h->data_length : room);
+    return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
+}
+
+/* Do the data begin with the fingerprint of their type? */
+static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, report *why) {
+    int64_t found = big_endian_64(data);
     if (found == fingerprint) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT,
                 "%s: event %" PRId64 " at byte %" PRId64 ": not a trocar.%s of this version (fingerprint %016" PRIx64
@@ -94,7 +101,8 @@ static trocar_status read_data(const reader *r, const event_header *h, const cha
 
 static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, report *why) {
     unsigned char data[DATA_MAX] = {0};
-    trocar_status status = read_data(r, h, "needle_pose_t", __trocar_needle_pose_t_get_hash(), data, why);
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status == TROCAR_OK) status = check_type(r, data, "needle_pose_t", __trocar_needle_pose_t_get_hash(), why);
     if (status != TROCAR_OK) return status;
     if (h->data_length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
         return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
@@ -104,15 +112,28 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
+/* Adds the field that a wrench of old lacks, zero. Returns the data's length then. */
+static int64_t complete_wrench(unsigned char data[DATA_MAX], int64_t length) {
+    if ((uint64_t)big_endian_64(data) != WRENCH_WITHOUT_SERVER) return length;
+    uint64_t fingerprint = (uint64_t)__trocar_needle_wrench_t_get_hash();
+    for (int i = 0; i < 8; i++) data[i] = (unsigned char)(fingerprint >> (56 - 8 * i));
+    return length + 8;
+}
+
 static trocar_status read_wrench(const reader *r, const event_header *h, trocar_needle_wrench_t *w, report *why) {
     unsigned char data[DATA_MAX] = {0};
-    trocar_status status = read_data(r, h, "needle_wrench_t", __trocar_needle_wrench_t_get_hash(), data, why);
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    int64_t length = complete_wrench(data, h->data_length);
+    if (status == TROCAR_OK) status = check_type(r, data, "needle_wrench_t", __trocar_needle_wrench_t_get_hash(), why);
     if (status != TROCAR_OK) return status;
-    if (h->data_length != trocar_needle_wrench_t_decode(data, 0, DATA_MAX, w))
-        return bad_event(r, "not the length of a trocar.needle_wrench_t: the log is damaged", why);
+    if (length == trocar_needle_wrench_t_decode(data, 0, DATA_MAX, w)) return TROCAR_OK;
+    return bad_event(r, "not the length of a trocar.needle_wrench_t: the log is damaged", why);
+}
+
+static bool is_finite(const trocar_needle_wrench_t *w) {
     for (int i = 0; i < 3; i++)
-        if (!isfinite(w->raw_force[i]) || !isfinite(w->raw_torque[i])) return bad_event(r, "wrench is not finite", why);
-    return TROCAR_OK;
+        if (!isfinite(w->raw_force[i]) || !isfinite(w->raw_torque[i])) return false;
+    return true;
 }
 
 /* Room for one more in an array that holds `count`: doubled when the count reaches a power of two. */
@@ -157,6 +178,10 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     trocar_needle_wrench_t w;
     trocar_status status = read_wrench(r, h, &w, why);
     if (status != TROCAR_OK || w.pose_seq < 0) return status;
+    if (!is_finite(&w)) {
+        log->skipped_not_finite++;
+        return TROCAR_OK;
+    }
     void *wrenches = log->wrenches;
     status = make_room(&wrenches, log->count, sizeof w, why);
     log->wrenches = wrenches;
@@ -164,10 +189,25 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return status;
 }
 
+/* Keeps what a status says of the inverse; a status of another version says nothing. */
+static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
+    wrench_log *log = context;
+    unsigned char data[STATUS_MAX];
+    trocar_status_t m;
+    trocar_status status = read_data(r, h, data, STATUS_MAX, why);
+    if (status != TROCAR_OK || h->data_length > STATUS_MAX || !status_fits(data, (size_t)h->data_length)) return status;
+    if (trocar_status_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
+    snprintf(log->inverse, sizeof log->inverse, "%s", m.inverse);
+    trocar_status_t_decode_cleanup(&m);
+    return TROCAR_OK;
+}
+
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
-/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data. */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, void *log, report *why) {
+/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data, and those of TROCAR_STATUS to
+   `note`, if it is given. With `cut`, a log that ends within an event is read up to that event, and the message about it goes to
+   `cut` (empty if the log is whole). */
+static trocar_status read_log(const char *path, const char *channel, take_event *take, take_event *note, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -175,8 +215,14 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     while (status == TROCAR_OK && r.offset < r.size) {
         event_header h;
         status = read_header(&r, &h, why);
+        if (r.cut && cut) {
+            *cut = *why;
+            status = TROCAR_OK;
+            break;
+        }
         bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
         if (wanted) status = take(&r, &h, log, why);
+        else if (status == TROCAR_OK && note && strcmp(h.channel, STATUS_CHANNEL) == 0) status = note(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
         found |= wanted;
     }
@@ -185,16 +231,23 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
-trocar_status pose_log_read(const char *path, pose_log *log, report *why) {
+static trocar_status read_poses(const char *path, pose_log *log, report *cut, report *why) {
     *log = (pose_log){0};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, log, why);
+    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, log, cut, why);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
 }
 
+trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, log, NULL, why); }
+
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why) {
+    *cut = (report){0};
+    return read_poses(path, log, cut, why);
+}
+
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, log, why);
+    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, take_status, log, NULL, why);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }
@@ -250,4 +303,10 @@ trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t
     uint8_t data[512];
     int length = trocar_needle_wrench_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->pose_utime, WRENCH_CHANNEL, data, length, path, why);
+}
+
+trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *message, const char *path, report *why) {
+    uint8_t data[STATUS_MAX];
+    int length = trocar_status_t_encode(data, 0, sizeof data, message);
+    return write_event(log, message->utime, STATUS_CHANNEL, data, length, path, why);
 }

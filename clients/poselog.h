@@ -7,10 +7,12 @@
 #include "report.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_status_t.h"
 #include "vec.h"
 
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
+#define STATUS_CHANNEL "TROCAR_STATUS"
 
 /* The poses of a log as the server would take them: in order, of one session. */
 typedef struct {
@@ -24,12 +26,19 @@ typedef struct {
 typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
+    int64_t skipped_not_finite;   /* left out: servers up to release 0.1 sent such */
+    char inverse[16];             /* owner of the inverse that made them, of the log's last status; empty: the log does not say */
 } wrench_log;
 
 /* Reads the poses, or the wrenches, of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or
-   byte, for a log that is missing, damaged, cut short, of other message types or without any, for a number that is
-   not finite, and for a pose without a unit quaternion (guard_check_pose) or not later than the one before. */
+   byte, for a log that is missing, damaged, cut short, of other message types or without any, and for a pose that is not
+   finite, without a unit quaternion (guard_check_pose) or not later than the one before. Wrenches of before they named their
+   server count as of server 0. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
+
+/* The same for a recording that was cut short or is still being written: its whole events are read. `cut` says where the
+   log ends within an event; it is empty if the log is whole. */
+trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
@@ -47,5 +56,6 @@ trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM when it cannot be written. */
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
+trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);
 
 #endif

@@ -113,13 +113,13 @@ static void summarise_wrenches(const recording *r, recording_summary *s) {
         s->flags |= w->flags;
         if (w->events & EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
         if (last) note_jump(last, w, time, s);
-        if (last && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
+        if (last && w->server == last->server && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
         last = w;
     }
 }
 
 trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why) {
-    *summary = (recording_summary){.skipped_periods = r->skipped_periods};
+    *summary = (recording_summary){.skipped_periods = r->skipped_periods, .foreign_wrenches = r->foreign_wrenches};
     double *scratch = calloc((size_t)r->received_count + 1, sizeof *scratch);
     if (!scratch) return fail(why, TROCAR_NO_MEMORY, "no memory to sort %d round trips", r->received_count);
     summarise_round_trips(r, scratch, summary);
@@ -153,6 +153,7 @@ void summary_print(const recording_summary *s, FILE *out) {
     fprintf(out, "poses sent          %d (%d not answered, %d periods skipped)\n", s->sent, s->unanswered_poses,
             s->skipped_periods);
     fprintf(out, "wrenches received   %d (%" PRId64 " lost)\n", s->received, s->lost_wrenches);
+    if (s->foreign_wrenches) fprintf(out, "of another server   %" PRId64 " wrenches left out: stop one of the two\n", s->foreign_wrenches);
     fprintf(out, "round trip          p50 %.3f ms, p99 %.3f ms, max %.3f ms\n", 1e3 * s->round_trip_p50,
             1e3 * s->round_trip_p99, 1e3 * s->round_trip_max);
     for (int i = 0; i < 3; i++)
@@ -185,7 +186,8 @@ static void json_vector(const char *name, const double v[3], FILE *out) {
 void summary_write_json(const recording_summary *s, FILE *out) {
     fprintf(out, "{\n  \"poses_sent\": %d,\n  \"poses_unanswered\": %d,\n  \"periods_skipped\": %d,\n", s->sent,
             s->unanswered_poses, s->skipped_periods);
-    fprintf(out, "  \"wrenches_received\": %d,\n  \"wrenches_lost\": %" PRId64 ",\n", s->received, s->lost_wrenches);
+    fprintf(out, "  \"wrenches_received\": %d,\n  \"wrenches_lost\": %" PRId64 ",\n  \"wrenches_of_other_servers\": %" PRId64 ",\n", s->received,
+            s->lost_wrenches, s->foreign_wrenches);
     json_number("round_trip_p50_s", s->round_trip_p50, out);
     json_number("round_trip_p99_s", s->round_trip_p99, out);
     json_number("round_trip_max_s", s->round_trip_max, out);

@@ -24,6 +24,7 @@ typedef struct {
     int received_count, received_room;
     received_wrench *received;
     int skipped_periods;     /* of the device's own loop */
+    int64_t foreign_wrenches; /* of another server than the followed one: left out */
 } recording;
 
 enum { SUMMARY_MAX_PUNCTURES = 16 };
@@ -33,6 +34,7 @@ typedef struct { double time, depth, force; int membrane; } puncture;  /* s from
 typedef struct {
     int sent, received;
     int64_t lost_wrenches;   /* gaps in the ticks */
+    int64_t foreign_wrenches; /* of another server */
     int unanswered_poses;    /* superseded before a tick took them, or lost */
     int skipped_periods;
     double round_trip_p50, round_trip_p99, round_trip_max;   /* s; NaN if nothing came */

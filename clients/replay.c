@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "comparison.h"
@@ -68,7 +69,7 @@ static const struct argp_option option_list[] = {
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
      "Of each component's peak in GOLDEN, taken as 0.1 N or 2 mN m where that is more (default 1)", 0},
     {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row a tick", 0},
-    {"region", OPTION_REGION, "NAME", 0, "That region (default prostate)", 0},
+    {"region", OPTION_REGION, "NAME", 0, "That region (default: the scene's first)", 0},
     {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
     {0},
 };
@@ -149,11 +150,12 @@ static trocar_status prepare(replay *r, report *why) {
     if (!r->options->quiet) r->scene.simulation.progress.show = progress_show;
     if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
     if (status != TROCAR_OK) return status;
+    if (r->simulation.mesh.remarks.text[0]) fprintf(stderr, "trocar-replay: warning: %s\n", r->simulation.mesh.remarks.text);
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
     r->snapshot = calloc(1, sizeof *r->snapshot);
     if (!r->snapshot) return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
     if (!r->options->shift_path) return TROCAR_OK;
-    return region_motion_create(&r->simulation, r->options->region ? r->options->region : "prostate", &r->motion, why);
+    return region_motion_create(&r->simulation, r->options->region ? r->options->region : r->scene.simulation.regions[0].name, &r->motion, why);
 }
 
 static void clean_up(replay *r) {
@@ -184,10 +186,18 @@ static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
 static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, report *why) {
     const char *path = r->options->log_path;
     int every = r->options->every;
-    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = every ? tick / every : 2 * (int64_t)tick};
+    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = 1 + (every ? tick / every : 2 * (int64_t)tick)};
     if (every) return tick % every == 0 ? log_write_wrench(&log, wrench, path, why) : TROCAR_OK;
     trocar_status status = log_write_pose(&log, &r->poses.poses[tick], path, why);
     return status == TROCAR_OK ? log_write_wrench(&log, wrench, path, why) : status;
+}
+
+/* The log begins with what the wrenches depend on, but for scene and poses. */
+static trocar_status log_origin(const replay *r, report *why) {
+    lcm_eventlog_t log = {.f = r->log_file.file};
+    trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)r->scene.path,
+                         .inverse = (char *)(uintptr_t)inverse_name(r->simulation.inverse), .message = ""};
+    return log_write_status(&log, &m, r->options->log_path, why);
 }
 
 static void csv_tick(const replay *r, int tick) {
@@ -232,12 +242,12 @@ static trocar_status run_all(replay *r, report *why) {
     enum { LONG_LOG = 5000 };
     bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
     insertion_reset(&r->simulation.insertion, pose_of_message(&r->poses.poses[0]), &r->state);
-    for (int tick = 0; tick < r->poses.count; tick++) {
-        trocar_status status = run_tick(r, tick, why);
-        if (status != TROCAR_OK) return status;
+    trocar_status status = r->log_file.file ? log_origin(r, why) : TROCAR_OK;
+    for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
+        status = run_tick(r, tick, why);
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
-    trocar_status status = output_commit(&r->log_file, why);
+    if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
     if (status == TROCAR_OK) status = pvd_close(&r->series, why);
     if (status == TROCAR_OK) status = output_commit(&r->shift_file, why);
@@ -255,6 +265,14 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " poses left out that came twice or out of order\n", r->poses.skipped_old);
 }
 
+/* Said in any case: it is what makes bits differ. */
+static void name_other_owner(const replay *r) {
+    const char *golden = r->golden.inverse, *here = inverse_name(r->simulation.inverse);
+    if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
+    fprintf(stderr, "%s: made with the %s inverse, this replay with the %s one: they agree to rounding only; for the same bits set "
+            "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
+}
+
 int main(int count, char **arguments) {
     options o = {.at = NAN, .tolerance = NAN};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
@@ -267,6 +285,7 @@ int main(int count, char **arguments) {
     trocar_status status = prepare(&r, &why);
     if (status == TROCAR_OK) status = run_all(&r, &why);
     if (status == TROCAR_OK && !o.quiet) summarise(&r);
+    if (status == TROCAR_OK && r.replayed) name_other_owner(&r);
     bool differs = r.comparison.differing > 0;
     if (status == TROCAR_OK && r.replayed && (differs || !o.quiet))
         comparison_print(&r.comparison, &r.golden, o.golden_path, r.replayed, stderr);

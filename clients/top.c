@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "dashboard.h"
+#include "lcm_filter.h"
 #include "message_fit.h"
 #include "options.h"
 #include "report.h"
@@ -72,11 +73,14 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         d->foreign++;
         return;
     }
-    dashboard_take_status(d, &m);
+    dashboard_take_status(d, &m, now());
     trocar_status_t_decode_cleanup(&m);
 }
 
 static lcm_t *listen_to_server(const options *o, dashboard *d, report *why) {
+    static const char *const channels[] = {"TROCAR_TIMING", "TROCAR_STATUS", NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
     lcm_t *lcm = lcm_create(o->lcm_url);
     if (lcm && lcm_subscribe(lcm, "TROCAR_TIMING", on_timing, d) && lcm_subscribe(lcm, "TROCAR_STATUS", on_status, d)) return lcm;
     fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": check --lcm-url and the multicast route", o->lcm_url ? o->lcm_url : "its default URL");

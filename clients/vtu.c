@@ -8,11 +8,6 @@
 
 enum { VTK_POLY_LINE = 4, VTK_TETRA = 10 };
 
-static void begin_file(int points, int cells, FILE *out) {
-    fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
-                 "<UnstructuredGrid>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", points, cells);
-}
-
 static void end_file(FILE *out) { fprintf(out, "</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"); }
 
 static void begin_array(const char *type, const char *name, int components, FILE *out) {
@@ -123,8 +118,11 @@ static void write_region_names(const mesh *m, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-static void write_tissue(const simulation *s, const tissue_export *e, FILE *out) {
-    begin_file(e->mesh.node_count, e->mesh.tet_count, out);
+/* What springs back at the tip is held back by a damper that the needle does not feel: part of the applied forces. */
+static void write_tissue(const simulation *s, const tissue_export *e, vec3 damping, FILE *out) {
+    fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
+    write_field_vector("tip_damping", damping, out);
+    fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", e->mesh.node_count, e->mesh.tet_count);
     write_region_names(&s->mesh, out);
     write_tissue_points(s, e, out);
     write_tissue_cells(s, &e->mesh, out);
@@ -147,7 +145,7 @@ trocar_status vtu_write_tissue(simulation *s, const insertion_state *state, cons
     tissue_export e;
     status = tissue_export_create(s, state, &e, why);
     if (status == TROCAR_OK) {
-        write_tissue(s, &e, file.file);
+        write_tissue(s, &e, state->tip.damping, file.file);
         status = output_commit(&file, why);
     }
     tissue_export_free(&e);

@@ -9,4 +9,7 @@
 void equilibrium_find(const insertion_model *model, insertion_state *state, insertion_workspace *w, const compliance_snapshot *snapshot,
                       const int handles[4], double dt, insertion_wrench *wrench);
 
+/* Takes the forces off a needle that has buckled. RT */
+void equilibrium_release(insertion_state *state);
+
 #endif

@@ -44,7 +44,7 @@ static vec3 displacement_of(const insertion_model *model, const insertion_state 
     int corners[4];
     if (tip_handles(model, state, snapshot, corners)) {
         mat3 c = compliance_to_point(snapshot, corners, state->tip.known_weights, handle);
-        u = v3_add(u, m3_apply_transposed(&c, state->tip.force));
+        u = v3_add(u, m3_apply_transposed(&c, tip_load(&state->tip)));
     }
     return u;
 }
@@ -61,6 +61,7 @@ static vec3 displacement_behind(const insertion_model *model, const insertion_st
     double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
     for (int i = state->active - 1; i >= 0; i--) {
         double depth = state->contacts[i].depth;
+        if (depth < tip_entry_depth(state)) break; /* of another body */
         vec3 here = carried(model, state, i);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
@@ -171,16 +172,18 @@ static bool follow_known_point(const insertion_model *model, insertion_state *st
 
 /* ---- the tick ----------------------------------------------------------------------------------------------------------- */
 
-/* Before it is in, the tip grips the surface by friction: pushed sideways harder than that, it glides. */
+/* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
+   surface's normal. Outside the cone the tip slides along the surface, half of the way that would bring the force back: whole,
+   it could overshoot and lift a needle off that hardly presses. */
 static void glide_on_surface(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
-    vec3 axis = q_axis(state->needle.frames[model->needle->given.segments - 1]);
-    double pressing = v3_dot(tip->force, axis);
-    vec3 sideways = v3_axpy(-pressing, axis, tip->force);
-    double excess = v3_norm(sideways) - SURFACE_GRIP * fmax(pressing, 0.0);
+    vec3 inward = mesh_face_normal(model->mesh, tip->tet, tip->face);
+    double pressing = v3_dot(tip->force, inward);
+    vec3 tangential = v3_axpy(-pressing, inward, tip->force);
+    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
-    double compliance = local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
-    tip_glide(model, state, axis, v3_scale(excess * compliance / v3_norm(sideways), sideways), wrench);
+    double compliance = 0.5 * local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
+    tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 
 /* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */
@@ -193,11 +196,12 @@ static void move_freely(const insertion_model *model, insertion_state *state, po
     tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
 }
 
-/* A buckled needle counts as straight and without force until its tip is back at the point where it stuck. */
+/* A buckled needle counts as straight and without force until the hand has drawn its end back to where that was stuck. */
 static void wait_for_return(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
+    equilibrium_release(state);
     needle_rest(model->needle, base, &state->needle);
-    vec3 off = v3_sub(state->needle.joints[model->needle->given.segments], state->tip.nominal);
-    state->buckled = v3_norm(off) > RETURN_DISTANCE;
+    vec3 off = v3_sub(state->needle.joints[model->needle->given.segments], state->stuck_at);
+    state->buckled = v3_norm(off) > RETURN_DISTANCE || v3_dot(off, q_axis(base.orientation)) > 0.0;
     if (state->buckled) wrench->events |= EVENT_UNSTABLE;
 }
 
@@ -222,7 +226,8 @@ static void move_tip(const insertion_model *model, insertion_state *state, vec3 
     if (tip->phase != TIP_INSIDE) return;
     tip->stretch += tip->depth - before - slid;
     int last = contacts_passed(state) - 1;
-    if (beyond) tip->stretch = last < 0 ? 0.0 : shaft_ahead(model, state, last, dt);
+    bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
+    if (beyond) tip->stretch = last < 0 || next_body ? 0.0 : shaft_ahead(model, state, last, dt);
 }
 
 static void step(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
@@ -251,13 +256,6 @@ static void step(const insertion_model *model, insertion_state *state, insertion
     sum_wrench(state, scratch, wrench);
 }
 
-/* A fraction of the way from the pose held to the new one. */
-static pose between(pose from, pose to, double fraction) {
-    vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
-    return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),
-                  q_unit(q_multiply(q_exp(v3_scale(fraction, turn)), from.orientation))};
-}
-
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
     *wrench = (insertion_wrench){.membrane = -1};
@@ -266,10 +264,33 @@ void insertion_tick(const insertion_model *model, insertion_state *state, insert
     held.position = v3_sub(held.position, state->base_shift);
     dt = fmax(dt, 1e-6);
     int steps = (int)fmin(ceil(dt / model->settings.longest_step - 1e-6), model->settings.most_steps);
-    for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, between(held, base, (double)i / steps), dt / steps, wrench);
+    for (int i = 1; i < steps; i++) step(model, state, scratch, snapshot, pose_between(held, base, (double)i / steps), dt / steps, wrench);
     step(model, state, scratch, snapshot, base, steps > 1 ? dt / steps : dt, wrench);
     window_request(model, state);
     profile_end_stage(&scratch->profile, INSERTION_WRENCH);
+}
+
+/* ---- what is not finite ------------------------------------------------------------------------------------------- */
+
+static double sum_of(vec3 v) { return v.x + v.y + v.z; }
+
+/* A sum is finite only if all its terms are. */
+bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench) {
+    const needle_tip *tip = &state->tip;
+    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
+               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
+               + tip->shaft_traction;
+    for (int i = 0; i < state->refined.count; i++) {
+        const shaft_contact *c = &state->contacts[i];
+        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus
+             + c->softness + c->traction;
+    }
+    return isfinite(sum);
+}
+
+void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, insertion_wrench *wrench) {
+    insertion_reset(model, base, state);
+    *wrench = (insertion_wrench){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }
 
 /* ---- export ------------------------------------------------------------------------------------------------------------- */
@@ -285,6 +306,6 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], tip->force, *corner);
+        *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
     }
 }

@@ -41,27 +41,28 @@ typedef struct {
 } insertion_model;
 
 typedef enum {
-    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface */
+    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
     EVENT_PUNCTURED = 1 << 1,    /* a membrane gave way (`membrane` says which) */
     EVENT_ADDED = 1 << 2,        /* a contact became active */
     EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
-    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side */
-    EVENT_REENTERED = 1 << 5,    /* and came back */
+    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
+    EVENT_REENTERED = 1 << 5,    /* and came back the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
     EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
-    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached */
+    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
 } insertion_event;
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
-typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side, shaft still in the tissue */
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side or in a gap, shaft still in the tissue */
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
     double arc;              /* m from the base: the needle's material point that is there */
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
+    vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
     double slid;             /* m of sliding since it last stuck */
@@ -69,6 +70,8 @@ typedef struct {
     double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
     double log_axial;        /* the same along the needle */
     double surplus;          /* m/N, what its node yields already by being in the mesh */
+    double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -77,30 +80,42 @@ typedef struct {
     tip_phase phase;
     int tet;                 /* nominal element, -1 outside */
     vec3 nominal;            /* m, the tissue's material point at the tip */
+    vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
     friction_state friction; /* forward while it cuts */
     double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     double shaft_slid;       /* m, and friction: as in shaft_contact */
     friction_state shaft_friction;
+    double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
+    double dent;             /* m along the track, by which the tissue at the tip is displaced */
+    vec3 damping;            /* N, world frame, on the tissue at the tip: it springs back no faster than waves spread in it */
     double pressing;         /* N, force along the needle as the hold sideways follows it, >= 0 */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
-    int face;                /* of `tet`, that what blocks lies on */
+    int face;                /* of `tet`: where the tip is on the surface or blocked */
+    bool entering;           /* what blocks is on the outer surface, and the tip comes from outside */
+    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
 
-/* From this depth on, up to the next stratum, the track lies in this region. */
+/* N, all that displaces the tissue at the tip: the needle's force, and what holds the tissue back while it springs back. RT */
+static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->force, tip->damping); }
+
+/* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
+enum { IN_A_GAP = -1 };
 typedef struct {
     double depth;            /* m */
-    int region;              /* group index */
+    int region;              /* group index, or IN_A_GAP */
+    int tet;                 /* element that the track starts in there; of a gap, the one that it left */
+    vec3 point;              /* m, nominal: where it starts */
 } stratum;
 
-enum { MAX_STRATA = 32 };
+enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 
 /* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
    and restores it. */
@@ -117,6 +132,7 @@ typedef struct {
     int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
     bool saddle;                 /* the last tick ended, without convergence perhaps, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
+    vec3 stuck_at;               /* m, world frame: where the needle's end was then */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;
@@ -156,14 +172,23 @@ typedef struct {
     shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
+    double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
+    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
+    double tip_yield;                        /* m/N, and of the tip itself */
+    double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
+    double loose;                            /* m/N, what the tip yields sideways on top of that while it has not got its full hold */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
+    needle_state start;                      /* shape before the first pass, */
+    vec3 start_force[MAX_POINTS];            /* N, and forces, */
+    double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is done again; share of that which is left */
     insertion_profile profile;
 } insertion_workspace;
 
 typedef struct {
     vec3 force;                  /* N, world frame: what the base exerts on the hand */
     vec3 torque;                 /* N m, world frame, about the base point, where it is */
-    double depth;                /* m, length of the track in the tissue */
+    double depth;                /* m, length of the track in the tissue, gaps between bodies included */
     int contacts;                /* active */
     unsigned events;             /* insertion_event bits of this tick */
     int membrane;                /* index of the membrane punctured in this tick, or -1 */
@@ -178,6 +203,12 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
    O(log n), while the tip is outside or on it. No allocation, no lock, no call to a library. RT */
 void insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
                     const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
+
+/* Are the wrench, and all numbers that the next tick starts from, finite? RT */
+bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench);
+
+/* After a tick that was not: starts the insertion over at `base`. The wrench becomes zero, its event UNSTABLE. RT */
+void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, insertion_wrench *wrench);
 
 /* The refined mesh as the needle sees it now: the active contact nodes. */
 void insertion_refinement(const insertion_state *state, refinement *out);

@@ -18,7 +18,7 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
 }
 
 inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
-    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; of the memory at hand */
+    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; of the machine's memory */
     int nodes = facts->node_count, reach = facts->reach_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, condensed = 72e-9 * reach * reach, share = SHARE * 1e-9 * facts->memory;
     if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "as the scene asks");

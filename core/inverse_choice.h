@@ -21,7 +21,7 @@ typedef struct {
     int node_count, dof_count;
     bool reach_given;        /* the scene says where needles go, */
     int reach_count;         /* to so many nodes */
-    double memory;           /* bytes at hand */
+    double memory;           /* bytes, of the machine */
 } inverse_facts;
 
 /* What the scene gives; with auto: dense where the method works on all of it, or where it is small; else condensed where the

@@ -169,11 +169,18 @@ static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows,
     return TROCAR_OK;
 }
 
-static bool solver_create(solver *w, size_t n, size_t columns) {
+/* K x = right; the solution stays in the workspace. NULL without memory, which only the first call takes. */
+static const double *solver_run(solver *w, const tissue *t) {
+    bool solved = cholmod_solve2(CHOLMOD_A, t->factor, w->right, NULL, &w->solution, NULL, &w->y, &w->e, &w->common);
+    return solved ? w->solution->x : NULL;
+}
+
+/* Solves once, so that a lack of memory shows here and not later. */
+static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;
-    w->right = cholmod_zeros(n, columns, CHOLMOD_REAL, &w->common);
-    return w->right != NULL;
+    w->right = cholmod_zeros((size_t)t->dof_count, 1, CHOLMOD_REAL, &w->common);
+    return w->right != NULL && solver_run(w, t) != NULL;
 }
 
 static void solver_free(solver *w) {
@@ -184,20 +191,13 @@ static void solver_free(solver *w) {
     cholmod_finish(&w->common);
 }
 
-/* K x = right for its first columns; the solution stays in the workspace. */
-static const double *solver_run(solver *w, const tissue *t, size_t columns) {
-    size_t all = w->right->ncol;
-    w->right->ncol = columns;
-    cholmod_solve2(CHOLMOD_A, t->factor, w->right, NULL, &w->solution, NULL, &w->y, &w->e, &w->common);
-    w->right->ncol = all;
-    return w->solution->x;
-}
-
 static void sparse_apply(inverse *inv, const double *force, double *displacement) {
     sparse_inverse *s = (sparse_inverse *)inv;
     size_t bytes = (size_t)inv->tissue->dof_count * sizeof *force;
     memcpy(s->field_solver.right->x, force, bytes);
-    memcpy(displacement, solver_run(&s->field_solver, inv->tissue, 1), bytes);
+    const double *solution = solver_run(&s->field_solver, inv->tissue);
+    if (solution != NULL) memcpy(displacement, solution, bytes);
+    else memset(displacement, 0, bytes);
 }
 
 static void sparse_release(inverse *inv) {
@@ -239,7 +239,7 @@ trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **cre
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");
     trocar_status status = inverse_init(&s->shared, &sparse_owner, t, why);
     mtx_init(&s->gather_lock, mtx_plain);
-    bool solver_ready = solver_create(&s->field_solver, (size_t)t->dof_count, 1);
+    bool solver_ready = solver_create(&s->field_solver, t);
     if (status == TROCAR_OK) status = half_solver_create(t, &s->half, why);
     if (status == TROCAR_OK && !(solver_ready && create_cache(s, cache_bytes)))
         status = fail(why, TROCAR_NO_MEMORY, "no memory for the rows of the inverse (%.1f GB)", 1e-9 * cache_bytes);

@@ -12,6 +12,7 @@ static const double AXIAL_RESOLUTION = 1.1, POINT_RESOLUTION = 1.57, SURFACE_RES
    addition"): 0.11 over all chords, 0.15 by length; contact nodes are on neither the shortest nor only the longest. */
 static const double SURPLUS = 0.12;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
+static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
 static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than haptic devices render */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -107,23 +108,39 @@ lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x) {
     return unresolved(model, tet, weights);
 }
 
+/* 1 / mu */
+static double softness(const insertion_model *model, int tet, const double weights[4]) {
+    return 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial);
+}
+
 double local_surplus(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    double softness = 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial); /* 1 / mu */
-    return SURPLUS * softness / interpolate(model, tet, weights, model->mesh->node_size);
+    const region_material *material = &model->materials[model->mesh->region[tet]];
+    double mu = shear_modulus(material->youngs_modulus, material->poisson_ratio);
+    return SURPLUS / (mu * interpolate(model, tet, weights, model->mesh->node_size));
+}
+
+double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
+    double weights[4];
+    mesh_barycentric(model->mesh, tet, x, weights);
+    return 1.0 / sqrt(DENSITY * softness(model, tet, weights));
 }
 
 double local_of_share(double logarithm, double stiffness, double surplus) {
     return fmax(logarithm - surplus * stiffness, LEAST_LOGARITHM) / stiffness;
 }
 
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth) {
+/* Around a tip in the depth the tissue yields less than around one on the surface. The tip counts as in the depth once it is a few
+   radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
+   skin would feel more force the further it cuts, with elastic energy that nobody put in. */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
-    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius)); /* from the surface to the end of a hole in the depth */
+    double dent = pressing * punch / radius;
+    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
     double known = (1.0 - in) * punch / SURFACE_RESOLUTION + in * disc / POINT_RESOLUTION;
     return fmax(whole / radius - known / resolved, 0.0);

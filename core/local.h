@@ -27,8 +27,12 @@ double local_surplus(const insertion_model *model, int tet, vec3 x);
 /* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
 double local_of_share(double logarithm, double stiffness, double surplus);
 
-/* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface. RT */
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth);
+/* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface that it presses on with
+   `pressing` (N). RT */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
+
+/* Speed of shear waves, m/s. RT */
+double local_wave_speed(const insertion_model *model, int tet, vec3 x);
 
 /* Fills the node_ arrays of a model that is otherwise set: means over the elements around each node. NO_MEMORY. */
 trocar_status local_create(insertion_model *model, report *why);

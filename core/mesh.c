@@ -63,6 +63,13 @@ vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
     return x;
 }
 
+vec3 mesh_face_normal(const mesh *m, int tet, int face) {
+    vec3 corners[4], gradients[4];
+    corners_of(m, tet, corners);
+    tet_gradients(corners, gradients);
+    return v3_unit(gradients[face]);
+}
+
 /* The weight of vertex i falls at a constant rate along d and reaches zero on face i. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     vec3 corners[4], gradients[4];
@@ -214,6 +221,30 @@ surface_hit mesh_enter(const mesh *m, vec3 a, vec3 b) {
         }
     }
     return nearest;
+}
+
+/* ---- remarks ---- */
+
+void mesh_remark(mesh *m, const char *format, ...) {
+    char *text = m->remarks.text;
+    size_t used = strlen(text), size = sizeof m->remarks.text;
+    if (used > 0 && used + 2 < size) strcpy(text + used, "; "), used += 2;
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text + used, size - used, format, arguments);
+    va_end(arguments);
+}
+
+void mesh_compare_with_needle(mesh *m, double length, double diameter) {
+    static const double LARGEST_BODY = 10.0, SMALLEST_BODY = 0.05, COARSEST = 50.0; /* needle's lengths, and diameters */
+    double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;
+    for (int n = 0; n < m->node_count; n++) least = fmin(least, m->node_size[n]);
+    if (size > LARGEST_BODY * length || size < SMALLEST_BODY * length)
+        mesh_remark(m, "the body is %.3g m across, the needle %.3g m long: is the mesh in another unit? Set mesh_unit (m, cm, mm) in the scene",
+                    size, length);
+    else if (least > COARSEST * diameter)
+        mesh_remark(m, "the needle, %.3g m thick, is far smaller than the smallest elements, %.3g m: refine the mesh, or check mesh_unit and the "
+                    "needle's diameter", diameter, least);
 }
 
 /* ---- building: checks and orientation ---- */

@@ -45,11 +45,16 @@ typedef struct {
     int *bvh_order;          /* boundary_count */
     double *node_size;       /* node_count: mean edge of the ideal tets around the node, m (continuous over faces) */
     bool *anatomical;        /* node_count: on the outer surface, between regions, or of a named surface, line or point */
+    report remarks;          /* what was done to the file's mesh, or looks wrong in it; empty: nothing */
 } mesh;
 
-/* Reads any format that Gmsh reads (the only function that knows Gmsh); checks nodes, tets, orientation and
-   conformity. BAD_INPUT with a message that names the file. Not thread-safe: Gmsh is one global. */
-trocar_status mesh_read(const char *path, mesh *m, report *why);
+/* Reads any format that Gmsh reads (the only function that knows Gmsh), with coordinates in `unit` (m); checks nodes, tets,
+   orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. Not thread-safe:
+   Gmsh is one global. */
+trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
+
+/* The same in metres. */
+static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
 
 /* The same from arrays, which are copied. BAD_INPUT for indices out of range, names that repeat, and as in mesh_finish. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
@@ -62,6 +67,12 @@ trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3]
                           const char *name, report *why);
 
 void mesh_free(mesh *m);
+
+/* Adds a sentence to the remarks. */
+__attribute__((format(printf, 2, 3))) void mesh_remark(mesh *m, const char *format, ...);
+
+/* Adds to the remarks if the body or its elements are out of all proportion to a needle, as when the unit is wrong. */
+void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
 /* Index of the group of this name and dimension (any if -1), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
@@ -77,6 +88,9 @@ int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
+
+/* Unit normal of a tet's face, toward the opposite corner. RT */
+vec3 mesh_face_normal(const mesh *m, int tet, int face);
 
 /* Gradient of the four linear shape functions, 1/m. Returns the volume. RT */
 double tet_gradients(const vec3 corners[4], vec3 gradients[4]);

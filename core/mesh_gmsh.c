@@ -7,6 +7,7 @@
 #include <threads.h>
 
 #include "mesh.h"
+#include "mesh_merge.h"
 
 enum { TRIANGLE = 2, TETRAHEDRON = 4 }; /* Gmsh's element types, linear */
 
@@ -15,6 +16,7 @@ typedef struct { size_t tag; int index; } numbered_node;
 /* What is known while one file is read. */
 typedef struct {
     const char *path;
+    double unit;             /* m */
     mesh *mesh;
     report *why;
     numbered_node *nodes;    /* all nodes of the file, ascending tags; index -1 where no tetrahedron uses the node */
@@ -268,11 +270,34 @@ static trocar_status compact_nodes(reader *r) {
         if (r->nodes[i].index < 0) continue;
         const double *x = &r->coordinates[3 * i];
         r->nodes[i].index = m->node_count;
-        m->nodes[m->node_count++] = v3(x[0], x[1], x[2]);
+        m->nodes[m->node_count++] = v3(r->unit * x[0], r->unit * x[1], r->unit * x[2]);
     }
     for (int t = 0; t < m->tet_count; t++)
         for (int k = 0; k < 4; k++) m->tets[t][k] = node_index(r, r->corners[4 * (size_t)t + k]);
     return TROCAR_OK;
+}
+
+/* Joins bodies that were meshed apart where their faces match; says so, and where they do not. */
+static trocar_status merge_nodes(reader *r) {
+    mesh *m = r->mesh;
+    mesh_merge_result result;
+    int *renumbered = malloc((size_t)m->node_count * sizeof *renumbered);
+    trocar_status status = renumbered ? mesh_merge(m, renumbered, &result) : TROCAR_NO_MEMORY;
+    if (status == TROCAR_OK) {
+        int tag = 0;
+        for (int i = 0; i < r->node_count; i++) {
+            if (r->nodes[i].index < 0) continue;
+            if (r->nodes[i].index == result.example) tag = (int)r->nodes[i].tag;
+            r->nodes[i].index = renumbered[r->nodes[i].index];
+        }
+        if (result.merged > 0)
+            mesh_remark(m, "%s: %d nodes that lie where others do were merged with these", r->path, result.merged);
+        if (result.apart > 0)
+            mesh_remark(m, "%s: %d nodes lie where others do (node %d, for one), but faces there do not match: the bodies are taken as touching, "
+                        "not as grown together; mesh them together if they are one", r->path, result.apart, tag);
+    }
+    free(renumbered);
+    return status == TROCAR_OK ? TROCAR_OK : no_memory(r);
 }
 
 /* ---- named surfaces ---- */
@@ -371,6 +396,7 @@ static trocar_status read_model(reader *r) {
     if (status == TROCAR_OK) status = read_groups(r, tags);
     if (status == TROCAR_OK) status = read_tets(r, tags);
     if (status == TROCAR_OK) status = compact_nodes(r);
+    if (status == TROCAR_OK) status = merge_nodes(r);
     for (int g = 0; status == TROCAR_OK && g < r->mesh->group_count; g++) {
         status = read_group_nodes(r, g, tags[g]);
         if (status == TROCAR_OK && r->mesh->groups[g].dimension == 2) status = read_surface(r, g, tags[g]);
@@ -417,9 +443,9 @@ static void reader_free(reader *r) {
     free(r->triangle_group);
 }
 
-trocar_status mesh_read(const char *path, mesh *m, report *why) {
+trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why) {
     memset(m, 0, sizeof *m);
-    reader r = {.path = path, .mesh = m, .why = why};
+    reader r = {.path = path, .unit = unit, .mesh = m, .why = why};
     trocar_status status = check_readable(&r);
     if (status != TROCAR_OK) return status;
 

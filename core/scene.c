@@ -13,7 +13,7 @@ enum { MAX_FILE = 1 << 20 /* bytes; a scene has a few thousand */, KEY_ROOM = 25
 
 /* ---- the table of keys --------------------------------------------------------------------------------------------------- */
 
-typedef enum { NUMBER, COUNT, WORD, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT } value_kind;
+typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT } value_kind;
 typedef enum { NO_LIST, REGIONS, MEMBRANES, LISTS } list_kind;
 typedef struct { double low, high; const char *words; } range;
 typedef const char *(*word_of)(int index); /* NULL past the last one */
@@ -58,6 +58,7 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 
 static const row TABLE[] = {
     {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
+    {"mesh_unit", "", LENGTH_UNIT, OF(simulation.mesh_unit), .doc = "of the mesh file's coordinates"},
     {"rate_hz", "Hz", NUMBER, OF(rate_hz), &RATE, .doc = "of the haptic loop"},
 
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
@@ -158,6 +159,10 @@ static bool leads_on(const char *pattern, const char *next) {
     return false;
 }
 
+static const struct { const char *name; double size; } UNITS[] = {{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}};
+enum { UNIT_COUNT = sizeof UNITS / sizeof *UNITS };
+static const char UNIT_WORDS[] = "m, cm, mm, or the unit's size in m (1e-9 to 1000)";
+
 int scene_key_count(void) { return ROWS; }
 
 /* "a, b or c" */
@@ -172,7 +177,7 @@ scene_key_info scene_key_at(int index) {
     static const char *const others[] = {[NAME] = "a name", [NAMES] = "a list of names", [FILE_PATH] = "a path", [DIRECTORY_PATH] = "a path",
                                          [POINT] = "three numbers"};
     const row *r = &TABLE[index];
-    const char *accepts = r->allowed ? r->allowed->words : others[r->kind];
+    const char *accepts = r->allowed ? r->allowed->words : r->kind == LENGTH_UNIT ? UNIT_WORDS : others[r->kind];
     if (r->words) {
         list_words(r->words, lists[index], sizeof lists[index]);
         accepts = lists[index];
@@ -221,6 +226,18 @@ static bool take_number(const row *r, const char *key, const char *text, const r
         return *value = number, true;
     reject(f, key, "\"%s\": expected %s%s%s%s", text, allowed->words, *r->unit ? " (" : "", r->unit, *r->unit ? ")" : "");
     return false;
+}
+
+/* A unit by name, or its size in metres. */
+static void take_unit(const char *key, const char *text, double *unit, fault *f) {
+    double number;
+    for (int i = 0; i < UNIT_COUNT; i++)
+        if (strcmp(text, UNITS[i].name) == 0) {
+            *unit = UNITS[i].size;
+            return;
+        }
+    if (parse_number(text, &number) && number >= 1e-9 && number <= 1e3) *unit = number;
+    else reject(f, key, "\"%s\": expected %s", text, UNIT_WORDS);
 }
 
 static int take_word(const row *r, const char *key, const char *text, fault *f) {
@@ -295,6 +312,7 @@ static void take_value(scene *s, const row *r, const char *key, void *base, cons
     case NUMBER: take_number(r, key, value->text, r->allowed, target, f); break;
     case COUNT: if (take_number(r, key, value->text, r->allowed, &number, f)) *(int *)target = (int)number; break;
     case WORD: if ((word = take_word(r, key, value->text, f)) >= 0) memcpy(target, &word, sizeof word); break;
+    case LENGTH_UNIT: take_unit(key, value->text, target, f); break;
     case PROFILE:
         if (take_word(r, key, value->text, f) < 0) break;
         take_name(key, value->text, target, f);
@@ -572,7 +590,8 @@ trocar_status scene_get(const scene *s, const char *key, char *value, size_t siz
     const void *target = (const char *)base + r->offset;
     int length = 0;
     switch (r->kind) {
-    case NUMBER: length = print_number(value, size, *(const double *)target); break;
+    case NUMBER:
+    case LENGTH_UNIT: length = print_number(value, size, *(const double *)target); break;
     case COUNT: length = snprintf(value, size, "%d", *(const int *)target); break;
     case WORD: length = snprintf(value, size, "%s", r->words(*(const int *)target)); break;
     case NAMES: length = print_names(s, r, value, size); break;

@@ -8,11 +8,23 @@ static double depth_of(const insertion_state *state, int index) {
     return index < state->active ? state->contacts[index].depth : state->tip.depth;
 }
 
+/* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
+   another region between them, so that no contact stands for shaft in tissue that it is not in. The border moves to that place as
+   fast as the next point leaves it behind: at once, forces would jump whenever the tip enters a region. */
+static double border_behind(const insertion_state *state, int index) {
+    double here = depth_of(state, index), next = depth_of(state, index + 1), half = 0.5 * (here + next);
+    for (int k = 1; k < state->stratum_count; k++) {
+        double change = state->strata[k].depth;
+        if (change <= here) continue;
+        return change < next ? half + fmin(change - half, next - change) : half;
+    }
+    return half;
+}
+
 shaft_share shaft_share_of(const insertion_state *state, int index, bool tip) {
     int last = state->active - 1 + tip;
-    double here = depth_of(state, index);
-    double from = index > 0 ? 0.5 * (depth_of(state, index - 1) + here) : 0.0;
-    double to = index < last ? 0.5 * (here + depth_of(state, index + 1)) : state->tip.depth;
+    double from = index > 0 ? border_behind(state, index - 1) : 0.0;
+    double to = index < last ? border_behind(state, index) : state->tip.depth;
     return (shaft_share){from, fmax(to, from + LEAST_SHARE)};
 }
 
@@ -27,7 +39,7 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
     for (int k = 0; k < state->stratum_count; k++) {
         double top = k > 0 ? fmax(part.from, state->strata[k].depth) : part.from;
         double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
-        if (length <= 0.0) continue;
+        if (length <= 0.0 || state->strata[k].region == IN_A_GAP) continue;
         const region_material *material = &model->materials[state->strata[k].region];
         lateral_axial line = local_line_compliance(material);
         sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);

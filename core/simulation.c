@@ -16,6 +16,7 @@ region_material region_defaults(void) {
 
 void simulation_defaults(simulation_config *config) {
     *config = (simulation_config){
+        .mesh_unit = 1.0,
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
@@ -87,12 +88,13 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* Memory that can be had without swapping, bytes; 8 GB where the system does not say. */
-static double available_memory(void) {
+/* Memory of this machine, bytes; 8 GB where the system does not say. Not what is free just now: the same scene shall have the
+   same owner each time, for the owners' results differ by rounding. */
+static double machine_memory(void) {
     double kilobytes = 8e6;
     char line[128];
     FILE *file = fopen("/proc/meminfo", "r");
-    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemAvailable: %lf", &kilobytes) != 1) continue;
+    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemTotal: %lf", &kilobytes) != 1) continue;
     if (file) fclose(file);
     return 1024.0 * kilobytes;
 }
@@ -102,7 +104,7 @@ static trocar_status build_owner(simulation *s, int reach_count, const int *reac
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .reach_given = reach_given(&config->reach), .reach_count = reach_count,
-                           .memory = available_memory()};
+                           .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
         trocar_status status = inverse_create_condensed(&s->tissue, reach_count, reach, config->cache, config->progress, &s->inverse,
@@ -134,7 +136,7 @@ static trocar_status build_insertion(simulation *s, report *why) {
 }
 
 static trocar_status take_mesh(simulation *s, report *why) {
-    return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read(s->config.mesh_path, &s->mesh, why);
+    return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read_in(s->config.mesh_path, s->config.mesh_unit, &s->mesh, why);
 }
 
 /* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number. */
@@ -152,6 +154,7 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     s->config = *config;
     trocar_status status = take_mesh(s, why);
     if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
     status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
@@ -189,6 +192,7 @@ void simulation_free(simulation *s) {
 trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
                               insertion_wrench *wrench, report *why) {
     insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
+    if (!insertion_is_finite(state, wrench)) insertion_start_over(&s->insertion, base, state, wrench);
     if (snapshot->serial == state->request.serial) return TROCAR_OK;
     return remesher_serve(s->remesher, &state->request, snapshot, why);
 }

@@ -14,6 +14,7 @@ enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 typedef struct {
     char mesh_path[1024];
     const trocar_mesh *mesh_given;      /* in place of a file; NULL: there is a path */
+    double mesh_unit;                    /* m: what a coordinate of 1 in that file means */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */

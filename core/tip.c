@@ -6,7 +6,8 @@ enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
 static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
 static const double MOST_SHEAR = 0.7;        /* of the tissue along the track, that the tip's direction follows */
-static const double GLIDE_REACH = 2e-3;      /* m, how far up and down the surface is looked for under a gliding tip */
+static const double GLIDE_REACH = 2e-3;      /* m, how far above and below a gliding tip the surface is looked for */
+static const double OVERLAP = 2e-3;          /* m, bodies that were meshed apart may overlap by so much */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
     return &model->materials[model->mesh->region[tet]];
@@ -109,18 +110,36 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     if (!met) drop_plan(state);
     if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
         shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
+        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .direction = tip->direction, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
                                    .friction = tip->shaft_friction};
     }
     tip->planned = false;
     tip->next_contact = INFINITY;
 }
 
-/* Notes where the track goes into another region. */
-static void enter_stratum(const mesh *m, insertion_state *state) {
-    int region = m->region[state->tip.tet], last = state->stratum_count - 1;
-    if (last + 1 < MAX_STRATA && (last < 0 || state->strata[last].region != region))
-        state->strata[state->stratum_count++] = (stratum){state->tip.depth, region};
+/* Notes where the track goes into another region, or into a gap. */
+static void note_stratum(insertion_state *state, int region, insertion_wrench *wrench) {
+    const needle_tip *tip = &state->tip;
+    int last = state->stratum_count - 1;
+    if (last >= 0 && state->strata[last].region == region) return;
+    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->depth, region, tip->tet, tip->nominal};
+    else wrench->events |= EVENT_FULL;
+}
+
+static void enter_stratum(const mesh *m, insertion_state *state, insertion_wrench *wrench) {
+    note_stratum(state, m->region[state->tip.tet], wrench);
+}
+
+/* The last gap among the strata, or -1. */
+static int last_gap(const insertion_state *state) {
+    int k = state->stratum_count - 1;
+    while (k >= 0 && state->strata[k].region != IN_A_GAP) k--;
+    return k;
+}
+
+double tip_entry_depth(const insertion_state *state) {
+    int gap = last_gap(state);
+    return gap >= 0 ? state->strata[gap + 1].depth : 0.0;
 }
 
 static void leave_strata(insertion_state *state) {
@@ -135,6 +154,7 @@ static void take_up_contact(const insertion_model *model, insertion_state *state
     double weights[4];
     tip->nominal = state->contacts[last].track;
     tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
+    tip->direction = state->contacts[last].direction;
     tip->depth = state->contacts[last].depth;
     tip->shaft_slid = state->contacts[last].slid;
     tip->next_contact = NAN;
@@ -160,13 +180,33 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
     return tet;
 }
 
+/* Out of the tissue, with the shaft still in it. */
+static void go_beyond(const insertion_model *model, insertion_state *state) {
+    needle_tip *tip = &state->tip;
+    tip->phase = TIP_BEYOND;
+    tip->force = tip->damping = v3(0, 0, 0);
+    tip->dent = 0.0;
+    tip->slip = tip->shaft_slip = 0.0;
+    tip->blocked_by = NOT_BLOCKED;
+    tip->end = state->needle.joints[model->needle->given.segments];
+}
+
 static void exit_tissue(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     drop_plan(state);
     if (state->tip.depth - last_contact_depth(state) > 0.5 * model->settings.contact_spacing) leave_contact(model, state, wrench);
-    state->tip.phase = TIP_BEYOND;
-    state->tip.force = v3(0, 0, 0);
-    state->tip.slip = state->tip.shaft_slip = 0.0;
-    state->tip.blocked_by = NOT_BLOCKED;
+    go_beyond(model, state);
+    wrench->events |= EVENT_EXITED;
+}
+
+/* Back out of this body into the gap before it: the tip's place is again where it had left the body before. */
+static void back_into_gap(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    int gap = last_gap(state);
+    const stratum *left = &state->strata[gap];
+    state->tip.depth = left->depth;
+    state->tip.tet = left->tet;
+    state->tip.nominal = left->point;
+    state->stratum_count = gap;
+    go_beyond(model, state);
     wrench->events |= EVENT_EXITED;
 }
 
@@ -184,7 +224,7 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
     if (model->settings.placement != PLACE_INSIDE) leave_contact_on_face(model, state, wrench);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     plan_contact(model, state, direction, wrench);
 }
 
@@ -205,6 +245,7 @@ static void cut_forward(const insertion_model *model, insertion_state *state, ve
         } else if (to_face <= part) {
             tip->blocked_by = obstacle(model, tip->tet, face, model->mesh->neighbours[tip->tet][face]);
             tip->face = face;
+            tip->entering = false;
             if (tip->blocked_by == NOT_BLOCKED) cross_face(model, state, face, direction, wrench);
         }
     }
@@ -221,10 +262,16 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
     tip->blocked_by = NOT_BLOCKED;
     drop_plan(state);
     while (distance > 0.0) {
-        int last = state->refined.count - 1;
-        double length = tip->depth - (last >= 0 ? state->contacts[last].depth : 0.0);
+        int last = state->refined.count - 1, gap = last_gap(state);
+        double entry = tip_entry_depth(state);
+        if (last >= 0 && state->contacts[last].depth < entry) last = -1; /* of a body before this one */
+        double length = tip->depth - (last >= 0 ? state->contacts[last].depth : entry);
         if (distance >= length) {
             distance -= fmax(length, 0.0);
+            if (last < 0 && gap >= 0) {
+                back_into_gap(model, state, wrench);
+                return;
+            }
             if (last >= 0) {
                 take_up_contact(model, state, wrench);
                 continue;
@@ -232,7 +279,7 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
             leave_tissue(tip, wrench);
             return;
         }
-        vec3 goal = last >= 0 ? state->contacts[last].track : state->entry;
+        vec3 goal = last >= 0 ? state->contacts[last].track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
         tip->tet = follow(model->mesh, tip->tet, &tip->nominal, target);
         tip->depth -= distance;
@@ -257,28 +304,31 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench) {
     surface_hit hit = mesh_enter(model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .known_tet = -1,
-                              .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .next_contact = NAN};
+    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
+                              .known_tet = -1, .blocked_by = obstacle(model, hit.tet, hit.face, hit.tet), .entering = true,
+                              .next_contact = NAN};
     state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     wrench->events |= EVENT_TOUCHED;
     return true;
 }
 
-void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench) {
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
-    vec3 goal = v3_add(tip->nominal, sideways);
-    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, axis, goal), v3_axpy(GLIDE_REACH, axis, goal));
+    vec3 goal = v3_add(tip->nominal, shift);
+    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge */
         leave_tissue(tip, wrench);
         return;
     }
     tip->tet = hit.tet;
+    tip->face = hit.face;
     tip->nominal = state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(model->mesh, state);
+    enter_stratum(model->mesh, state, wrench);
     tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
+    tip->entering = true;
 }
 
 /* What blocks the tip lets it through. */
@@ -288,12 +338,90 @@ static void give_way(const insertion_model *model, insertion_state *state, inser
     wrench->events |= EVENT_PUNCTURED;
     wrench->membrane = tip->blocked_by;
     tip->blocked_by = NOT_BLOCKED;
-    if (tip->depth > 0.0) {
+    if (!tip->entering) {
         cross_face(model, state, tip->face, direction, wrench);
-    } else { /* at the skin the tip is on the inner side already */
+    } else { /* the tip is on the inner side already */
         tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
-        tip->depth = FACE_CLEARANCE;
+        tip->depth += FACE_CLEARANCE;
     }
+}
+
+/* How far the needle's end is beyond the point of the shaft at which the tip left the tissue, m. */
+static double beyond_exit(const insertion_model *model, const insertion_state *state) {
+    int last = state->refined.count - 1;
+    if (last < 0) return -INFINITY;
+    return model->needle->given.length - (state->contacts[last].arc + state->tip.depth - state->contacts[last].depth);
+}
+
+/* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
+static void come_back(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    if (beyond_exit(model, state) > 0.0) return;
+    state->tip.phase = TIP_INSIDE;
+    wrench->events |= EVENT_REENTERED;
+}
+
+/* Where the tip enters a body: a point of the mesh, and what blocks it there. */
+typedef struct {
+    bool found;
+    int tet, face, blocked_by;
+    vec3 point;              /* m, nominal */
+} entrance;
+
+static entrance entrance_at(const insertion_model *model, surface_hit hit) {
+    return (entrance){hit.hit, hit.tet, hit.face, hit.hit ? obstacle(model, hit.tet, hit.face, hit.tet) : NOT_BLOCKED, hit.point};
+}
+
+/* Into the next body, `gap` (m) after the exit. Where there is no room to note that, the needle goes on unfelt. */
+static void enter_next(const insertion_model *model, insertion_state *state, const entrance *at, double gap, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    if (!at->found) return;
+    if (state->stratum_count + 2 > MAX_STRATA) {
+        wrench->events |= EVENT_FULL;
+        return;
+    }
+    note_stratum(state, IN_A_GAP, wrench);
+    tip->phase = TIP_INSIDE;
+    tip->tet = at->tet;
+    tip->face = at->face;
+    tip->nominal = at->point;
+    tip->direction = v3_unit(needle_direction(model, state));
+    tip->depth += fmax(gap, FACE_CLEARANCE);
+    tip->known_tet = -1;
+    tip->blocked_by = at->blocked_by;
+    tip->entering = true;
+    tip->next_contact = NAN;
+    enter_stratum(model->mesh, state, wrench);
+    wrench->events |= EVENT_TOUCHED;
+}
+
+/* Does the straight way from a hit on the outer surface to x lead through tissue? *tet: the element of x. */
+static bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
+    double weights[4];
+    *tet = follow(m, hit.tet, &hit.point, x);
+    mesh_barycentric(m, *tet, x, weights);
+    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
+}
+
+/* Where the segment from `left`, at which the tip left a body, to `to` enters the next one. Bodies that were meshed apart may
+   overlap: then the tip is in the next one as it leaves the first. */
+static entrance next_body(const insertion_model *model, vec3 left, vec3 to) {
+    vec3 direction = v3_unit(v3_sub(to, left)), beyond = v3_axpy(2.0 * FACE_CLEARANCE, direction, left);
+    entrance overlap = entrance_at(model, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
+    surface_hit before = {.hit = overlap.found, .tet = overlap.tet, .point = overlap.point};
+    if (before.hit && reaches(model->mesh, before, beyond, &overlap.tet)) {
+        overlap.point = beyond;
+        return overlap;
+    }
+    return entrance_at(model, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
+}
+
+/* The tip has left the tissue in this tick. Bodies that touch pass on how they are displaced: what lies between the nominal
+   point where the tip left and its place in space is entered at once. */
+static void enter_what_touches(const insertion_model *model, insertion_state *state, vec3 direction, insertion_wrench *wrench) {
+    vec3 left = state->tip.nominal, way = v3_sub(state->tip.end, left);
+    if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
+    entrance at = next_body(model, left, v3_add(left, way));
+    enter_next(model, state, &at, v3_norm(v3_sub(at.point, left)), wrench);
 }
 
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
@@ -301,25 +429,41 @@ void tip_puncture(const insertion_model *model, insertion_state *state, insertio
     if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
     tip->slip = 0.0;
     give_way(model, state, wrench);
+    if (tip->phase == TIP_BEYOND) enter_what_touches(model, state, v3_unit(needle_direction(model, state)), wrench);
 }
 
-/* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
-static void come_back(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
-    int last = state->refined.count - 1;
-    double exit_arc = last >= 0 ? state->contacts[last].arc + state->tip.depth - state->contacts[last].depth : INFINITY;
-    if (exit_arc < model->needle->given.length) return;
-    state->tip.phase = TIP_INSIDE;
-    wrench->events |= EVENT_REENTERED;
+/* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
+static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
+    double length = v3_norm(way);
+    if (length == 0.0) return;
+    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->direction);
+    tip->direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->direction));
+}
+
+/* The end of a needle that is out on the far side may meet other tissue as it goes on. */
+static void look_for_next(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    vec3 before = tip->end, now = state->needle.joints[model->needle->given.segments];
+    tip->end = now;
+    if (v3_dot(v3_sub(now, before), needle_direction(model, state)) <= 0.0) return;
+    entrance at = entrance_at(model, mesh_enter(model->mesh, before, now));
+    enter_next(model, state, &at, beyond_exit(model, state) - v3_norm(v3_sub(now, at.point)), wrench);
 }
 
 void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
+    if (tip->phase == TIP_BEYOND) look_for_next(model, state, wrench);
     if (tip->phase != TIP_INSIDE) return;
+    vec3 before = tip->nominal;
     if (tip->slip > 0.0) {
-        cut_forward(model, state, pull_back(track_gradient, needle_direction(model, state)), tip->slip, wrench);
+        vec3 direction = pull_back(track_gradient, needle_direction(model, state));
+        cut_forward(model, state, direction, tip->slip, wrench);
+        follow_track(model, tip, v3_sub(tip->nominal, before));
+        if (tip->phase == TIP_BEYOND) enter_what_touches(model, state, direction, wrench);
     } else if (tip->slip < 0.0) {
         draw_back(model, state, -tip->slip, wrench);
+        follow_track(model, tip, v3_sub(before, tip->nominal));
     }
     tip->slip = 0.0;
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0
@@ -338,6 +482,10 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
         if (state->tip.blocked_by != NOT_BLOCKED) give_way(model, state, &ignored); /* what the needle already lies in did so before */
         cut_forward(model, state, direction, whole - state->tip.depth, &ignored);
+        if (state->tip.phase != TIP_BEYOND) continue;
+        vec3 left = state->tip.nominal;
+        entrance at = next_body(model, left, end);
+        enter_next(model, state, &at, v3_dot(v3_sub(at.point, left), direction), &ignored);
     }
     for (int i = 0; i < state->refined.count; i++)
         state->contacts[i].arc = v3_dot(v3_sub(state->contacts[i].track, base), direction);

@@ -8,15 +8,19 @@
 /* Contact nodes that the tip has passed: all but a planned one. RT */
 static inline int contacts_passed(const insertion_state *state) { return state->refined.count - state->tip.planned; }
 
+/* Depth at which the track entered the body that the tip is in, m: 0 in the first one. RT */
+double tip_entry_depth(const insertion_state *state);
+
 /* Starts an insertion where the outer surface lies between `from` and `to`; false if it does not. RT */
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 
-/* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track.
+/* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track. A tip that has
+   left the tissue on the far side is followed into whatever tissue the needle's end meets next.
    `track_gradient` is the derivative of the tissue's displacement along the track, about the tip. RT */
 void tip_move(const insertion_model *model, insertion_state *state, vec3 track_gradient, insertion_wrench *wrench);
 
-/* Moves the tip's material point on the outer surface by `sideways`, m. RT */
-void tip_glide(const insertion_model *model, insertion_state *state, vec3 axis, vec3 sideways, insertion_wrench *wrench);
+/* Moves the tip's material point along the outer surface by `shift`, m, tangential to it. `inward` is the surface's unit normal. RT */
+void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench);
 
 /* Lets a membrane give way that was overcome in the last solve. RT */
 void tip_puncture(const insertion_model *model, insertion_state *state, insertion_wrench *wrench);

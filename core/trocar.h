@@ -54,7 +54,8 @@ typedef enum trocar_status {
     TROCAR_BAD_INPUT,  /* a scene, mesh, argument or file is wrong; programs exit with status 2 */
     TROCAR_NO_MEMORY,  /* an allocation failed */
     TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
-    TROCAR_SYSTEM      /* the operating system refused something */
+    TROCAR_SYSTEM,     /* the operating system refused something */
+    TROCAR_NO_REALTIME /* of programs: the limits do not permit real time; they exit with status 4 */
 } trocar_status;
 
 typedef struct trocar_error {

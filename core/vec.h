@@ -103,4 +103,11 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
+/* A fraction of the way from one pose to another, turning about a fixed axis. */
+static inline pose pose_between(pose from, pose to, double fraction) {
+    vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
+    return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),
+                  q_unit(q_multiply(q_exp(v3_scale(fraction, turn)), from.orientation))};
+}
+
 #endif

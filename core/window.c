@@ -5,6 +5,7 @@
 #include "tip.h"
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line further off than that is a new one */
+static const double NEAR_FACE = 1e-7;                      /* m, surfaces that touch are no farther apart, but for rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
 /* ---- what is known --------------------------------------------------------------------------------------------------- */
@@ -62,7 +63,7 @@ static void add_tet(const mesh *m, int tet, node_list *list) {
             list->nodes[list->count++] = m->tets[tet][c];
 }
 
-/* Elements on the way from x by `distance` along the unit direction. */
+/* Elements on the way from x by `distance` along the unit direction, across gaps as well. */
 static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double distance, node_list *list) {
     for (int step = 0; step < AHEAD && tet >= 0; step++) {
         double chord;
@@ -72,6 +73,11 @@ static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double dist
         x = v3_axpy(chord, direction, x);
         distance -= chord;
         tet = m->neighbours[tet][face];
+        if (tet >= 0) continue;
+        surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, direction, x), v3_axpy(distance, direction, x));
+        x = next.point;
+        distance -= next.fraction * distance;
+        tet = next.tet;
     }
 }
 
@@ -109,9 +115,13 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
     add_path(m, state->tip.tet, state->tip.nominal, direction, WINDOW_SPAN, &list);
+    surface_hit next = {.hit = false};
+    if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
+    if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
     add_path(m, state->tip.tet, state->tip.nominal, direction, reach, &list);
+    if (next.hit) add_path(m, next.tet, next.point, direction, reach * (1.0 - next.fraction) + 0.25 * reach, &list);
     return list;
 }
 

@@ -8,6 +8,9 @@ _trocar() {
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift) _filedir csv ;;
         --png) _filedir png ;;
+        --cut) mapfile -t COMPREPLY < <(compgen -W "sagittal coronal axial" -- "$cur") ;;
+        --theme) mapfile -t COMPREPLY < <(compgen -W "light dark" -- "$cur") ;;
+        --view) mapfile -t COMPREPLY < <(compgen -W "oblique side above along" -- "$cur") ;;
         --picture) _filedir svg ;;
         --page) _filedir -d ;;
         --json | --report) _filedir json ;;

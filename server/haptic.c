@@ -26,26 +26,11 @@ void haptic_free(haptic *h) {
     h->state = NULL;
 }
 
-static double sum_of(vec3 v) { return v.x + v.y + v.z; }
-
-/* Is all that the next tick starts from a number, and the wrench? A sum tells of any that is none. RT */
-static bool is_sound(const insertion_state *state, const insertion_wrench *wrench) {
-    const needle_tip *tip = &state->tip;
-    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
-               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing;
-    for (int i = 0; i < state->refined.count; i++) {
-        const shaft_contact *c = &state->contacts[i];
-        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus;
-    }
-    return isfinite(sum);
-}
-
-/* A number that is none would stay in the model for good: the insertion begins anew where the hand is, by a ramp. RT */
-static void begin_anew(haptic *h, const pose_sample *newest, insertion_wrench *wrench) {
-    insertion_reset(h->model, h->guard.base, h->state);
+/* A number that is not finite would stay in the model for good: start over where the hand is, by a ramp. RT */
+static void start_over(haptic *h, const pose_sample *newest, insertion_wrench *wrench) {
+    insertion_start_over(h->model, h->guard.base, h->state, wrench);
     port_engage(&h->port, newest);
     h->guard.gain = 0.0;
-    wrench->events |= EVENT_UNSTABLE;
 }
 
 /* The model's wrench for the newest pose; zero before the first one. RT */
@@ -58,14 +43,15 @@ static insertion_wrench run_model(haptic *h, guard_decision decision, const pose
     insertion_tick(h->model, h->state, h->scratch, snapshot, rest, dt, &wrench);
     vec3 base = v3_add(rest.position, h->state->base_shift);
     wrench.torque = port_yield(&h->port, hand, base, wrench.force, wrench.torque);
-    if (!is_sound(h->state, &wrench)) begin_anew(h, newest, &wrench);
+    if (!insertion_is_finite(h->state, &wrench)) start_over(h, newest, &wrench);
     return wrench;
 }
 
-static trocar_needle_wrench_t message_of(const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
+static trocar_needle_wrench_t message_of(const haptic *h, const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
     trocar_needle_wrench_t m = wrench_message(raw);
     m.utime = wall_us();
     m.tick = tick;
+    m.server = h->server;
     m.session = answered->session;
     m.pose_seq = answered->held ? answered->seq : -1;
     m.pose_utime = answered->held ? answered->utime : 0;
@@ -146,7 +132,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     int64_t asked = monotonic_ns();
     insertion_wrench raw = run_model(h, decision, newest, snapshot, wake->elapsed);
     int64_t answered = monotonic_ns();
-    trocar_needle_wrench_t message = message_of(&raw, newest, wake->tick);
+    trocar_needle_wrench_t message = message_of(h, &raw, newest, wake->tick);
 
     vec3 force = raw.force, torque = raw.torque;
     message.flags |= h->flags | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);

@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #include "guard.h"
+#include "other_server.h"
 
 /* What telemetry tells about it. */
 typedef struct {
@@ -14,6 +15,7 @@ typedef struct {
     int64_t counts[POSE_VERDICTS];   /* poses by verdict, since start */
     int64_t poses_lost;              /* missing in the owner's sequence when a later one came */
     int64_t commands_refused;        /* malformed, unknown, or not from the owner */
+    other_server other;              /* on the same LCM URL */
     char message[160];               /* last refusal in words */
 } intake_record;
 

@@ -34,6 +34,12 @@ static void on_command(const lcm_recv_buf_t *received, const char *channel, void
     if (intake_command(&o->intake, received->data, received->data_size)) wake(o->shutdown_wake);
 }
 
+static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    other_server_hear(&o->intake.record.other, o->server, received->data, received->data_size, monotonic_ns());
+}
+
 /* Raw subscriptions: LCM's generated ones would drop a bad message without telling anyone. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
@@ -43,7 +49,8 @@ static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
 trocar_status io_open(io *o) {
     trocar_status status = network_open(o->url, &o->lcm, &o->why);
     if (status != TROCAR_OK) return status;
-    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_COMMAND", on_command)) return TROCAR_OK;
+    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
+        return TROCAR_OK;
     return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
 }
 

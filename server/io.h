@@ -11,6 +11,7 @@
 typedef struct {
     exchange *exchange;
     const char *url;             /* of LCM, NULL: its default */
+    int64_t server;              /* number of this server; its creator's to set */
     bool realtime;               /* under SCHED_FIFO */
     int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
     sem_t ready;                 /* posted once, when it listens or has failed */

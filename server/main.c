@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "exchange.h"
+#include "lcm_filter.h"
 #include "scene.h"
 #include "server.h"
 
@@ -69,10 +70,22 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Says why; returns the exit status. 2 tells a supervisor that another start would end in the same way. */
+/* Says why; returns the exit status. 2 and 4 (as for LSB services: insufficient privilege) tell a supervisor that another
+   start would end in the same way. */
 static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
-    return status == TROCAR_BAD_INPUT ? 2 : 1;
+    switch (status) {
+    case TROCAR_BAD_INPUT: return 2;
+    case TROCAR_NO_REALTIME: return 4;
+    default: return 1;
+    }
+}
+
+/* All that comes in is small: fragments are not for a server. */
+static void restrict_packets(void) {
+    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
+    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    lcm_filter_restrict(&wishes);
 }
 
 int main(int argc, char **argv) {
@@ -85,6 +98,7 @@ int main(int argc, char **argv) {
     report why;
     server *s;
     int signals = stop_signals();
+    restrict_packets();
     trocar_status status = server_create(&chosen, &s, &why);
     if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);

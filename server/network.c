@@ -10,7 +10,7 @@ static const char *given(const char *url) {
 }
 
 static bool has_provider(const char *url) {
-    static const char *const providers[] = {"udpm://", "mpudpm://", "memq://", "file://", "tcpq://"};
+    static const char *const providers[] = {"udpm://", "memq://", "file://", "tcpq://"};
     for (size_t i = 0; i < sizeof providers / sizeof *providers; i++)
         if (strncmp(url, providers[i], strlen(providers[i])) == 0) return true;
     return false;
@@ -22,5 +22,7 @@ trocar_status network_open(const char *url, lcm_t **opened, report *why) {
         return fail(why, TROCAR_BAD_INPUT, "LCM cannot use \"%s\": give --lcm-url or LCM_DEFAULT_URL as udpm://GROUP:PORT?ttl=N", url);
     *opened = lcm_create(url);
     if (*opened != NULL) return TROCAR_OK;
-    return fail(why, TROCAR_SYSTEM, "LCM cannot connect to \"%s\": check the address and the multicast route (`ip route get GROUP`)", url);
+    const char *group = strstr(url, "://") + 3;
+    return fail(why, TROCAR_SYSTEM, "LCM cannot connect to \"%s\": check the address and the multicast route. On a single machine without a "
+                "network, as root: ip link set lo multicast on && ip route add %.*s/32 dev lo", url, (int)strcspn(group, ":?"), group);
 }

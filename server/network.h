@@ -6,8 +6,8 @@
 
 #include "report.h"
 
-/* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT where LCM has no such provider, which
-   stays so; SYSTEM for all else, as the route of a network that is not up yet. */
+/* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT for a provider that LCM does not have, and
+   for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for what may pass, as when the network has no route yet. */
 trocar_status network_open(const char *url, lcm_t **opened, report *why);
 
 #endif

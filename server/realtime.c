@@ -28,36 +28,50 @@ static void fault_in(void) {
     if (maps != NULL) fclose(maps);
 }
 
-trocar_status realtime_lock_memory(report *why) {
-    /* What is touched stays; nothing more, or a library that maps 128 MiB at run time would stall its caller for 40 ms. */
-    if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return fault_in(), TROCAR_OK;
-    return fail(why, TROCAR_SYSTEM,
+/* What is touched stays; nothing more, or a library that maps 128 MiB at run time would stall its caller for 40 ms. */
+static trocar_status lock_what_is_touched(report *why) {
+    if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
+    return fail(why, TROCAR_NO_REALTIME,
                 "cannot lock memory: %s. Raise the limit (`ulimit -l unlimited`, or `memlock` in "
                 "/etc/security/limits.conf), grant CAP_IPC_LOCK, or run with --allow-non-rt", strerror(errno));
 }
 
-trocar_status realtime_set_priority(int priority, report *why) {
+trocar_status realtime_lock_memory(report *why) {
+    trocar_status status = lock_what_is_touched(why);
+    if (status == TROCAR_OK) fault_in();
+    return status;
+}
+
+int realtime_use_fifo(int priority) {
     struct sched_param wanted = {.sched_priority = priority};
-    int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+    int keep = sched_getscheduler(0) & SCHED_RESET_ON_FORK;
+    return sched_setscheduler(0, SCHED_FIFO | keep, &wanted) == 0 ? 0 : errno;
+}
+
+trocar_status realtime_set_priority(int priority, report *why) {
+    int error = realtime_use_fifo(priority);
     if (error == 0) return TROCAR_OK;
-    return fail(why, TROCAR_SYSTEM,
+    return fail(why, error == EPERM ? TROCAR_NO_REALTIME : TROCAR_SYSTEM,
                 "cannot use SCHED_FIFO priority %d: %s. Raise the limit (`ulimit -r %d`, or `rtprio` in "
                 "/etc/security/limits.conf), grant CAP_SYS_NICE, or run with --allow-non-rt",
                 priority, strerror(error), priority);
 }
 
-trocar_status realtime_try_priority(int priority, report *why) {
+trocar_status realtime_check_permission(int priority, report *why) {
     struct sched_param before;
-    int policy;
-    pthread_getschedparam(pthread_self(), &policy, &before);
+    sched_getparam(0, &before);
+    int policy = sched_getscheduler(0); /* with the flag SCHED_RESET_ON_FORK */
     trocar_status status = realtime_set_priority(priority, why);
-    if (status == TROCAR_OK) pthread_setschedparam(pthread_self(), policy, &before);
+    if (status != TROCAR_OK) return status;
+    sched_setscheduler(0, policy, &before);
+    status = lock_what_is_touched(why);
+    if (status == TROCAR_OK) munlockall();
     return status;
 }
 
-void realtime_hurry(bool hurry) {
-    struct sched_param lowest = {.sched_priority = hurry ? 1 : 0};
-    sched_setscheduler(0, (hurry ? SCHED_FIFO : SCHED_OTHER) | SCHED_RESET_ON_FORK, &lowest);
+void realtime_hurry(void) {
+    struct sched_param lowest = {.sched_priority = 1};
+    sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &lowest);
 }
 
 __attribute__((noinline)) void realtime_touch_stack(void) {

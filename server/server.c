@@ -15,9 +15,11 @@
 
 #include "haptic.h"
 #include "io.h"
+#include "lcm_filter.h"
 #include "progress.h"
 #include "realtime.h"
 #include "scene.h"
+#include "session.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -29,6 +31,7 @@ typedef struct {
 struct server {
     server_options options;
     scene scene;
+    int64_t id;                  /* in all that it sends */
     bool realtime;
     report refused;              /* why it is not */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
@@ -44,90 +47,7 @@ struct server {
     task haptic_task, worker_task, io_task, telemetry_task, prepare_task;
 };
 
-/* --- creation --------------------------------------------------------------------------------------------------- */
-
-/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
-static void limit_steps(insertion_settings *settings, double rate_hz) {
-    settings->most_steps = (int)ceil(1.0 / (rate_hz * settings->longest_step) - 1e-6);
-}
-
-static trocar_status read_scene(server *s, report *why) {
-    trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
-    if (status != TROCAR_OK) return status;
-    double rate = s->options.rate_hz != 0.0 ? s->options.rate_hz : s->scene.rate_hz;
-    if (!(rate >= SCENE_MIN_RATE && rate <= SCENE_MAX_RATE))
-        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", rate, SCENE_MIN_RATE, SCENE_MAX_RATE);
-    s->scene.rate_hz = rate;
-    limit_steps(&s->scene.simulation.insertion, rate);
-    return TROCAR_OK;
-}
-
-/* Memory and priority before any thread starts; what is refused is remembered for those who waive it. */
-static trocar_status ask_for_realtime(server *s, report *why) {
-    trocar_status status = realtime_try_priority(PRIORITY_HAPTIC, &s->refused);
-    if (status == TROCAR_OK) status = realtime_lock_memory(&s->refused);
-    s->realtime = status == TROCAR_OK;
-    if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
-    if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
-    *why = s->refused;
-    return status;
-}
-
-static trocar_status create_parts(server *s, report *why) {
-    exchange *x = &s->exchange;
-    int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
-    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.device,
-                                         s->scene.rate_hz, flags, x, why);
-    if (status != TROCAR_OK) return status;
-    status = io_create(&s->io, s->options.lcm_url, &s->scene.device, s->realtime, s->shutdown_wake, x, why);
-    if (status != TROCAR_OK) return status;
-    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
-                     .records = &x->loops};
-    s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
-    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags,
-                                  .verbose = s->options.verbose};
-    return telemetry_create(&s->telemetry, &telling, &s->simulation, &s->worker, x, why);
-}
-
-static trocar_status create_all(server *s, report *why) {
-    trocar_status status;
-    realtime_flush_denormals();
-    if ((status = read_scene(s, why)) != TROCAR_OK) return status;
-    s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    s->scene.simulation.progress.show = progress_show;
-    if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
-    if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
-    if ((status = ask_for_realtime(s, why)) != TROCAR_OK) return status;
-    return create_parts(s, why);
-}
-
-trocar_status server_create(const server_options *options, server **created, report *why) {
-    server *s = calloc(1, sizeof *s);
-    if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
-    s->options = *options;
-    s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
-    realtime_hurry(true);
-    trocar_status status = create_all(s, why);
-    realtime_hurry(false);
-    if (status == TROCAR_OK) *created = s;
-    else server_free(s);
-    return status;
-}
-
-void server_free(server *s) {
-    if (s == NULL || server_busy(s)) return;
-    telemetry_free(&s->telemetry);
-    io_free(&s->io);
-    haptic_free(&s->haptic);
-    exchange_free(&s->exchange);
-    simulation_free(&s->simulation);
-    if (s->awake >= 0) close(s->awake);
-    if (s->shutdown_wake >= 0) close(s->shutdown_wake);
-    free(s);
-}
-
-/* --- threads ---------------------------------------------------------------------------------------------------- */
+/* --- tasks ------------------------------------------------------------------------------------------------------ */
 
 static trocar_status start(task *t, const char *name, size_t stack, void *(*body)(void *), void *context, report *why) {
     pthread_attr_t attributes;
@@ -149,6 +69,125 @@ static void join(task *t) {
     if (t->running) pthread_join(t->thread, NULL);
     t->running = false;
 }
+
+/* --- creation --------------------------------------------------------------------------------------------------- */
+
+/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
+static void limit_steps(insertion_settings *settings, double rate_hz) {
+    settings->most_steps = (int)ceil(1.0 / (rate_hz * settings->longest_step) - 1e-6);
+}
+
+static trocar_status read_scene(server *s, report *why) {
+    trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
+    if (status != TROCAR_OK) return status;
+    double rate = s->options.rate_hz != 0.0 ? s->options.rate_hz : s->scene.rate_hz;
+    if (!(rate >= SCENE_MIN_RATE && rate <= SCENE_MAX_RATE))
+        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", rate, SCENE_MIN_RATE, SCENE_MAX_RATE);
+    s->scene.rate_hz = rate;
+    limit_steps(&s->scene.simulation.insertion, rate);
+    return TROCAR_OK;
+}
+
+/* Remembers why real time is refused, for those who waive it. */
+static trocar_status note_realtime(server *s, trocar_status status, report *why) {
+    s->realtime = status == TROCAR_OK;
+    if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
+    *why = s->refused;
+    return status;
+}
+
+/* Before the expensive part of the start: a supervisor may try a server without permission again and again. */
+static trocar_status check_realtime(server *s, report *why) {
+    return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
+}
+
+/* Once most memory is allocated, and before any thread starts. */
+static trocar_status enter_realtime(server *s, report *why) {
+    if (!s->realtime) return TROCAR_OK;
+    trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
+    if (s->realtime) s->awake = realtime_stay_awake(&s->asleep);
+    return status;
+}
+
+static trocar_status create_parts(server *s, report *why) {
+    exchange *x = &s->exchange;
+    int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
+    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.device,
+                                         s->scene.rate_hz, flags, x, why);
+    if (status != TROCAR_OK) return status;
+    status = io_create(&s->io, s->options.lcm_url, &s->scene.device, s->realtime, s->shutdown_wake, x, why);
+    if (status != TROCAR_OK) return status;
+    s->haptic.server = s->io.server = s->id;
+    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
+                     .records = &x->loops};
+    s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
+    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags, .server = s->id,
+                                  .verbose = s->options.verbose};
+    return telemetry_create(&s->telemetry, &telling, &s->simulation, &s->worker, x, why);
+}
+
+static trocar_status create_all(server *s, report *why) {
+    trocar_status status;
+    realtime_flush_denormals();
+    s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    s->scene.simulation.progress.show = progress_show;
+    if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
+    if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
+    if ((status = enter_realtime(s, why)) != TROCAR_OK) return status;
+    return create_parts(s, why);
+}
+
+typedef struct {
+    server *server;
+    trocar_status status;
+    report *why;
+} creation;
+
+static void *create_run(void *context) {
+    creation *c = context;
+    realtime_hurry();
+    c->status = create_all(c->server, c->why);
+    return NULL;
+}
+
+/* In a thread of its own, which is hurried: the flag that comes with this would take a negative nice value from all
+   threads that the caller starts later. */
+static trocar_status create_in_a_hurry(server *s, report *why) {
+    creation c = {.server = s, .why = why};
+    task creating = {0};
+    trocar_status status = start(&creating, "trocar-create", 0, create_run, &c, why);
+    join(&creating);
+    return status == TROCAR_OK ? c.status : status;
+}
+
+trocar_status server_create(const server_options *options, server **created, report *why) {
+    server *s = calloc(1, sizeof *s);
+    if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
+    s->options = *options;
+    s->id = session_new();
+    s->awake = s->shutdown_wake = s->exchange.io_wake = s->exchange.worker_wake = -1;
+    trocar_status status = read_scene(s, why);
+    if (status == TROCAR_OK) status = check_realtime(s, why);
+    if (status == TROCAR_OK) status = create_in_a_hurry(s, why);
+    if (status == TROCAR_OK) *created = s;
+    else server_free(s);
+    return status;
+}
+
+void server_free(server *s) {
+    if (s == NULL || server_busy(s)) return;
+    telemetry_free(&s->telemetry);
+    io_free(&s->io);
+    haptic_free(&s->haptic);
+    exchange_free(&s->exchange);
+    simulation_free(&s->simulation);
+    if (s->awake >= 0) close(s->awake);
+    if (s->shutdown_wake >= 0) close(s->shutdown_wake);
+    free(s);
+}
+
+/* --- threads ---------------------------------------------------------------------------------------------------- */
 
 /* Nothing stops the factorisation of a large matrix: a thread that is at one then, or waits for it, is left behind. */
 static void join_or_leave(task *t, const struct timespec *until) {
@@ -241,9 +280,11 @@ static double resident_mebibytes(void) {
 void server_describe(const server *s, FILE *out) {
     const mesh *m = &s->simulation.mesh;
     const simulation_config *config = &s->scene.simulation;
+    fprintf(out, "server     %016llx\n", (unsigned long long)s->id);
     fprintf(out, "scene      %s\n", s->scene.path);
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
             m->tet_count, config->region_count, config->membrane_count);
+    if (m->remarks.text[0]) fprintf(out, "warning    %s\n", m->remarks.text);
     fprintf(out, "inverse    %s\n", s->simulation.about_inverse.text);
     fprintf(out, "unknowns   %d; node addition by %s\n", s->simulation.tissue.dof_count, remesh_name(config->remeshing));
     fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
@@ -275,4 +316,5 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
     fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.intake.record.counts[POSE_ACCEPTED],
             (long long)s->io.intake.record.poses_lost);
+    fprintf(out, "packets    %lld malformed ones dropped\n", (long long)lcm_filter_dropped());
 }

@@ -17,8 +17,8 @@ typedef struct {
 
 typedef struct server server;
 
-/* Reads the scene and builds everything, starts nothing. BAD_INPUT for a bad scene, mesh, rate or URL; SYSTEM, with
-   the limit to raise, when real time is refused and not waived, or when there is no network yet. The strings must outlive the server. */
+/* Reads the scene and builds everything, starts nothing. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME,
+   with the limit to raise, when real time is refused and not waived; SYSTEM when there is no network yet. The strings must outlive the server. */
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s); /* does nothing while the server is busy */
 

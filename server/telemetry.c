@@ -3,17 +3,21 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
+#include "lcm_filter.h"
 #include "network.h"
 #include "realtime.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 
-enum { PICTURES_HZ = 30, STATUS_HZ = 10 };
+enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
 trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why) {
     const char *url = given->lcm_url;
-    *t = (telemetry){.exchange = x, .worker = w, .given = *given};
+    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = inverse_name(s->inverse)};
+    gethostname(t->host, HOST_NAME);
+    snprintf(t->host + strlen(t->host), sizeof t->host - strlen(t->host), ", process %d", (int)getpid());
     atomic_init(&t->stop, false);
     trocar_status status = sight_create(&t->sight, s, why);
     if (status == TROCAR_OK) status = newest_create(&t->views, sizeof(view_sample), why);
@@ -81,7 +85,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .lateness_max_total = loop->lateness_max_total, .compute_max_total = loop->compute_max_total,
         .misses = loop->misses, .allocations = loop->usage.allocations, .minor_faults = loop->usage.minor_faults,
         .major_faults = loop->usage.major_faults, .context_switches = loop->usage.context_switches,
-        .wrenches_dropped = view->wrench_dropped, .contacts = view->state.active};
+        .wrenches_dropped = view->wrench_dropped, .contacts = view->state.active, .server = t->given.server};
     histogram_bins(&loop->lateness, m.lateness_bins);
     histogram_bins(&loop->compute, m.compute_bins);
     for (int i = 0; i < LOOP_STAGES; i++) {
@@ -92,14 +96,27 @@ static void publish_timing(telemetry *t, const view_sample *view) {
     if (t->given.verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
 
-/* The worker's failure outlives the refusals: it will not go away by itself. */
-static const char *message_of(const telemetry *t, const intake_record *in) {
-    if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
-    return in->message;
+/* Describes the other server; each one is told on stderr once. */
+static const char *other_server_text(telemetry *t, const other_server *other) {
+    if (other->id == t->other_told) return t->other_text;
+    t->other_told = other->id;
+    snprintf(t->other_text, sizeof t->other_text, "two servers on this LCM URL: stop this one (%s) or that on %s, scene %s, number %016llx",
+             t->host, other->host, other->scene, (unsigned long long)other->id);
+    fprintf(stderr, "trocar-server: %s\n", t->other_text);
+    return t->other_text;
 }
+
+/* What lasts until somebody does something about it comes before the last refusal. */
+static const char *message_of(telemetry *t, const intake_record *in, bool accompanied) {
+    if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
+    return accompanied ? other_server_text(t, &in->other) : in->message;
+}
+
+static char *text(const char *constant) { return (char *)(uintptr_t)constant; } /* LCM's structs have no const */
 
 static void publish_status(telemetry *t, const view_sample *view) {
     const intake_record *in = newest_read(&t->exchange->intakes, NULL);
+    bool accompanied = other_server_present(&in->other, monotonic_ns());
     trocar_status_t m = {
         .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->given.flags,
         .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
@@ -109,7 +126,8 @@ static void publish_status(telemetry *t, const view_sample *view) {
         .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
         .energy = view->energy, .energy_lowest = view->energy_lowest,
         .coupling_stiffness = view->coupling_stiffness, .saturated_ticks = view->saturated_ticks,
-        .scene = (char *)(uintptr_t)t->given.scene_path, .message = (char *)(uintptr_t)message_of(t, in)};
+        .packets_dropped = lcm_filter_dropped(), .server = t->given.server, .other_server = accompanied ? in->other.id : 0,
+        .host = t->host, .scene = text(t->given.scene_path), .inverse = text(t->inverse), .message = text(message_of(t, in, accompanied))};
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }
 
@@ -117,6 +135,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
 static void publish_sight(telemetry *t, const view_sample *view) {
     sight_take(&t->sight, &view->state, view->tick, view->pose_utime);
     t->sight.contacts.utime = t->sight.deformation.utime = wall_us();
+    t->sight.contacts.server = t->sight.deformation.server = t->given.server;
     trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->sight.contacts);
     trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &t->sight.deformation);
 }

@@ -17,6 +17,7 @@ typedef struct {
     const char *scene_path;
     double rate_hz;
     int flags;                   /* NOT_REALTIME or 0, until the loop tells its own */
+    int64_t server;              /* number of this server */
     bool verbose;                /* one line a second on stderr */
 } telemetry_settings;
 
@@ -26,8 +27,12 @@ typedef struct {
     telemetry_settings given;
     atomic_bool stop;
     lcm_t *lcm;
-    int64_t timings_published;   /* the thread's own, */
-    histogram *latency, *round_trip; /* and: of the worker and to the hand, this interval */
+    char host[80];               /* this machine and process */
+    const char *inverse;         /* who owns it */
+    int64_t other_told;          /* the other server that stderr has been told of, 0: none; all from here on: the thread's own */
+    char other_text[400];
+    int64_t timings_published;
+    histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
     newest_value views;          /* view_sample, from it to the thread of the pictures */
     sight sight;                 /* the latter's own */
 } telemetry;

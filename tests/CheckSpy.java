@@ -84,6 +84,7 @@ public class CheckSpy {
     /* Every field, by what must hold of it. */
     static void expectTiming(trocar.loop_timing_t t) throws Exception {
         expect(t.rate_hz == 1000 && t.ticks > 0, "rate " + t.rate_hz + ", ticks " + t.ticks);
+        expect(t.server > 0, "server " + t.server);
         expect(Math.abs(t.utime * 1e-3 - System.currentTimeMillis()) < 60e3, "utime " + t.utime);
         expect(t.lateness_p50 > 0 && ordered(t.lateness_p50, t.lateness_p99, t.lateness_max, t.lateness_max_total), "lateness");
         expect(t.compute_p50 > 0 && ordered(t.compute_p50, t.compute_p99, t.compute_max, t.compute_max_total), "compute");

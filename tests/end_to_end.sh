@@ -63,14 +63,19 @@ start_server --rate 500
 end_server INT
 [ "$(sent)" -gt "$silent" ] || die "no datagram of a server that runs was seen"
 
-# What is wrong is said, with exit status 2, before anything is sent.
-refuses() {
-    text=$1 status=0 before=$(sent)
-    shift
-    "$server" "$@" >"$work/bad.out" 2>&1 || status=$?
-    [ "$status" = 2 ] || die "exit status $status, not 2: $*"
+# A command ends with this status and message before anything is sent.
+ends_with() {
+    wanted=$1 text=$2 status=0 before=$(sent)
+    shift 2
+    "$@" >"$work/bad.out" 2>&1 || status=$?
+    [ "$status" = "$wanted" ] || die "exit status $status, not $wanted: $*: $(cat "$work/bad.out")"
     [ "$(sent)" = "$before" ] || die "something was sent: $*"
     grep -qF -- "$text" "$work/bad.out" || die "no '$text' in: $(cat "$work/bad.out")"
+}
+refuses() {
+    text=$1
+    shift
+    ends_with 2 "$text" "$server" --allow-non-rt "$@"
 }
 refuses none.yaml --scene "$work/none.yaml"
 refuses --scene
@@ -80,5 +85,22 @@ refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key"
 head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
 refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
+
+# Without permission for real time a supervisor does not try again. As a service, with the limits raised but without
+# capabilities, the server gets real time, where this machine lets the limits be raised.
+without="setpriv --bounding-set -sys_nice,-ipc_lock"
+ends_with 4 "Raise the limit" timeout 10 "$(dirname "$0")/../scripts/keep_alive" prlimit --rtprio=0 --memlock=65536 $without "$server" --scene "$scene"
+[ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was started again: $(cat "$work/bad.out")"
+as_service="prlimit --rtprio=80 --memlock=unlimited"
+if [ "$(id -u)" = 0 ] && $as_service true 2>/dev/null; then
+    $as_service $without "$server" --scene "$scene" >"$work/server.out" 2>&1 &
+    pid=$!
+    for _ in $(seq 100); do
+        if grep -q '^ready' "$work/server.out" || ! kill -0 "$pid" 2>/dev/null; then break; fi
+        sleep 0.1
+    done
+    end_server TERM
+    grep -q '^real time  yes' "$work/server.out" || die "no real time as a service"
+fi
 case $("$server" --version) in 'trocar-server '[0-9]*) ;; *) die "--version" ;; esac
 echo passed

@@ -262,7 +262,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     client *c = *state;
     atomic_store(&fault->spike, (double)NAN);
     PASS_UNTIL(c, force_of(c) == 0.0);
-    assert_true(c->wrench.flags & FLAG(UNSTABLE) && isnan(c->wrench.raw_force[0]));
+    assert_true(c->wrench.flags & FLAG(UNSTABLE) && c->wrench.raw_force[0] == 0.0);
     hear_news(c);
     assert_true(force_of(c) == 0.0 && c->status->flags & FLAG(UNSTABLE));
     expect_only(c, FLAG(UNSTABLE) | FLAG(RAMPING) | FLAG(SATURATED));
@@ -318,8 +318,8 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     }
 }
 
-/* Datagrams on LCM's port that no LCM library has sent: no magic number, or one with noise behind it. Fragments stay
-   out: LCM 1.3.1 dies of a crafted one, which is why its network must be private (README). */
+/* Datagrams on LCM's port that no LCM library has sent: no magic number, or that of a whole message or a fragment with noise
+   behind it. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -327,7 +327,7 @@ static void send_datagrams(int count) {
         uint8_t bytes[512];
         size_t size = draw() % sizeof bytes;
         for (size_t k = 0; k < size; k++) bytes[k] = (uint8_t)draw();
-        if (i % 2) memcpy(bytes, "LC02", 4);
+        if (i % 3 > 0) memcpy(bytes, i % 3 == 1 ? "LC02" : "LC03", 4);
         else bytes[0] = 0;
         sendto(s, bytes, size, 0, (struct sockaddr *)&to, sizeof to);
     }
@@ -343,7 +343,7 @@ static void malformed_messages_are_dropped_and_counted(void **state) {
     for (int i = 0; i < 300; i++) {
         publish_malformed(c, "TROCAR_POSE", i % 5);
         publish_malformed(c, "TROCAR_COMMAND", i % 5);
-        send_datagrams(2);
+        send_datagrams(3);
         step(c);
     }
     assert_true(c->least > 0.9 * force && c->most < 1.1 * force);

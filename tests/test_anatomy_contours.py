@@ -57,7 +57,7 @@ class Outlines(unittest.TestCase):
         self.assertAlmostEqual(area(ellipse(22, 17, 5), ellipse(6, 6, 5), ellipse(6, 6, 5, centre=(0.5, 0))), math.pi * (22 * 17 - 36) - 6, delta=4)
 
     def test_exclusive_outlines_are_outside_where_they_overlap(self):
-        rings = contours.ExclusiveRings([SQUARE, SQUARE + [8, 0, 0], SQUARE + [0, 0, 5]])
+        rings = contours.Rings([SQUARE, SQUARE + [8, 0, 0], SQUARE + [0, 0, 5]], exclusive=True)
         self.assertAlmostEqual(contours.build_stack("x", rings).slices[0].outline.area, 2 * 8 * 20, delta=2)
 
     def test_outlines_side_by_side_stay_apart(self):
@@ -87,6 +87,15 @@ class Stacks(unittest.TestCase):
         stack = contours.build_stack("x", [*ellipsoid(24, 17, 20, 4), ellipse(0.4, 0.4, 60)])
         self.assertIn("z = 60 mm left out", stack.notes[0])
         self.assertLess(stack.slices[-1].z, 20)
+
+    def test_open_outlines_are_told_by_slice_and_refused_if_many(self):
+        rings = ellipsoid(24, 17, 20, 2)
+        whole = contours.build_stack("x", rings)
+        one = contours.build_stack("x", contours.Rings(rings[:9] + rings[10:], left_open=rings[9:10]))
+        self.assertIn(f"1 of {len(rings)} outlines (5 %) are open (OPEN_PLANAR) and enclose nothing, at z = {rings[9][0, 2]:g} mm", " ".join(one.notes))
+        self.assertAlmostEqual(one.volume() / whole.volume(), 1, delta=0.01)
+        with self.assertRaisesRegex(contours.Unusable, r'region "x": 10 of 20 outlines \(50 %\) are open .* at z = -9, .*: close them'):
+            contours.build_stack("x", contours.Rings(rings[:5] + rings[15:], left_open=rings[5:15]))
 
     def test_what_cannot_be_used_names_region_and_slice(self):
         tilted = SQUARE.copy()

@@ -76,8 +76,12 @@ class Crossing(unittest.TestCase):
         domain.bodies.append(meshing.Body("node", "node_wall", moved, body.volume, body.longest))
         with self.assertRaises(meshing.Failure) as caught:
             meshing.generate(domain, 570, self.path)
+        pipeline.give_way(organs, caught.exception, domain)
+        for organ in organs:
+            self.assertRegex(organ.notes[-1], "their surfaces cross at z = [-0-9.]+ mm: its surface is made from an image")
+        domain.regions = ["not empty"]
         with self.assertRaisesRegex(contours.Unusable, '"Gland" and "Node": their surfaces cross at z = [-0-9.]+ mm'):
-            pipeline.give_way(organs, caught.exception, domain.origin)
+            pipeline.give_way(organs, caught.exception, domain)
         self.assertFalse(os.path.exists(self.path))
 
     def test_too_few_nodes_are_refused_and_the_region_named_that_needs_more(self):

@@ -1,11 +1,12 @@
 #!/usr/bin/python3
 """Lofts, distance fields and what keeps regions apart, on shapes of known volume."""
+import collections
 import unittest
 
 import numpy as np
 
 from anatomy_cases import ellipse, ellipsoid, ellipsoid_volume, trousers
-from anatomy import contours, field, loft, meshing, session, shells
+from anatomy import contours, field, labels, loft, meshing, pipeline, session, shells
 
 
 def stack(rings):
@@ -64,10 +65,93 @@ class Surfaces(unittest.TestCase):
         sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
         torn = shells.Shell(sphere.points, np.vstack([sphere.triangles[7:], sphere.triangles[200:240]]))
         self.assertGreater(shells.open_edges(shells.to_vtk(torn)), 0)
-        mended = shells.mended(shells.to_vtk(torn))
+        mended, notes = shells.mended(shells.to_vtk(torn))
         self.assertEqual(shells.open_edges(mended), 0)
-        again = field.of_surface(mended).surfaces()
-        self.assertAlmostEqual(again[0].volume() / sphere.volume(), 1, delta=0.02)
+        self.assertRegex(notes[0], r"holes of \d+ edges in all were closed, which changes its volume by [+-]\d")
+        organ = pipeline.organ_of_surface("x", "x", False, shells.from_vtk(mended), notes)
+        self.assertAlmostEqual(organ.volume / sphere.volume(), 1, delta=0.02)
+
+    def test_a_surface_that_crosses_itself_is_told_with_the_volume(self):
+        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        crossed = shells.Shell(sphere.points.copy(), sphere.triangles)
+        top = crossed.points[:, 2] > 14
+        crossed.points[top, 2] -= 44     # the cap comes out at the bottom, turned inside out
+        organ = pipeline.organ_of_surface("x", "x", False, crossed)
+        self.assertRegex(organ.notes[-1], r"crosses itself at \d+ edges, first at \(.*\) mm: taken is all that it encloses")
+        self.assertGreater(organ.volume, 1.02 * crossed.volume())
+
+    def test_a_displaced_part_is_told(self):
+        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere.points[sphere.points[:, 2] > 19] -= [0, 0, 22]
+        self.assertIn("as long as usual", " ".join(pipeline.organ_of_surface("x", "x", False, sphere).notes))
+
+    def test_a_unit_that_is_not_likely_is_told_and_one_that_is_not_possible_refused(self):
+        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        self.assertEqual(pipeline.organ_of_surface("x", "x", False, sphere).notes, [])
+        self.assertIn("is its unit right?", pipeline.organ_of_surface("x", "x", False, sphere.scaled(0.2)).notes[0])
+        for factor in (0.05, 1000):
+            with self.assertRaisesRegex(contours.Unusable, "is its unit right"):
+                pipeline.organ_of_surface("x", "x", False, sphere.scaled(factor))
+
+
+def shared(found, a, b):
+    """Area of the boundary between two regions, and whether it closes the surface of either."""
+    between = {tuple(pair) for pair in ((a, b), (b, a))}
+    mine = [(found.cells[i] if i >= 0 else None, found.cells[j] if j >= 0 else None) in between for i, j in found.sides]
+    return found.areas()[mine].sum()
+
+
+def is_watertight(shell):
+    """Each edge is passed in both directions equally often."""
+    ways = collections.Counter(tuple(way) for pair in ((0, 1), (1, 2), (2, 0)) for way in shell.triangles[:, pair].tolist())
+    return all(ways[b, a] == count for (a, b), count in list(ways.items()))
+
+
+class Shared(unittest.TestCase):
+    """Regions that touch."""
+
+    @staticmethod
+    def box(low, high):
+        cube = labels.vtk.vtkCubeSource()
+        cube.SetBounds(low[0], high[0], low[1], high[1], low[2], high[2])
+        cube.Update()
+        return shells.from_vtk(shells.mended(cube.GetOutput())[0])
+
+    def check(self, regions, volumes, kept):
+        found, lost = labels.shared_surfaces(regions, volumes, 8.0)
+        for k, volume in enumerate(kept):
+            self.assertTrue(is_watertight(found.surface(k)))
+            self.assertAlmostEqual(found.volume(k) / volume, 1, delta=0.02)
+        return found, lost
+
+    def test_touching_regions_share_their_boundary_and_keep_their_volume(self):
+        left, right = self.box((0, 0, 0), (20, 30, 30)), self.box((20, 0, 0), (45, 30, 30))
+        found, lost = self.check([[left], [right]], [18e3, 22.5e3], [18e3, 22.5e3])
+        self.assertLess(sum(lost.values()), 0.03)
+        self.assertAlmostEqual(shared(found, 0, 1) / 900, 1, delta=0.1)
+
+    def test_a_nested_region_is_found_and_taken_from_the_one_around_it(self):
+        ball = field.of_stack(stack(ellipsoid(8, 8, 8, 1))).surfaces()[0]
+        inner = shells.Shell(ball.points + [22, 20, 24], ball.triangles)
+        volume = inner.volume()
+        found, lost = self.check([[inner], [self.box((0, 0, 0), (45, 40, 42))]], [volume, 75600], [volume, 75600 - volume])
+        self.assertAlmostEqual(lost[1, 0] * 75600 / volume, 1, delta=0.05)
+        self.assertEqual(sorted(found.cells), [0, 1])
+
+    def test_a_small_gap_is_closed_and_the_volumes_stay(self):
+        left, right = self.box((0, 0, 0), (20, 30, 30)), self.box((22, 0, 0), (45, 30, 30))
+        found, _ = self.check([[left], [right]], [18e3, 20.7e3], [18e3, 20.7e3])
+        self.assertGreater(shared(found, 0, 1), 700)
+
+    def test_separate_parts_are_all_found(self):
+        boxes = [self.box((x, 0, 0), (x + 10, 10, 60)) for x in (0, 40, 80)]
+        found, _ = self.check([boxes], [18e3], [18e3])
+        self.assertEqual(found.cells, [0, 0, 0])
+
+    def test_what_a_box_cuts_off_is_told(self):
+        found, lost = labels.shared_surfaces([[self.box((0, 0, 0), (40, 30, 30))]], [36e3], 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        self.assertAlmostEqual(lost[0, labels.OUTSIDE], 0.25, delta=0.02)
+        self.assertAlmostEqual(found.volume(0) / 27e3, 1, delta=8 / labels.VOXELS_PER_EDGE / 30)    # a voxel
 
 
 if __name__ == "__main__":

@@ -66,9 +66,8 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
 }
 
 /* Until the needle buckles (free outside over some 177 mm; clamped and hinged, Euler's load 20.2 EI / L^2 is 13.3 N) the hand feels
-   the bone, and the tip is in front of it, but for 0.1 mm a newton; whether the bone holds the tissue or moves with it. So it is in the fastest
-   push: in the one tick before it buckles the needle meets a bone that moves with the tissue with what it dented that by,
-   146 N and 13 mm; in the tissue the tip does not cross then either. */
+   the bone, and the tip is in front of it, but for 0.1 mm a newton; whether the bone holds the tissue or moves with it, and whether the
+   needle meets it slowly or within one tick. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.2, 1.0};
@@ -80,7 +79,7 @@ static void arch_stops_the_tip_at_any_speed(void **unused) {
             assert_true(o.depth > 0.015 && o.depth < 0.025);
             assert_true(o.force > 10.0);
             assert_true(o.beyond < 1.0e-4 * o.force);
-            assert_true(speeds[i] < 0.5 ? o.force < 15.0 : o.beyond < 15e-3);
+            assert_true(o.force < 15.0);
             assert_false(o.events & (EVENT_EXITED | EVENT_WITHDRAWN));
         }
     }

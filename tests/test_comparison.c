@@ -152,8 +152,19 @@ static void print_says_what_differs_where(void **state) {
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
+static void wrenches_of_a_second_server_are_left_out(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[6].server = 12;
+    f->golden.wrenches[6].raw_force[2] = 50;
+    comparison c = compare(f, 0);
+    assert_int_equal(c.foreign, 1);
+    assert_int_equal(c.compared, COUNT / 5 - 1);
+    assert_int_equal(c.differing, 0);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(wrenches_of_a_second_server_are_left_out, set_up, tear_down),
         TEST(equal_wrenches_agree_exactly),
         TEST(neighbours_count_and_the_first_difference_is_kept),
         TEST(quantiles_and_the_end_are_told),

@@ -28,7 +28,7 @@ static dashboard sample(void) {
     trocar_loop_timing_t timing = sample_timing();
     trocar_status_t status = {.owner = 42, .scene = "scene.yaml", .message = "", .poses_accepted = 123, .pose_age = 0.5e-3};
     dashboard_take_timing(&d, &timing, 10.0);
-    dashboard_take_status(&d, &status);
+    dashboard_take_status(&d, &status, 10.0);
     return d;
 }
 
@@ -78,7 +78,7 @@ static void alarms_are_raised_for_what_must_not_be(void **state) {
     d.status.flags = TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_RAMPING;
     expect(&d, "needle", "stale, ramping", true);
     trocar_status_t status = {.scene = "", .message = "the worker failed"};
-    dashboard_take_status(&d, &status);
+    dashboard_take_status(&d, &status, 10.0);
     expect(&d, "needle", "free", false);
     expect(&d, "last fault", "the worker failed", true);
 }
@@ -89,6 +89,20 @@ static void a_server_that_starts_anew_is_judged_anew(void **state) {
     trocar_loop_timing_t restarted = {.ticks = 100, .misses = 9};
     dashboard_take_timing(&d, &restarted, 10.1);
     expect(&d, "loop", "missed 9", false);
+}
+
+static void of_two_servers_the_first_is_shown(void **state) {
+    (void)state;
+    dashboard d = sample();
+    trocar_loop_timing_t other = {.server = 77, .ticks = 1};
+    trocar_status_t status = {.server = 77, .host = "", .scene = "other.yaml", .inverse = "", .message = ""};
+    dashboard_take_timing(&d, &other, 10.05);
+    dashboard_take_status(&d, &status, 10.05);
+    expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
+    expect(&d, "two servers", "000000000000004d: stop one", true);
+    dashboard_take_timing(&d, &other, 12); /* the first is silent */
+    dashboard_take_status(&d, &status, 12);
+    expect(&d, "trocar", "other.yaml, 0 Hz, tick 1", false);
 }
 
 static void silence_and_strangers_are_told(void **state) {
@@ -138,6 +152,7 @@ int main(void) {
         cmocka_unit_test(shows_numbers_in_units_for_people),
         cmocka_unit_test(alarms_are_raised_for_what_must_not_be),
         cmocka_unit_test(a_server_that_starts_anew_is_judged_anew),
+        cmocka_unit_test(of_two_servers_the_first_is_shown),
         cmocka_unit_test(silence_and_strangers_are_told),
         cmocka_unit_test(histograms_add_up_and_are_logarithmic),
         cmocka_unit_test(any_height_will_do),

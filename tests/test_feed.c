@@ -88,6 +88,56 @@ static void a_server_is_alive_while_it_sends(void **state) {
     assert_close_vector(base.position, f->state->needle.base.position, 0);
 }
 
+static void hear_wrench(fixture *f, int64_t server, int64_t tick) {
+    trocar_needle_wrench_t w = {.server = server, .tick = tick};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &w);
+    handle_all(f);
+}
+
+static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
+    fixture *f = *state;
+    hear_wrench(f, 1, 77);
+    sleep_until(f->feed.heard + 400000000);
+    assert_true(feed_alive(&f->feed));
+    sleep_until(f->feed.heard + 500000000);
+    assert_false(feed_alive(&f->feed));
+}
+
+/* Nothing is kept of the server before: its needle may be deep, the new one's is not. */
+static void another_server_is_told_from_the_one_before(void **state) {
+    fixture *f = *state;
+    pose base;
+    trocar_status_t said = {.server = 1, .owner = 5, .host = "", .scene = "old", .inverse = "", .message = ""};
+    hear_wrench(f, 1, 90000);
+    f->sight.contacts.server = 1;
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
+    handle_all(f);
+    hear_wrench(f, 1, 90002);
+    hear_wrench(f, 1, 90001); /* overtaken on the way */
+    assert_true(f->feed.servers == 1 && f->feed.status && feed_base(&f->feed, &base));
+    sleep_until(f->feed.heard + 500000001);
+    hear_wrench(f, 2, 3);
+    assert_true(f->feed.servers == 2 && !f->feed.status && !feed_base(&f->feed, &base));
+}
+
+static void of_two_servers_the_first_is_followed(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t first = {.server = 1, .depth = 1}, second = {.server = 2, .depth = 2};
+    trocar_loop_timing_t timing = {.server = 2, .rate_hz = 500};
+    trocar_status_t status = {.server = 2, .host = "", .scene = "", .inverse = "", .message = ""};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &first);
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &second);
+    trocar_loop_timing_t_publish(f->lcm, "TROCAR_TIMING", &timing);
+    trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &status);
+    f->sight.contacts.server = 2;
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    handle_all(f);
+    assert_true(f->feed.wrench.depth == 1 && f->feed.timing.rate_hz == 0 && f->feed.status == NULL && f->feed.contacts == NULL);
+    assert_int_equal(f->timeline.sample_end, 1);
+    assert_int_equal(f->feed.refused, 0);
+}
+
 /* As they would come in by the network: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
@@ -111,6 +161,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_picture_is_complete_with_both_messages_of_its_tick, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(another_server_is_told_from_the_one_before, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(of_two_servers_the_first_is_followed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

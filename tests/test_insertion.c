@@ -58,6 +58,79 @@ static void membranes_give_way_at_their_forces(void **unused) {
     lockstep_free(l);
 }
 
+static void push_through_skin(lockstep *l) {
+    for (int i = 0; i < 4000 && !(l->wrench.events & EVENT_PUNCTURED); i++) lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
+    assert_true(l->wrench.events & EVENT_PUNCTURED);
+}
+
+/* The base is held from the puncture on. Without friction of the shaft nothing can make the force rise, however deep the dent was. */
+static void force_falls_after_the_skin(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    for (int i = 0; i < c.region_count; i++) {
+        c.regions[i].material.friction_static = c.regions[i].material.friction_kinetic = 0.0;
+        c.regions[i].material.cutting_viscosity = 1.0;
+    }
+    for (int k = 0; k < 3; k++) {
+        c.membranes[0].puncture_force = 0.6 + 0.3 * k;
+        lockstep *l = lockstep_create(&c, lockstep_start());
+        push_through_skin(l);
+        double before = -l->wrench.force.z, last = before, rise = 0.0;
+        for (int i = 0; i < 200; i++, last = -l->wrench.force.z) {
+            lockstep_tick(l, l->base, 1e-3);
+            rise = fmax(rise, -l->wrench.force.z - last);
+        }
+        print_message("skin of %.1f N: rises by %.2g N in a tick at most, from %.3f to %.3f N\n", c.membranes[0].puncture_force, rise, before, last);
+        assert_true(rise < 1e-5);
+        assert_true(fabs(last - 0.4) < 0.02); /* what cutting takes */
+        lockstep_free(l);
+    }
+}
+
+/* Without any viscosity the tip leaps as fast as the tissue springs back: slower than a shear wave, whatever the tick. */
+static void tissue_springs_back_slower_than_waves(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    c.membranes[0].puncture_force = 1.2;
+    const double density = 1000.0, wave = sqrt(c.regions[1].material.youngs_modulus / (2.0 * (1.0 + c.regions[1].material.poisson_ratio)) / density);
+    for (double dt = 1e-3; dt > 0.2e-3; dt /= 2) {
+        lockstep *l = lockstep_create(&c, lockstep_start());
+        push_through_skin(l);
+        double fastest = 0.0;
+        for (int i = 0; i < 20e-3 / dt; i++) {
+            double depth = l->state.tip.depth;
+            lockstep_tick(l, l->base, dt);
+            fastest = fmax(fastest, (l->state.tip.depth - depth) / dt);
+        }
+        print_message("ticks of %g ms: the tip leaps at %.2f m/s, shear waves at %.2f m/s\n", 1e3 * dt, fastest, wave);
+        assert_true(fastest > 0.3 * wave && fastest < wave);
+        lockstep_free(l);
+    }
+}
+
+/* Pressed on the skin at an angle to its normal: within the cone of friction the tip stays where it is, outside it slides. */
+static void skin_is_gripped_about_its_normal(void **unused) {
+    (void)unused;
+    simulation_config c = dry_config();
+    c.membranes[0].puncture_force = 50.0;
+    const double degrees[] = {10, 45, 70, 85, 89};
+    for (int k = 0; k < 5; k++) {
+        double tilt = degrees[k] * M_PI / 180.0;
+        vec3 axis = v3(sin(tilt), 0, cos(tilt)), entry = v3(-0.01, 0.003, 0);
+        lockstep *l = lockstep_create(&c, (pose){v3_axpy(-0.2001, axis, entry), q_exp(v3(0, tilt, 0))});
+        lockstep_move(l, v3_scale(0.01, axis), 0.5, 1e-3);
+        for (int i = 0; i < 20; i++) lockstep_tick(l, l->base, 1e-3);
+        vec3 force = l->state.tip.force;
+        double tangential = hypot(force.x, force.y), slid = v3_norm(v3_sub(l->state.tip.nominal, entry));
+        print_message("%g degrees: %.4f N into the skin, %.4f N along it; slid by %.2f mm\n", degrees[k], force.z, tangential, 1e3 * slid);
+        assert_int_equal(l->state.tip.phase, TIP_INSIDE);
+        assert_true(force.z > 0.0);
+        assert_true(tangential < 0.5 * force.z + 1e-4);
+        assert_true(degrees[k] < 20 ? slid < 1e-6 : slid > 1e-3);
+        lockstep_free(l);
+    }
+}
+
 /* Prints and checks force and torque of a run against another. */
 static void assert_alike(const char *what, double value, const figure8_record *a, const figure8_record *b, double shift, double limit) {
     double force = figure8_difference(a, b, 0, 3, shift), torque = figure8_difference(a, b, 3, 6, shift);
@@ -465,6 +538,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(axial_force_is_cutting_plus_friction_times_depth),
         cmocka_unit_test(membranes_give_way_at_their_forces),
+        cmocka_unit_test(force_falls_after_the_skin),
+        cmocka_unit_test(tissue_springs_back_slower_than_waves),
+        cmocka_unit_test(skin_is_gripped_about_its_normal),
         cmocka_unit_test(forces_do_not_depend_on_the_rate),
         cmocka_unit_test(forces_do_not_depend_on_the_passes),
         cmocka_unit_test(no_jump_away_from_punctures),

@@ -30,7 +30,25 @@ apt-get install --simulate "./$package" >apt.txt 2>&1 && grep -q '^Inst trocar '
 for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
     [ -f "$prefix/$file" ] || fail "no $file"
 done
-! grep -rlF "$build" "$prefix/lib" "$prefix/share" --include=*.cmake --include=*.pc || fail "a path of the build is left"
+! grep -rlFe "$build" -e "$source" "$prefix" || fail "a path of the build is left"
+libraries=$prefix/lib/$(cc -print-multiarch)
+for library in "$libraries"/libtrocar_{types,core}.a; do
+    objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library has what debuggers read, paths of the build among it"
+done
+# The page holds libraries of others, whose licence asks for their notice.
+for library in three.js uPlot; do
+    [ ! -d "$prefix/share/trocar/page" ] || grep -qx "Files: $library" "$prefix/share/doc/trocar/copyright" || fail "no notice of $library"
+done
+
+# Links within the documents lead somewhere.
+find "$prefix" -name '*.md' >documents
+grep -q /core/README.md documents || fail "documents that README.md links to are missing: $(cat documents)"
+while read -r document; do
+    { grep -oE '\]\([^)]+' "$document" || true; } | sed 's/^](//; s/#.*//' | while read -r link; do
+        case $link in '' | *://*) continue ;; esac
+        [ -e "${document%/*}/$link" ] || fail "$document links to $link, which is not there"
+    done
+done <documents
 
 # The unit names what is installed, whatever the prefix, and a group that is created.
 names_what_is_there() {
@@ -52,7 +70,7 @@ names_what_is_there "" "$work/local"
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
     grep -qE "^$program [0-9.]+$" <<<"$("$path" --version)" || fail "$program --version"
-    man -l "$prefix/share/man/man1/$program.1" | col -b >page
+    man -l "$prefix/share/man/man1/$program.1.gz" | col -b >page
     grep -qE "^ +$program - " page || fail "no name in the page of $program"
     for option in $("$path" --help | grep -oE '^ .*--[a-z-]+' | grep -oE -- '--[a-z-]+'); do
         grep -qF -- "$option" page || fail "$program $option is not in its page"
@@ -81,18 +99,25 @@ touch scene.yaml scene.csv
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"
 
 # Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.
-export PKG_CONFIG_PATH=$prefix/lib/pkgconfig
+export PKG_CONFIG_PATH=$libraries/pkgconfig
 cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge_example.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-types) || fail "pkg-config trocar-types"
+# libtrocar: the same program in C and C++, each with CMake or pkg-config, and in Python prints the same digits.
+examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/figure8.yaml
+export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
-planner/planner || fail "the planner: status $?"
-cc "$source/tests/install/planner.c" -o planner/with-pkg-config $(pkg-config --cflags --libs trocar-core trocar-types) || fail "pkg-config trocar-core"
-planner/with-pkg-config || fail "the planner made with pkg-config: status $?"
-for header in "$prefix"/include/trocar/core/*.h; do
-    cc -fsyntax-only -include "$header" -x c /dev/null || fail "$header does not stand alone"
-done
-! ls "$prefix"/include/trocar/core | grep -E '_(method|owner|kind)\.h' || fail "a header of the core's own is installed"
+c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
+cc "$examples/insert.c" -o insert_static $(pkg-config --cflags trocar) "$LD_LIBRARY_PATH/libtrocar.a" $(pkg-config --libs --static trocar | sed 's/-ltrocar //') -lpthread ||
+    fail "the static library"
+planner/insert "$figure8" >insert_c.txt || fail "the C example: status $?"
+[ "$(wc -l <insert_c.txt)" -eq 10 ] || fail "$(cat insert_c.txt)"
+./insert_cpp "$figure8" | diff insert_c.txt - || fail "C and C++ differ"
+(unset LD_LIBRARY_PATH; ./insert_static "$figure8") | diff insert_c.txt - || fail "shared and static library differ"
+PYTHONPATH=$build/clients/python TROCAR_LIBRARY=$LD_LIBRARY_PATH/libtrocar.so /usr/bin/python3 "$examples/insert.py" "$figure8" | diff insert_c.txt - ||
+    fail "C and Python differ"
+[ "$(find "$prefix/include" -name '*.h' | grep -c /trocar.h)" -eq 1 ] || fail "no trocar.h"
+unset LD_LIBRARY_PATH
 
 # The README's whole bridge is this one; with its two functions filled in it drives a device.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge_example.c - || fail "the README shows another bridge"

@@ -1,8 +1,12 @@
 /* The inverse of the stiffness matrix against the matrix itself and against LAPACK. */
+#define _GNU_SOURCE
+#include <dlfcn.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
+#include <suitesparse/SuiteSparse_config.h>
 
 #include "cube.h"
 #include "reference.h"
@@ -164,9 +168,44 @@ static void a_full_cache_forgets_without_harm(void **state) {
     free(fixed);
 }
 
+static int allocations_left;
+
+static void *scarce_malloc(size_t size) { return allocations_left-- > 0 ? malloc(size) : NULL; }
+
+/* CHOLMOD gets no more memory after so many allocations: the owner is refused, or works. */
+static void without_memory_the_sparse_owner_is_refused(void **state) {
+    (void)state;
+    struct SuiteSparse_config_struct *config = dlsym(RTLD_DEFAULT, "SuiteSparse_config");
+    assert_non_null(config);
+    vec3 force[CUBE_NODES], expected[CUBE_NODES], found[CUBE_NODES];
+    for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
+    inverse_apply(body.inverse, force, expected);
+    void *(*before)(size_t) = config->malloc_func;
+    int refused = 0;
+    trocar_status status = TROCAR_NO_MEMORY;
+    for (int allowed = 0; status != TROCAR_OK && allowed < 1000; allowed++) {
+        inverse *sparse = NULL;
+        report why = {""};
+        allocations_left = allowed;
+        config->malloc_func = scarce_malloc;
+        status = inverse_create_sparse(&body.tissue, 1e6, &sparse, &why);
+        if (status == TROCAR_OK) inverse_apply(sparse, force, found);
+        config->malloc_func = before;
+        if (status == TROCAR_OK) inverse_free(sparse);
+        else {
+            assert_int_equal(status, TROCAR_NO_MEMORY);
+            assert_true(why.text[0] != '\0');
+            refused++;
+        }
+    }
+    assert_true(refused > 1 && status == TROCAR_OK);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(found[i], expected[i], 1e-9 * v3_norm(expected[i]) + 1e-15);
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(without_memory_the_sparse_owner_is_refused),
         cmocka_unit_test(stiffness_times_inverse_gives_the_force_back),
         cmocka_unit_test(force_and_displacement_may_be_one_array),
         cmocka_unit_test(gathered_blocks_are_answers_to_unit_forces),

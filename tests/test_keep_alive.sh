@@ -1,5 +1,5 @@
 #!/bin/bash
-# Which ends of a command are final: 0, 2 and a stop from outside; all else starts it again, without a busy loop.
+# Which ends of a command are final: 0, 2, 4 and a stop from outside; all else starts it again, without a busy loop.
 # usage: test_keep_alive.sh KEEP_ALIVE
 set -euo pipefail
 work=$(mktemp -d)
@@ -20,6 +20,7 @@ keep_alive=$1
 ends_after 0 'exit 1' 'kill -KILL $$' 'exit 0' never
 grep -q 'status 137' said || fail "the kill is not told: $(cat said)"
 ends_after 2 'exit 1' 'kill -SEGV $$' 'exit 2' never
+ends_after 4 'exit 1' 'exit 4' never
 
 "$keep_alive" sh -c 'echo >>runs; exit 1' 2>/dev/null &
 sleep 1

@@ -81,9 +81,9 @@ static void tip_alone_follows_the_resolved_disc(void **state) {
     assert_int_equal(local_create(&model, &why), TROCAR_OK);
     double scale = RADIUS / 0.635e-3;
     vec3 x = cube_point(&body, 0, 0.1);
-    assert_close(1.0 / local_at_tip(&model, 0, x, 0.02) / (47.5 * scale), 1.0, 0.05);
-    assert_close(1.0 / local_at_tip(&model, 0, x, 0.0) / (32.2 * scale), 1.0, 0.05);
-    assert_true(local_at_tip(&model, 0, x, 0.5 * RADIUS) < local_at_tip(&model, 0, x, 0.0));
+    assert_close(1.0 / local_at_tip(&model, 0, x, 0.02, 0.0) / (47.5 * scale), 1.0, 0.05);
+    assert_close(1.0 / local_at_tip(&model, 0, x, 0.0, 0.0) / (32.2 * scale), 1.0, 0.05);
+    assert_true(local_at_tip(&model, 0, x, 0.5 * RADIUS, 0.0) < local_at_tip(&model, 0, x, 0.0, 0.0));
     destroy();
 }
 

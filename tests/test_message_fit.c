@@ -37,7 +37,7 @@ static void contacts_fit_at_their_own_length_only(void **unused) {
 
 static void contacts_with_another_count_do_not_fit(void **unused) {
     (void)unused;
-    size_t size = pack_contacts(), joint_count_at = 8 + 3 * 8 + 4 * 8;
+    size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8;
     for (size_t byte = joint_count_at; byte < joint_count_at + 4; byte++)
         for (int value = 1; value < 256; value++) {
             bytes[byte] ^= (unsigned char)value;
@@ -59,14 +59,14 @@ static void a_deformation_fits_the_mesh_only(void **unused) {
 /* LCM's own decoder would read on behind a string that nothing closes. */
 static void strings_must_be_closed(void **unused) {
     (void)unused;
-    trocar_status_t m = {.scene = "a.yaml", .message = "late"};
+    trocar_status_t m = {.host = "lab", .scene = "a.yaml", .inverse = "", .message = "late"};
     size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
     assert_true(status_fits(bytes, size));
     for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !status_fits(bytes, wrong));
     bytes[size - 1] = 'x';
     assert_false(status_fits(bytes, size));
     bytes[size - 1] = 0;
-    size_t scene_end = size - strlen("late") - 1 - 4 - 1;
+    size_t scene_end = size - (4 + sizeof "late") - (4 + sizeof "") - 1;
     assert_int_equal(bytes[scene_end], 0);
     bytes[scene_end] = 'x';
     assert_false(status_fits(bytes, size));

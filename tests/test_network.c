@@ -22,12 +22,14 @@ static void expect(const char *url, trocar_status expected, const char *named) {
 static void a_provider_that_lcm_does_not_have_is_bad_input(void **unused) {
     (void)unused;
     expect("nonsense://", TROCAR_BAD_INPUT, "nonsense://");
+    expect("mpudpm://239.255.76.67:7667", TROCAR_BAD_INPUT, "mpudpm://"); /* LCM has it, but not safely */
     expect("239.255.76.67:7667", TROCAR_BAD_INPUT, "udpm://GROUP:PORT");
 }
 
 static void a_network_that_is_not_there_is_not(void **unused) {
     (void)unused;
     expect("udpm://nowhere:7667", TROCAR_SYSTEM, "nowhere");
+    expect("udpm://nowhere:7667", TROCAR_SYSTEM, "ip route add nowhere/32 dev lo");
     expect("memq://", TROCAR_OK, NULL);
 }
 

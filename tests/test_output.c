@@ -4,8 +4,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <cmocka.h>
 
@@ -50,6 +52,30 @@ static void leaves_nothing_when_abandoned(void **state) {
     assert_int_not_equal(access(o.temporary, F_OK), 0);
 }
 
+/* Run as root with --csv /dev/null, a rename would replace the machine's device by a file. */
+static void writes_into_a_special_file_in_place(void **state) {
+    (void)state;
+    report why;
+    output o;
+    assert_int_equal(mkfifo(path, 0600), 0);
+    int reader = open(path, O_RDONLY | O_NONBLOCK);
+    assert_true(reader >= 0);
+    assert_int_equal(output_open(&o, path, &why), TROCAR_OK);
+    fprintf(o.file, "whole");
+    assert_int_equal(output_commit(&o, &why), TROCAR_OK);
+    char text[16] = "";
+    assert_int_equal(read(reader, text, sizeof text - 1), 5);
+    close(reader);
+    assert_string_equal(text, "whole");
+    assert_int_equal(output_open(&o, "/dev/null", &why), TROCAR_OK);
+    output_abandon(&o);
+    assert_int_equal(access("/dev/null", W_OK), 0);
+    struct stat status;
+    assert_int_equal(stat(path, &status), 0);
+    assert_true(S_ISFIFO(status.st_mode));
+    unlink(path);
+}
+
 static void says_when_the_disk_is_full(void **state) {
     (void)state;
     report why;
@@ -72,6 +98,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(appears_when_committed),
         cmocka_unit_test(leaves_nothing_when_abandoned),
+        cmocka_unit_test(writes_into_a_special_file_in_place),
         cmocka_unit_test(says_when_the_disk_is_full),
         cmocka_unit_test(refuses_a_place_that_cannot_be_written),
     };

@@ -24,6 +24,7 @@ typedef struct {
     trocar_needle_pose_t_subscription_t *on_pose;
     trocar_command_t_subscription_t *on_command;
     int64_t now;             /* ns */
+    bool silent;             /* no server is heard */
     int poses, commands;
     trocar_needle_pose_t pose;
     int32_t command;
@@ -67,7 +68,9 @@ static void close_fixture(fixture *f) {
 static bool run(fixture *f, int milliseconds) {
     bool goes_on = true;
     for (int i = 0; i < milliseconds; i++) {
-        goes_on = pilot_round(&f->pilot, f->now += MS, 1e-3);
+        f->now += MS;
+        if (!f->silent) pilot_hear(&f->pilot, f->now);
+        goes_on = pilot_round(&f->pilot, f->now, 1e-3);
         while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
     }
     return goes_on;
@@ -106,6 +109,36 @@ static void it_stops_when_the_orders_stop(void **unused) {
     run(f, 200);
     assert_true(f->pose.position[2] == stopped);
     assert_int_equal(f->poses, poses + 200);
+    close_fixture(f);
+}
+
+/* Nobody feels where the needle goes: after 0.1 s without a wrench it rests and no pose is sent. A server that is heard again
+   gets the needle where it was when the poses ended; one that is not, never. */
+static void it_sends_nothing_while_no_server_is_heard(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_TAKE, 0);
+    for (int i = 0; i < 10; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    f->silent = true;
+    int poses = f->poses;
+    double before = f->pose.position[2];
+    for (int i = 0; i < 20; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    assert_int_equal(f->poses, poses + 100);
+    assert_close(f->pose.position[2], before + 0.1 * 0.04, 0.001 * 0.04);
+    before = f->pose.position[2];
+    f->silent = false;
+    tell(f, ORDER_STEER, 0);
+    run(f, 10);
+    assert_int_equal(f->poses, poses + 110);
+    assert_true(f->pose.position[2] == before);
+    f->silent = true;
+    run(f, 200);
+    poses = f->poses;
+    tell(f, ORDER_RELEASE, 0);
+    f->silent = false;
+    run(f, 10);
+    assert_int_equal(f->poses, poses);
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RELEASE);
     close_fixture(f);
 }
 
@@ -149,7 +182,10 @@ static void the_thread_takes_orders(void **unused) {
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, pilot_run, &f->pilot), 0);
     tell(f, ORDER_TAKE, 0);
-    while (f->poses < 5) lcm_handle_timeout(f->lcm, 100);
+    while (f->poses < 5) {
+        pilot_hear(&f->pilot, monotonic_ns());
+        lcm_handle_timeout(f->lcm, 100);
+    }
     tell(f, ORDER_END, 0);
     pthread_join(thread, NULL);
     while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
@@ -161,6 +197,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_is_silent_until_it_takes_the_needle),
         cmocka_unit_test(it_stops_when_the_orders_stop),
+        cmocka_unit_test(it_sends_nothing_while_no_server_is_heard),
         cmocka_unit_test(it_gives_the_needle_back),
         cmocka_unit_test(a_reset_begins_at_home),
         cmocka_unit_test(the_thread_takes_orders),

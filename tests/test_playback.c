@@ -1,7 +1,9 @@
 /* A log played again shows what trocar-replay computes. */
 #include "playback.h"
 
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "poselog.h"
 
@@ -16,11 +18,11 @@
 static void the_golden_trace_comes_out_as_it_is_kept(void **unused) {
     (void)unused;
     scene s;
-    report why;
+    report why, cut;
     timeline t;
     assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_run(&s, SOURCE_DIR "/tests/traces/figure8.log", &t, &why), TROCAR_OK);
+    assert_int_equal(playback_run(&s, SOURCE_DIR "/tests/traces/figure8.log", &t, &cut, &why), TROCAR_OK);
 
     wrench_log golden;
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
@@ -51,7 +53,7 @@ static double time_of_picture(const byte_buffer *encoded) {
 static void one_moment_is_that_of_its_tick(void **unused) {
     (void)unused;
     scene s;
-    report why;
+    report why, cut;
     wrench_log golden;
     assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
@@ -60,7 +62,7 @@ static void one_moment_is_that_of_its_tick(void **unused) {
         double time = 1e-6 * (double)(kept->utime - golden.wrenches[0].utime);
         timeline t;
         assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-        assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &why), TROCAR_OK);
+        assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &cut, &why), TROCAR_OK);
         assert_true(t.picture_end == 1 && t.sample_end == 1);
         assert_close(time_of_picture(&t.pictures[0]), time, 1e-6);
         assert_close(t.samples[0].time, time, 1e-6);
@@ -73,23 +75,50 @@ static void one_moment_is_that_of_its_tick(void **unused) {
 static void a_moment_after_the_log_is_said(void **unused) {
     (void)unused;
     scene s;
-    report why;
+    report why, cut;
     timeline t;
     assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "--at 99 s is after the last pose"));
     timeline_free(&t);
+}
+
+/* A recording of which a quarter is there, the last event in part. */
+static void a_log_cut_short_plays_to_its_end(void **unused) {
+    (void)unused;
+    static unsigned char bytes[1 << 18];
+    char path[] = "/tmp/trocar-test-playback-XXXXXX";
+    FILE *whole = fopen(SOURCE_DIR "/tests/traces/figure8.log", "r"), *part = fdopen(mkstemp(path), "w");
+    size_t length = fread(bytes, 1, sizeof bytes, whole);
+    assert_int_equal(fwrite(bytes, 1, length / 4 + 50, part), length / 4 + 50);
+    fclose(whole);
+    fclose(part);
+
+    scene s;
+    report why, cut;
+    timeline t;
+    pose_log poses;
+    assert_int_equal(pose_log_read_to_cut(path, &poses, &cut, &why), TROCAR_OK);
+    double end = pose_log_time(&poses, poses.count - 1);
+    pose_log_free(&poses);
+    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(playback_run(&s, path, &t, &cut, &why), TROCAR_OK);
+    assert_non_null(strstr(cut.text, "cut short"));
+    assert_true(end > 0.3 && t.now == end && time_of_picture(&t.pictures[t.picture_end - 1]) == end);
+    timeline_free(&t);
+    unlink(path);
 }
 
 static void a_missing_log_is_said(void **unused) {
     (void)unused;
     scene s;
-    report why;
+    report why, cut;
     timeline t;
     assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_run(&s, "none.log", &t, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(playback_run(&s, "none.log", &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "none.log"));
     timeline_free(&t);
 }
@@ -99,6 +128,7 @@ int main(void) {
         cmocka_unit_test(the_golden_trace_comes_out_as_it_is_kept),
         cmocka_unit_test(one_moment_is_that_of_its_tick),
         cmocka_unit_test(a_moment_after_the_log_is_said),
+        cmocka_unit_test(a_log_cut_short_plays_to_its_end),
         cmocka_unit_test(a_missing_log_is_said),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -72,7 +72,7 @@ static void reads_what_was_written(void **state) {
     pose_log_free(&log);
 }
 
-enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 168, PAIR = POSE_EVENT + WRENCH_EVENT };
+enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 176, PAIR = POSE_EVENT + WRENCH_EVENT };
 
 /* Every length but whole events is refused; none may crash or allocate wildly. */
 static void refuses_a_log_cut_anywhere(void **state) {
@@ -87,6 +87,32 @@ static void refuses_a_log_cut_anywhere(void **state) {
         if (!whole) assert_non_null(strstr(why.text, "cut short"));
         pose_log_free(&log);
     }
+}
+
+/* Of a recording that was cut short, or is still being written, all whole events are read. */
+static void reads_up_to_a_cut(void **state) {
+    (void)state;
+    write_log(2, -1, NULL);
+    for (long length = 2 * PAIR; length > 0; length--) {
+        assert_int_equal(truncate(path, length), 0);
+        report why, cut;
+        pose_log log;
+        char place[32];
+        int poses = length >= PAIR + POSE_EVENT ? 2 : length >= POSE_EVENT ? 1 : 0;
+        long events = length == 2 * PAIR ? 4 : length >= PAIR + POSE_EVENT ? 3 : length >= PAIR ? 2 : length >= POSE_EVENT ? 1 : 0;
+        long end = events / 2 * PAIR + events % 2 * POSE_EVENT;
+        snprintf(place, sizeof place, "byte %ld: ", end);
+        assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), poses ? TROCAR_OK : TROCAR_BAD_INPUT);
+        assert_int_equal(log.count, poses);
+        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "cut short"));
+        pose_log_free(&log);
+    }
+    write_log(3, -1, NULL);
+    overwrite(PAIR, "XXXX", 4); /* damage is no cut */
+    report why, cut;
+    pose_log log;
+    assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "damaged"));
 }
 
 static void refuses_damage_and_names_the_place(void **state) {
@@ -185,12 +211,55 @@ static void reads_wrenches_that_answer_a_pose(void **state) {
     for (int k = 0; k < 9; k++) assert_true(log.wrenches[k].pose_seq == k && log.wrenches[k].raw_force[2] == 0.1 * k);
     wrench_log_free(&log);
 
-    out = lcm_eventlog_create(path, "w");
-    trocar_needle_wrench_t spoilt = {.raw_torque = {0, NAN, 0}};
-    assert_int_equal(log_write_wrench(out, &spoilt, path, &why), TROCAR_OK);
+}
+
+static void wrenches_that_are_not_finite_are_left_out_and_counted(void **state) {
+    (void)state;
+    report why;
+    wrench_log log;
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    for (int k = 0; k < 5; k++) {
+        trocar_needle_wrench_t w = {.pose_seq = k, .raw_torque = {0, k == 3 ? NAN : k, 0}};
+        assert_int_equal(log_write_wrench(out, &w, path, &why), TROCAR_OK);
+    }
     lcm_eventlog_destroy(out);
-    assert_int_equal(wrench_log_read(path, &log, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "event 0 at byte 0: wrench is not finite"));
+    assert_int_equal(wrench_log_read(path, &log, &why), TROCAR_OK);
+    assert_int_equal(log.count, 4);
+    assert_int_equal(log.skipped_not_finite, 1);
+    assert_int_equal(log.wrenches[3].pose_seq, 4);
+    wrench_log_free(&log);
+}
+
+static void a_status_names_the_owner_of_the_inverse(void **state) {
+    (void)state;
+    report why;
+    wrench_log log;
+    trocar_needle_wrench_t w = {.pose_seq = 1, .server = 9};
+    trocar_status_t status = {.host = "", .scene = "a.yaml", .inverse = "condensed", .message = ""};
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    assert_int_equal(log_write_status(out, &status, path, &why), TROCAR_OK);
+    assert_int_equal(log_write_wrench(out, &w, path, &why), TROCAR_OK);
+    lcm_eventlog_destroy(out);
+    assert_int_equal(wrench_log_read(path, &log, &why), TROCAR_OK);
+    assert_string_equal(log.inverse, "condensed");
+    assert_int_equal(log.wrenches[0].server, 9);
+    wrench_log_free(&log);
+}
+
+/* Recorded before wrenches named their server: same numbers, no owner of the inverse. */
+static void logs_without_servers_can_still_be_read(void **state) {
+    (void)state;
+    report why;
+    wrench_log log;
+    assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/wrenches-without-server.log", &log, &why), TROCAR_OK);
+    assert_true(log.count > 100 && log.inverse[0] == '\0');
+    double peak = 0;
+    for (int i = 0; i < log.count; i++) {
+        assert_int_equal(log.wrenches[i].server, 0);
+        peak = fmax(peak, fabs(log.wrenches[i].raw_force[2]));
+    }
+    assert_true(peak > 1 && peak < 10);
+    wrench_log_free(&log);
 }
 
 static void leaves_other_sessions_out(void **state) {
@@ -220,12 +289,16 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(reads_what_was_written),
         cmocka_unit_test(refuses_a_log_cut_anywhere),
+        cmocka_unit_test(reads_up_to_a_cut),
         cmocka_unit_test(refuses_damage_and_names_the_place),
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),
         cmocka_unit_test(leaves_out_what_came_twice_or_late),
         cmocka_unit_test(a_log_of_other_types_is_told_apart_from_a_damaged_one),
         cmocka_unit_test(reads_wrenches_that_answer_a_pose),
+        cmocka_unit_test(wrenches_that_are_not_finite_are_left_out_and_counted),
+        cmocka_unit_test(a_status_names_the_owner_of_the_inverse),
+        cmocka_unit_test(logs_without_servers_can_still_be_read),
         cmocka_unit_test(leaves_other_sessions_out),
         cmocka_unit_test(poses_survive_the_message),
     };

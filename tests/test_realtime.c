@@ -8,6 +8,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "privileges.h"
 #include "realtime.h"
 #include "timing.h"
 
@@ -90,16 +91,49 @@ static void priority_is_set_or_the_limit_named(void **unused) {
     assert_int_equal(policy, granted != NULL ? SCHED_FIFO : SCHED_OTHER);
 }
 
-static void trying_a_priority_leaves_the_thread_alone(void **unused) {
+static void checking_leaves_the_thread_alone(void **unused) {
     (void)unused;
     report why;
-    int policy;
-    struct sched_param p;
-    realtime_try_priority(PRIORITY_HAPTIC, &why);
-    pthread_getschedparam(pthread_self(), &policy, &p);
-    assert_int_equal(policy, SCHED_OTHER);
-    assert_int_equal(realtime_try_priority(1000, &why), TROCAR_SYSTEM); /* beyond what any system grants */
+    realtime_check_permission(PRIORITY_HAPTIC, &why);
+    assert_int_equal(sched_getscheduler(0), SCHED_OTHER);
+    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* beyond what any system grants */
     assert_non_null(strstr(why.text, "1000"));
+}
+
+static void *check_as_a_service(void *skipped) {
+    report why = {""};
+    *(bool *)skipped = !become_a_service();
+    if (*(bool *)skipped) return NULL;
+    if (use_fifo(0)) return "Linux let the flag be cleared";
+    if (realtime_check_permission(PRIORITY_HAPTIC, &why) != TROCAR_OK) return strdup(why.text);
+    if (realtime_set_priority(PRIORITY_IO, &why) != TROCAR_OK) return strdup(why.text);
+    return sched_getscheduler(0) == (SCHED_FIFO | SCHED_RESET_ON_FORK) ? NULL : "the flag is gone";
+}
+
+static void a_flag_that_cannot_be_cleared_is_kept(void **unused) {
+    (void)unused;
+    pthread_t thread;
+    void *complaint;
+    bool skipped;
+    pthread_create(&thread, NULL, check_as_a_service, &skipped);
+    pthread_join(thread, &complaint);
+    if (skipped) skip();
+    if (complaint != NULL) fail_msg("%s", (char *)complaint);
+}
+
+static void *check_without_permission(void *why) {
+    return lose_realtime() ? (void *)(intptr_t)realtime_check_permission(PRIORITY_HAPTIC, why) : NULL;
+}
+
+static void a_lack_of_permission_has_a_status_of_its_own(void **unused) {
+    (void)unused;
+    report why = {""};
+    pthread_t thread;
+    void *status;
+    pthread_create(&thread, NULL, check_without_permission, &why);
+    pthread_join(thread, &status);
+    assert_int_equal((intptr_t)status, TROCAR_NO_REALTIME);
+    assert_non_null(strstr(why.text, "ulimit -r 80"));
 }
 
 /* Pages in locked memory, kB. */
@@ -144,18 +178,25 @@ static void *policy_of_this_thread(void *unused) {
     return (void *)(intptr_t)sched_getscheduler(0);
 }
 
+static void *hurry_and_start_a_thread(void *hurried) {
+    realtime_hurry();
+    *(int *)hurried = sched_getscheduler(0);
+    pthread_t thread;
+    void *policy;
+    pthread_create(&thread, NULL, policy_of_this_thread, NULL);
+    pthread_join(thread, &policy);
+    return policy;
+}
+
 static void hurry_is_not_inherited(void **unused) {
     (void)unused;
-    realtime_hurry(true);
-    int hurried = sched_getscheduler(0);
+    int hurried = -1;
     pthread_t thread;
-    assert_int_equal(pthread_create(&thread, NULL, policy_of_this_thread, NULL), 0);
     void *policy;
+    pthread_create(&thread, NULL, hurry_and_start_a_thread, &hurried);
     pthread_join(thread, &policy);
-    realtime_hurry(false);
     assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* or it is refused */
     assert_int_equal((intptr_t)policy, SCHED_OTHER);
-    assert_int_equal(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_OTHER);
 }
 
 int main(void) {
@@ -163,10 +204,12 @@ int main(void) {
         cmocka_unit_test(denormals_become_zero),
         cmocka_unit_test(a_touched_stack_does_not_fault),
         cmocka_unit_test(priority_is_set_or_the_limit_named),
-        cmocka_unit_test(trying_a_priority_leaves_the_thread_alone),
+        cmocka_unit_test(checking_leaves_the_thread_alone),
+        cmocka_unit_test(a_flag_that_cannot_be_cleared_is_kept),
         cmocka_unit_test(memory_is_locked_or_the_limit_named),
         cmocka_unit_test(processors_are_kept_awake_or_it_is_said_why),
-        cmocka_unit_test(hurry_is_not_inherited), /* last: it leaves a flag behind */
+        cmocka_unit_test(hurry_is_not_inherited),
+        cmocka_unit_test(a_lack_of_permission_has_a_status_of_its_own), /* last: it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

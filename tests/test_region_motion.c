@@ -74,7 +74,7 @@ static double shift_by_reciprocity(const lockstep *l, const region_motion *motio
         double weights[4];
         mesh_barycentric(m, tet, tip ? l->state.tip.nominal : l->state.refined.nodes[i].position, weights);
         for (int c = 0; c < 4; c++)
-            work += weights[c] * v3_dot(tip ? l->state.tip.force : l->state.contacts[i].force, field[m->tets[tet][c]]);
+            work += weights[c] * v3_dot(tip ? tip_load(&l->state.tip) : l->state.contacts[i].force, field[m->tets[tet][c]]);
     }
     free(unit);
     free(field);

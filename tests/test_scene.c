@@ -177,11 +177,27 @@ static void owner_and_region_of_interest_arrive(void **state) {
     assert_true(reach->from.y == -1.0 && reach->from.z == 2e-3 && reach->to.z == 0.1 && reach->radius == 0.02);
 }
 
+static void a_unit_of_the_mesh_arrives(void **state) {
+    (void)state;
+    static const struct { const char *line; double unit; } cases[] = {
+        {"", 1.0}, {"mesh_unit: m\n", 1.0}, {"mesh_unit: cm\n", 1e-2}, {"mesh_unit: mm\n", 1e-3}, {"mesh_unit: 0.0254\n", 0.0254}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        scene s;
+        char text[256];
+        snprintf(text, sizeof text, MINIMAL "%s", cases[i].line);
+        load_good(text, &s);
+        assert_true(s.simulation.mesh_unit == cases[i].unit);
+    }
+}
+
 static void a_bad_region_of_interest_is_refused(void **state) {
     (void)state;
     static const char *const cases[][2] = {
         {"inverse: big", ":4: inverse: \"big\": expected auto, dense, sparse or condensed"},
         {"cache: ''", ":4: cache: "},
+        {"mesh_unit: inch", ":4: mesh_unit: \"inch\": expected m, cm, mm, or the unit's size in m"},
+        {"mesh_unit: 0", ":4: mesh_unit: \"0\": expected m, cm, mm"},
+        {"mesh_unit: .inf", ":4: mesh_unit: "},
         {"region_of_interest: {regions: [x, x]}", ":4: region_of_interest.regions[1]: \"x\" is there twice"},
         {"region_of_interest: {depth: 1}", ":4: region_of_interest: unknown key \"depth\""},
         {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1]}}", ":4: region_of_interest.corridor: missing key \"radius\""},
@@ -400,6 +416,7 @@ int main(void) {
         cmocka_unit_test(a_device_brings_its_limits),
         cmocka_unit_test(what_is_left_out_has_its_default),
         cmocka_unit_test(owner_and_region_of_interest_arrive),
+        cmocka_unit_test(a_unit_of_the_mesh_arrives),
         cmocka_unit_test(a_bad_region_of_interest_is_refused),
         cmocka_unit_test(unreadable_files_are_named),
         cmocka_unit_test(broken_yaml_is_refused_with_its_line),

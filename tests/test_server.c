@@ -1,10 +1,14 @@
 /* The whole server in this process, over memq: starts, says that it listens, stops for each reason, refuses bad input. */
+#define _GNU_SOURCE
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include "exchange.h"
+#include "privileges.h"
 #include "server.h"
 
 #include <setjmp.h>
@@ -43,6 +47,7 @@ static void it_runs_and_stops_when_asked(void **unused) {
     readies = 0;
     stop = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
+    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* no flag that its threads' nice values would be lost to */
     char *before = described(s, server_describe);
     assert_non_null(strstr(before, "figure8.yaml"));
     assert_non_null(strstr(before, "1000 Hz"));
@@ -90,11 +95,67 @@ static void bad_input_is_named_and_nothing_starts(void **unused) {
     assert_non_null(strstr(why.text, "nonsense://"));
 }
 
+static void *create_as_a_service(void *complaint) {
+    server_options o = options();
+    server *s;
+    report why;
+    o.allow_non_rt = false;
+    if (!become_a_service()) return NULL;
+    if (server_create(&o, &s, &why) != TROCAR_OK) return strcpy(complaint, why.text);
+    char *text = described(s, server_describe);
+    strcpy(complaint, strstr(text, "real time  yes") != NULL ? "" : text);
+    free(text);
+    server_free(s);
+    munlockall();
+    return complaint;
+}
+
+static void a_service_without_privileges_gets_real_time(void **unused) {
+    (void)unused;
+    pthread_t thread;
+    void *tried;
+    char complaint[4096] = "";
+    pthread_create(&thread, NULL, create_as_a_service, complaint);
+    pthread_join(thread, &tried);
+    if (tried == NULL) skip();
+    assert_string_equal(complaint, "");
+}
+
+static void *create_without_permission(void *why) {
+    server *s;
+    server_options o = options();
+    o.scene_path = "scene-without-mesh.yaml";
+    if (!lose_realtime()) return "real time is permitted";
+    o.allow_non_rt = false;
+    if (server_create(&o, &s, why) != TROCAR_NO_REALTIME) return "not refused for lack of permission";
+    o.allow_non_rt = true;
+    bool refused = server_create(&o, &s, why) == TROCAR_BAD_INPUT && strstr(((report *)why)->text, "no-such.msh") != NULL;
+    return refused ? NULL : "the missing mesh is not reported";
+}
+
+/* A supervisor may try such a server many times: it must not read the mesh, which is missing here, each time. */
+static void a_lack_of_permission_is_noticed_before_the_mesh_is_read(void **unused) {
+    (void)unused;
+    pthread_t thread;
+    void *wrong;
+    report why;
+    FILE *from = fopen(MESHES "/figure8.yaml", "r"), *scene = fopen("scene-without-mesh.yaml", "w");
+    for (char line[256]; fgets(line, sizeof line, from) != NULL;) fputs(strncmp(line, "mesh:", 5) == 0 ? "mesh: no-such.msh\n" : line, scene);
+    fclose(from);
+    fclose(scene);
+    pthread_create(&thread, NULL, create_without_permission, &why);
+    pthread_join(thread, &wrong);
+    unlink("scene-without-mesh.yaml");
+    if (wrong != NULL) fail_msg("%s: %s", (char *)wrong, why.text);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_runs_and_stops_when_asked),
         cmocka_unit_test(the_rate_can_be_replaced),
         cmocka_unit_test(bad_input_is_named_and_nothing_starts),
+        cmocka_unit_test(a_service_without_privileges_gets_real_time),
+        cmocka_unit_test(a_lack_of_permission_is_noticed_before_the_mesh_is_read), /* last: it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

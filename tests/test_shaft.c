@@ -37,6 +37,7 @@ static void assert_share(const insertion_state *s, int index, bool tip, double f
 static void shares_meet_half_way_and_reach_to_the_end(void **unused) {
     (void)unused;
     insertion_state s = inserted();
+    s.stratum_count = 1;
     assert_share(&s, 0, true, 0.0, 7e-3);
     assert_share(&s, 1, true, 7e-3, 10.5e-3);
     assert_share(&s, 2, true, 10.5e-3, 15.5e-3);
@@ -47,6 +48,27 @@ static void shares_meet_half_way_and_reach_to_the_end(void **unused) {
     assert_share(&s, 0, true, 0.0, 20e-3);
     s.tip.depth = 0.0; /* on the skin */
     assert_share(&s, 0, true, 0.0, 1e-6);
+}
+
+/* Behind a tip that goes from one region into the next, the border moves from half way to where the regions meet, and no faster
+   than the tip: no contact then stands for shaft in the other region. */
+static void shares_end_where_the_region_does(void **unused) {
+    (void)unused;
+    insertion_state s = inserted();
+    s.active = 1; /* a contact at 4 mm, the next region from 9 mm on */
+    double last = 6.5e-3;
+    for (double tip = 9e-3; tip < 20e-3; tip += 1e-6) {
+        s.tip.depth = tip;
+        double border = shaft_share_of(&s, 0, true).to;
+        assert_close(border, last, 1.6e-6);
+        assert_close(border, fmin(0.5 * (4e-3 + tip) + tip - 9e-3, 9e-3), 1e-12);
+        last = border;
+    }
+    s = inserted();
+    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the regions' border */
+    s.strata[1].depth = 6e-3;
+    assert_share(&s, 0, true, 0.0, 6e-3);
+    assert_share(&s, 1, true, 6e-3, 10.5e-3);
 }
 
 static void friction_is_that_of_each_region(void **unused) {
@@ -84,6 +106,7 @@ static void the_shaft_is_ahead_by_what_its_friction_deforms(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shares_meet_half_way_and_reach_to_the_end),
+        cmocka_unit_test(shares_end_where_the_region_does),
         cmocka_unit_test(friction_is_that_of_each_region),
         cmocka_unit_test(the_shaft_is_ahead_by_what_its_friction_deforms),
     };

@@ -152,8 +152,29 @@ static void every_owner_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
+/* In a replay as in the server: one tick without force, and the insertion starts over where the needle is. */
+static void a_state_that_is_not_finite_starts_over(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    lockstep *l = inserted(&c);
+    double depth = l->wrench.depth;
+    l->state.contacts[2].slip = NAN;
+    lockstep_move(l, v3(0, 0, 0.0001), 1e-3, 1e-3);
+    assert_true(l->wrench.events & EVENT_UNSTABLE);
+    assert_true(v3_norm(l->wrench.force) == 0.0 && v3_norm(l->wrench.torque) == 0.0);
+    for (int i = 0; i < 100; i++) {
+        lockstep_move(l, v3(0, 0, 0.0001), 1e-3, 1e-3);
+        assert_true(insertion_is_finite(&l->state, &l->wrench));
+    }
+    assert_false(l->wrench.events & EVENT_UNSTABLE);
+    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* pushed on by 10.1 mm, the tissue yields */
+    assert_true(v3_norm(l->wrench.force) > 0.1);
+    lockstep_free(l);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_state_that_is_not_finite_starts_over),
         cmocka_unit_test(restored_simulation_goes_on_to_the_bit),
         cmocka_unit_test(restored_at_rest_starts_anew),
         cmocka_unit_test(every_method_and_owner_goes_on),

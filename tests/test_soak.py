@@ -51,4 +51,31 @@ for spoilt in ({"p99": 81.0}, {"allocations": 1}, {"minor": 1}, {"dropped": 1}, 
                {"lost": 1}, {"memory": ((1000, 500), (1004, 500), (1000, 500))}, {"memory": ((1000, 500), (1000, 504), (1000, 500))}):
     text, good = judge(**spoilt)
     assert not good and text.count("**NO**") == 1, (spoilt, text)
+
+# A server that touches memory only in the first motion has none of it held against it; one that goes on growing fails.
+SERVER_STAND_IN = """#!/usr/bin/python3 -u
+import os, time
+print("scene\\nready")
+kept = []
+while True:
+    if os.path.exists("first-motion") and (not kept or os.path.exists("leaks")):
+        kept.append(bytearray(os.urandom(1 << 20)))
+    time.sleep(0.02)
+"""
+with tempfile.TemporaryDirectory() as folder:
+    os.chdir(folder)
+    for name, text in (("server/trocar-server", SERVER_STAND_IN), ("clients/trocar-device", "#!/bin/sh\nsleep 0.3; touch first-motion; sleep 0.7\n"),
+                       ("bin/cyclictest", "#!/bin/sh\n"), ("bin/stress-ng", "#!/bin/sh\nexec sleep 60\n")):
+        os.makedirs(os.path.dirname(f"build/{name}"), exist_ok=True)
+        with open(f"build/{name}", "w", encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(f"build/{name}", 0o755)
+    os.environ["PATH"] = f"{folder}/build/bin:{os.environ['PATH']}"
+    soak.SAMPLING = 0.05
+    steady = soak.run(1 / 60, ".")
+    assert len(steady) > 5 and max(steady) == steady[0], steady
+    with open("leaks", "w", encoding="utf-8"):
+        pass
+    growing = soak.run(1 / 60, ".")
+    assert max(growing)[0] > growing[0][0] + 1024, growing
 print("passed")

@@ -47,7 +47,8 @@ static int open_fixture(void **state) {
     if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) != TROCAR_OK
         || simulation_create(&f->scene.simulation, &f->simulation, &why) != TROCAR_OK
         || exchange_create(&f->exchange, &why) != TROCAR_OK
-        || telemetry_create(&f->telemetry, &(telemetry_settings){"memq://", f->scene.path, 1000, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, false},
+        || telemetry_create(&f->telemetry, &(telemetry_settings){.lcm_url = "memq://", .scene_path = f->scene.path, .rate_hz = 1000,
+                                                                    .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55},
                             &f->simulation, &f->worker, &f->exchange, &why) != TROCAR_OK) {
         print_error("%s\n", why.text);
         return -1;

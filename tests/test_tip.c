@@ -67,6 +67,27 @@ static void capsule_stops_it_where_it_is(void **unused) {
     lockstep_free(l);
 }
 
+/* At the capsule, with so many layers noted already. */
+static insertion_wrench into_the_gland_after(lockstep *l, int layers) {
+    break_through(l);
+    go(l, 0.06);
+    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.tet]};
+    l->state.stratum_count = layers;
+    return break_through(l);
+}
+
+static void layers_that_find_no_room_are_told(void **unused) {
+    (void)unused;
+    lockstep *l = touching();
+    assert_false(into_the_gland_after(l, MAX_STRATA - 1).events & EVENT_FULL);
+    assert_int_equal(l->state.stratum_count, MAX_STRATA);
+    lockstep_free(l);
+    l = touching();
+    assert_true(into_the_gland_after(l, MAX_STRATA).events & EVENT_FULL);
+    assert_int_equal(l->state.stratum_count, MAX_STRATA);
+    lockstep_free(l);
+}
+
 static void bone_is_never_entered(void **unused) {
     (void)unused;
     lockstep *l = touching();
@@ -121,6 +142,7 @@ static void bevel_turns_the_cut_away_from_its_face(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(skin_stops_it_until_punctured), cmocka_unit_test(capsule_stops_it_where_it_is),
+        cmocka_unit_test(layers_that_find_no_room_are_told),
         cmocka_unit_test(bone_is_never_entered),         cmocka_unit_test(there_and_back),
         cmocka_unit_test(bevel_turns_the_cut_away_from_its_face),
     };

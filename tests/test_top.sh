@@ -51,6 +51,6 @@ appears '^ended'
 
 TERM=dumb "$top" --once >once || fail "--once: status $?"
 grep -qE '^  lateness +[0-9.]+ [um]s' once || fail "no lateness"
-TERM=dumb timeout 1.5 script -qec "$top" /dev/null >once </dev/null || [ $? -eq 124 ] || fail "dumb terminal"
+TERM=dumb timeout 1.5 script -qec "'$top'" /dev/null >once </dev/null || [ $? -eq 124 ] || fail "dumb terminal"
 grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "escape sequences in a dumb terminal"
 echo passed

@@ -95,14 +95,17 @@ static void it_listens_on_one_address_only(void **unused) {
 
 /* ---- browsers, as bytes ---- */
 
-enum { TEXT = 1, BINARY = 2 };
+enum { TEXT = 1, BINARY = 2, CLOSE = 8 };
 
 typedef struct {
     int socket;
     unsigned char got[1 << 16];
     size_t length, taken;    /* bytes: received, and of frames that were looked at */
     bool open, closed;
+    int answer;              /* HTTP status, 0 before it has come */
     int updates;
+    int end;                 /* status code of the WebSocket's end, 0: none was given */
+    char reason[126];
 } client;
 
 typedef struct {
@@ -110,6 +113,7 @@ typedef struct {
     timeline timeline;
     byte_buffer scene;
     int takes, releases;
+    bool no_server;          /* nobody may drive */
 } fixture;
 
 static char *describe(void *context, bool drives, bool driven) {
@@ -123,13 +127,15 @@ static void act(void *context, const web_action *action) {
     f->releases += action->kind == ACTION_RELEASE;
 }
 
+static bool may_drive(void *context) { return !((fixture *)context)->no_server; }
+
 static void open_fixture(fixture *f, int patience) {
     report why;
     *f = (fixture){0};
     bytes_append(&f->scene, "a scene.", 8);
     assert_int_equal(timeline_create(&f->timeline, true, &why), TROCAR_OK);
     web_settings settings = {.page = folder, .timeline = &f->timeline, .scene = &f->scene, .context = f, .describe = describe,
-                             .act = act, .patience = patience};
+                             .act = act, .may_drive = may_drive, .patience = patience};
     assert_int_equal(web_create(&settings, &f->web, &why), TROCAR_OK);
 }
 
@@ -153,6 +159,10 @@ static bool take_frame(client *c) {
     size_t length = head == 4 ? (size_t)(frame[2] << 8 | frame[3]) : frame[1];
     if (left < head + length) return false;
     c->updates += (frame[0] & 0xf) == BINARY;
+    if ((frame[0] & 0xf) == CLOSE && length >= 2) {
+        c->end = frame[head] << 8 | frame[head + 1];
+        memcpy(c->reason, frame + head + 2, length - 2);
+    }
     c->taken += head + length;
     return true;
 }
@@ -160,9 +170,9 @@ static bool take_frame(client *c) {
 static void take_answer(client *c) {
     const char *end = memmem(c->got, c->length, "\r\n\r\n", 4);
     if (!end) return;
-    assert_memory_equal(c->got, "HTTP/1.1 101", 12);
+    c->answer = atoi((const char *)c->got + strlen("HTTP/1.1 "));
     c->taken = (size_t)(end + 4 - (const char *)c->got);
-    c->open = true;
+    c->open = c->answer == 101;
 }
 
 /* The web's round, then the client's. */
@@ -172,20 +182,34 @@ static void go_round(fixture *f, client *clients, int count) {
         ssize_t got = read(c->socket, c->got + c->length, sizeof c->got - c->length);
         c->closed |= got == 0 || (got < 0 && errno == ECONNRESET);
         if (got > 0) c->length += (size_t)got;
-        if (!c->open) take_answer(c);
+        if (c->answer == 0) take_answer(c);
         while (c->open && take_frame(c)) continue;
     }
 }
 
-static void join(fixture *f, client *c) {
+/* Connects, says nothing. */
+static void connect_client(fixture *f, client *c) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)web_port(f->web)), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     *c = (client){.socket = socket(AF_INET, SOCK_STREAM, 0)};
     assert_int_equal(connect(c->socket, (struct sockaddr *)&there, sizeof there), 0);
-    dprintf(c->socket, "GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nOrigin: http://127.0.0.1:%d\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-                       "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
-                       "Sec-WebSocket-Protocol: trocar-view\r\n\r\n", web_port(f->web), web_port(f->web));
     fcntl(c->socket, F_SETFL, O_NONBLOCK);
-    while (!c->open) go_round(f, c, 1);
+}
+
+/* Sends a request and waits for the answer's head. `origin` NULL: none; `protocol` NULL: plain HTTP, "": a WebSocket that names none. */
+static void request(fixture *f, client *c, const char *host, const char *origin, const char *protocol) {
+    connect_client(f, c);
+    dprintf(c->socket, "GET / HTTP/1.1\r\nHost: %s:%d\r\n", host, web_port(f->web));
+    if (origin) dprintf(c->socket, "Origin: http://%s:%d\r\n", origin, web_port(f->web));
+    if (protocol) dprintf(c->socket, "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+                                     "Sec-WebSocket-Version: 13\r\n");
+    if (protocol && *protocol) dprintf(c->socket, "Sec-WebSocket-Protocol: %s\r\n", protocol);
+    dprintf(c->socket, "\r\n");
+    while (c->answer == 0 && !c->closed) go_round(f, c, 1);
+}
+
+static void join(fixture *f, client *c) {
+    request(f, c, "127.0.0.1", "127.0.0.1", "trocar-view");
+    assert_int_equal(c->answer, 101);
 }
 
 /* Answers what it has got since `seen`. */
@@ -193,7 +217,7 @@ static void acknowledge(const client *c, int *seen) {
     for (; *seen < c->updates; ++*seen) say(c, BINARY, ACTION_ACKNOWLEDGE, WEB_ACTION_BYTES);
 }
 
-static void a_browser_that_hangs_holds_up_nobody_and_loses_the_needle(void **unused) {
+static void a_browser_that_hangs_holds_up_nobody_and_is_disconnected(void **unused) {
     (void)unused;
     fixture f;
     static client clients[2];
@@ -215,10 +239,92 @@ static void a_browser_that_hangs_holds_up_nobody_and_loses_the_needle(void **unu
     }
     assert_true(f.takes == 2 && f.releases == 1);
     assert_int_equal(hung->updates, 2);
-    assert_false(hung->closed || lively->closed);
+    assert_true(hung->closed && !lively->closed);
     close(lively->socket);
-    while (f.releases == 1) go_round(&f, hung, 1); /* it is gone */
+    while (f.releases == 1) go_round(&f, NULL, 0); /* it is gone */
     close(hung->socket);
+    close_fixture(&f);
+}
+
+/* Without a server, nobody takes the needle; when the server goes, it is let go of, and who drove must take it again. */
+static void the_needle_is_let_go_when_nobody_may_drive(void **unused) {
+    (void)unused;
+    fixture f;
+    static client c;
+    int answered = 0;
+    open_fixture(&f, 0);
+    f.no_server = true;
+    join(&f, &c);
+    say(&c, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
+    while (c.updates < 3) go_round(&f, &c, 1), acknowledge(&c, &answered);
+    assert_int_equal(f.takes, 0);
+    f.no_server = false;
+    say(&c, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
+    while (f.takes == 0) go_round(&f, &c, 1);
+    f.no_server = true;
+    while (f.releases == 0) go_round(&f, &c, 1), acknowledge(&c, &answered);
+    f.no_server = false;
+    int updates = c.updates;
+    while (c.updates < updates + 3) go_round(&f, &c, 1), acknowledge(&c, &answered);
+    assert_true(f.takes == 1 && f.releases == 1);
+    close(c.socket);
+    close_fixture(&f);
+}
+
+/* All places taken by sockets that say nothing: the next browser is told so, and has a place once they have hung. Sockets that
+   never ask for anything keep nobody out. */
+static void silent_sockets_do_not_keep_others_out(void **unused) {
+    (void)unused;
+    enum { IDLE = 300 };
+    fixture f;
+    static client silent[WEB_BROWSERS], idle[IDLE], late;
+    int answered = 0;
+    open_fixture(&f, 10);
+    for (int i = 0; i < IDLE; i++) connect_client(&f, &idle[i]);
+    for (int i = 0; i < WEB_BROWSERS; i++) join(&f, &silent[i]);
+    join(&f, &late);
+    while (late.end == 0) go_round(&f, &late, 1);
+    assert_int_equal(late.end, 1013);
+    assert_string_equal(late.reason, "16 browsers are connected already: close one of them.");
+    assert_int_equal(late.updates, 0);
+    close(late.socket);
+    while (!silent[0].closed) go_round(&f, silent, WEB_BROWSERS);
+    join(&f, &late);
+    while (late.updates < 3) go_round(&f, &late, 1), acknowledge(&late, &answered);
+    assert_int_equal(late.end, 0);
+    for (int i = 0; i < WEB_BROWSERS; i++) close(silent[i].socket);
+    for (int i = 0; i < IDLE; i++) close(idle[i].socket);
+    close(late.socket);
+    close_fixture(&f);
+}
+
+/* Another site's page can ask for any protocol, or none. */
+static void other_sites_are_refused_on_every_protocol(void **unused) {
+    (void)unused;
+    static const char *const protocols[] = {"trocar-view", "http", "descriptor", "", "none", NULL};
+    fixture f;
+    static client c;
+    open_fixture(&f, 0);
+    for (size_t i = 0; i < sizeof protocols / sizeof *protocols; i++)
+        for (int renamed = 0; renamed < 2; renamed++) { /* its own name, pointed at 127.0.0.1 */
+            request(&f, &c, renamed ? "evil.example" : "127.0.0.1", "evil.example", protocols[i]);
+            if (c.answer != 403 && !(c.answer == 0 && c.closed))
+                fail_msg("protocol %s: %d", protocols[i] ? protocols[i] : "(no WebSocket)", c.answer);
+            close(c.socket);
+        }
+    request(&f, &c, "evil.example", NULL, NULL);
+    assert_int_equal(c.answer, 403);
+    while (!c.closed) go_round(&f, &c, 1);
+    assert_non_null(memmem(c.got, c.length, "start trocar-view with --host", 29)); /* whoever meant well is told what to do */
+    close(c.socket);
+    request(&f, &c, "127.0.0.1", NULL, NULL);
+    assert_int_equal(c.answer, 200);
+    close(c.socket);
+    for (size_t i = 1; i < 5; i++) {
+        request(&f, &c, "127.0.0.1", "127.0.0.1", protocols[i]);
+        assert_int_not_equal(c.answer, 101);
+        close(c.socket);
+    }
     close_fixture(&f);
 }
 
@@ -244,7 +350,10 @@ int main(void) {
         cmocka_unit_test(only_pages_from_here_may_connect),
         cmocka_unit_test(it_listens_on_one_address_only),
         cmocka_unit_test(a_page_that_is_not_built_is_said),
-        cmocka_unit_test(a_browser_that_hangs_holds_up_nobody_and_loses_the_needle),
+        cmocka_unit_test(a_browser_that_hangs_holds_up_nobody_and_is_disconnected),
+        cmocka_unit_test(the_needle_is_let_go_when_nobody_may_drive),
+        cmocka_unit_test(silent_sockets_do_not_keep_others_out),
+        cmocka_unit_test(other_sites_are_refused_on_every_protocol),
         cmocka_unit_test(what_is_no_message_of_the_page_ends_its_connection),
     };
     return cmocka_run_group_tests(tests, make_page, remove_page);

@@ -2,17 +2,18 @@
 
 #include <stdlib.h>
 
+#include "lcm_filter.h"
 #include "message_fit.h"
 #include "timing.h"
 #include "trocar_deformation_t.h"
 
 enum { QUEUE = 512 }; /* half a second of wrenches */
 
-static const int64_t SILENCE = 1000000000; /* ns without a wrench after which no server is there */
+static const int64_t SILENCE = 500000000; /* ns without a wrench after which no server is there */
 
 /* ---- the channels ---- */
 
-static double now(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
+double feed_time(const feed *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
 
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane};
@@ -23,6 +24,17 @@ plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     return s;
 }
 
+/* What the server before has said is not true of another one. */
+static void note_server(feed *f, const trocar_needle_wrench_t *w) {
+    if (f->heard != 0 && w->server == f->wrench.server) return;
+    f->servers++;
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    if (f->status) trocar_status_t_destroy(f->status);
+    f->contacts = NULL;
+    f->status = NULL;
+    f->timing = (trocar_loop_timing_t){0};
+}
+
 static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     feed *f = context;
@@ -31,9 +43,11 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
+    if (!server_choice_follows(&f->choice, w.server, 1e-9 * (double)monotonic_ns())) return;
+    note_server(f, &w);
     f->wrench = w;
     f->heard = monotonic_ns();
-    plot_sample s = sample_of_wrench(now(f), &w);
+    plot_sample s = sample_of_wrench(feed_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
     s.lateness_max = (float)f->timing.lateness_max;
     s.compute_p99 = (float)f->timing.compute_p99;
@@ -47,7 +61,7 @@ static void on_timing(const lcm_recv_buf_t *received, const char *channel, void 
     feed *f = context;
     trocar_loop_timing_t m = {0};
     if (trocar_loop_timing_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) f->refused++;
-    else f->timing = m;
+    else if (m.server == f->choice.followed) f->timing = m;
 }
 
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -59,8 +73,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
-    if (f->status) trocar_status_t_destroy(f->status);
-    f->status = trocar_status_t_copy(&m);
+    if (m.server == f->choice.followed) {
+        if (f->status) trocar_status_t_destroy(f->status);
+        f->status = trocar_status_t_copy(&m);
+    }
     trocar_status_t_decode_cleanup(&m);
 }
 
@@ -73,8 +89,10 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
         f->refused++;
         return;
     }
-    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
-    f->contacts = trocar_contacts_t_copy(&m);
+    if (m.server == f->choice.followed) {
+        if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+        f->contacts = trocar_contacts_t_copy(&m);
+    }
     trocar_contacts_t_decode_cleanup(&m);
 }
 
@@ -94,20 +112,21 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         return;
     }
     report why; /* a picture without memory is left out */
-    if (f->contacts && f->contacts->tick == m.tick)
+    if (f->contacts && f->contacts->tick == m.tick && f->contacts->server == m.server)
         timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
 
 trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
-    static const struct { const char *channel; lcm_msg_handler_t handler; } channels[] = {
-        {"TROCAR_WRENCH", on_wrench}, {"TROCAR_TIMING", on_timing}, {"TROCAR_STATUS", on_status},
-        {"TROCAR_CONTACTS", on_contacts}, {"TROCAR_DEFORMATION", on_deformation}};
-    *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz};
-    for (size_t i = 0; i < sizeof channels / sizeof *channels; i++) {
-        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i].channel, channels[i].handler, f);
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
+    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh comes in fragments */
+    lcm_filter_restrict(&wishes);
+    *f = (feed){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
+    for (size_t i = 0; channels[i] != NULL; i++) {
+        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
         if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)
-            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i].channel);
+            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i]);
     }
     return TROCAR_OK;
 }

@@ -4,6 +4,7 @@
 
 #include <lcm/lcm.h>
 
+#include "server_choice.h"
 #include "timeline.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -15,10 +16,12 @@ typedef struct {
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, of the server's loop */
     int64_t heard;           /* ns, monotonic: last wrench; 0: none */
+    int64_t servers;         /* how many have been heard, one after the other */
     trocar_needle_wrench_t wrench;
     trocar_loop_timing_t timing;
     trocar_contacts_t *contacts; /* newest, NULL before the first */
     trocar_status_t *status; /* newest, NULL before the first */
+    server_choice choice;    /* only the followed one's messages are taken */
     int64_t refused;         /* messages that are not what their channel says */
 } feed;
 
@@ -26,8 +29,11 @@ typedef struct {
 trocar_status feed_open(feed *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why);
 void feed_close(feed *f);
 
-/* Does a server send, as of now? */
+/* Whether a server has sent something in the last half second. */
 bool feed_alive(const feed *f);
+
+/* s since feed_open: the clock of the timeline. */
+double feed_time(const feed *f);
 
 /* Where the server has the needle's base: false if that is not known. */
 bool feed_base(const feed *f, pose *base);

@@ -10,17 +10,22 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs and arrays ar
 /* ---- bytes ---- */
 
 void bytes_append(byte_buffer *b, const void *data, size_t length) {
-    if (b->length + length > b->room) {
+    if (b->failed || length == 0) return;
+    if (length > b->room - b->length) {
         size_t room = 2 * (b->length + length);
-        unsigned char *wider = realloc(b->data, room);
-        b->failed |= wider == NULL;
+        unsigned char *wider = room > length ? realloc(b->data, room) : NULL;
+        b->failed = wider == NULL;
         if (b->failed) return;
         b->data = wider;
         b->room = room;
     }
-    if (b->failed || length == 0) return;
     memcpy(b->data + b->length, data, length);
     b->length += length;
+}
+
+void bytes_clear(byte_buffer *b) {
+    b->length = 0;
+    b->failed = false;
 }
 
 void bytes_free(byte_buffer *b) {
@@ -45,7 +50,6 @@ void section_end(byte_buffer *b, size_t begun) {
     memcpy(b->data + begun - sizeof length, &length, sizeof length);
     pad(b, begun);
 }
-
 
 /* ---- scene ---- */
 

@@ -7,7 +7,7 @@
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
-/* Bytes that grow. After a lack of memory `failed` is set and nothing more is taken. */
+/* A buffer that grows. When memory runs out, `failed` is set and nothing more is appended until it is cleared. */
 typedef struct {
     unsigned char *data;
     size_t length, room;
@@ -15,6 +15,7 @@ typedef struct {
 } byte_buffer;
 
 void bytes_append(byte_buffer *b, const void *data, size_t length);
+void bytes_clear(byte_buffer *b);  /* empty again, keeps its memory */
 void bytes_free(byte_buffer *b);
 
 typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS } section_kind;

@@ -1,7 +1,6 @@
 #include "pilot.h"
 
 #include <errno.h>
-#include <sched.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
@@ -18,6 +17,7 @@ enum { ORDERS = 256 };
 static const int64_t PERIOD = 1000000;         /* ns */
 static const double LONGEST_STEP = 0.01;       /* s that a round may take the needle on by */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops: the browser has hung or gone */
+static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
 trocar_status pilot_create(pilot *p, lcm_t *lcm, pose home, double needle_length, report *why) {
     *p = (pilot){.lcm = lcm, .limits = drive_defaults(needle_length), .home = home, .seq = -1};
@@ -36,6 +36,8 @@ void pilot_tell(pilot *p, const pilot_order *order) {
     ring_push(&p->orders, order);
     wake(p->wake);
 }
+
+void pilot_hear(pilot *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
 
 static void publish_command(const pilot *p, int32_t what) {
     trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what};
@@ -73,8 +75,13 @@ static void publish_pose(pilot *p) {
 
 bool pilot_round(pilot *p, int64_t now, double dt) {
     bool goes_on = true;
+    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* before the orders: see pilot_hear */
     for (pilot_order order; goes_on && ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
     if (!goes_on || !p->holding) return goes_on;
+    if (now - heard > SERVER_SILENCE) {
+        drive_begin(&p->drive, p->home, p->drive.base); /* at rest */
+        return true;
+    }
     if (now - p->ordered > SILENCE) p->command = (drive_command){0};
     drive_step(&p->drive, &p->limits, p->command, dt);
     publish_pose(p);
@@ -83,8 +90,7 @@ bool pilot_round(pilot *p, int64_t now, double dt) {
 
 /* Where it is permitted: browsers beside it may keep the processors busy. */
 static void ask_realtime(void) {
-    struct sched_param priority = {.sched_priority = PRIORITY_DEVICE};
-    sched_setscheduler(0, SCHED_FIFO, &priority);
+    realtime_use_fifo(PRIORITY_DEVICE);
 }
 
 void *pilot_run(void *context) {

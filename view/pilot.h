@@ -1,8 +1,10 @@
-/* The thread that drives the needle for a browser: a device like any other, at 1 kHz. It stops when its orders stop coming. */
+/* The thread that drives the needle for a browser: a device like any other, at 1 kHz. The needle stops when no orders come, and
+   no poses are sent while no server is heard: nobody would feel where the needle goes. */
 #ifndef TROCAR_PILOT_H
 #define TROCAR_PILOT_H
 
 #include <lcm/lcm.h>
+#include <stdatomic.h>
 
 #include "drive.h"
 #include "handover.h"
@@ -22,6 +24,7 @@ typedef struct {
     pose home;
     spsc_ring orders;        /* pilot_order */
     int wake;                /* eventfd */
+    _Atomic int64_t heard;   /* ns, monotonic: the server's last wrench */
 
     /* the thread's own */
     drive_state drive;
@@ -37,7 +40,12 @@ void pilot_free(pilot *p);
 /* From the web's thread; an order that finds the ring full is dropped (the next one follows). */
 void pilot_tell(pilot *p, const pilot_order *order);
 
-/* Takes all orders, then moves by `dt` (s) and publishes if it holds the needle. Returns false after ORDER_END. */
+/* From the thread that gives the orders: the server's last wrench came at `now` (ns, monotonic). Orders given before are obeyed
+   before the next pose is sent. */
+void pilot_hear(pilot *p, int64_t now);
+
+/* Takes all orders, then moves by `dt` (s) and publishes if it holds the needle and a server is heard. Returns false after
+   ORDER_END. */
 bool pilot_round(pilot *p, int64_t now, double dt);
 
 /* Body of the thread; `context` is a pilot. Ends with ORDER_END, having released the needle. */

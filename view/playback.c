@@ -19,8 +19,8 @@ typedef struct {
     int gaps;
 } playback;
 
-static trocar_status prepare(playback *p, const char *path, report *why) {
-    trocar_status status = pose_log_read(path, &p->poses, why);
+static trocar_status prepare(playback *p, const char *path, report *cut, report *why) {
+    trocar_status status = pose_log_read_to_cut(path, &p->poses, cut, why);
     if (status == TROCAR_OK) status = simulation_create(&p->scene->simulation, &p->simulation, why);
     if (status != TROCAR_OK) return status;
     p->state = calloc(1, sizeof *p->state);
@@ -59,11 +59,11 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     return timeline_add_picture(t, pose_log_time(&p->poses, tick), &p->sight.contacts, &p->sight.deformation, why);
 }
 
-trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *why) {
+trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *cut, report *why) {
     playback p = {.scene = scene};
     plot_sample sample;
     double next_picture = 0; /* s */
-    trocar_status status = prepare(&p, path, why);
+    trocar_status status = prepare(&p, path, cut, why);
     for (int tick = 0; status == TROCAR_OK && tick < p.poses.count; tick++) {
         status = play_tick(&p, tick, &sample, why);
         if (status == TROCAR_OK) status = timeline_add_sample(t, &sample, why);
@@ -83,10 +83,11 @@ static int tick_at(const pose_log *poses, double at) {
     return tick;
 }
 
-trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *why) {
+trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *cut,
+                              report *why) {
     playback p = {.scene = scene};
     plot_sample sample;
-    trocar_status status = prepare(&p, path, why);
+    trocar_status status = prepare(&p, path, cut, why);
     int last = status == TROCAR_OK ? tick_at(&p.poses, at) : -1;
     if (status == TROCAR_OK && last < 0)
         status = fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", path, at,

@@ -81,7 +81,7 @@ trocar_status timeline_add_picture(timeline *t, double time, const trocar_contac
     if (status != TROCAR_OK) return status;
     byte_buffer *place = next_place(t);
     t->picture_bytes -= place->room;
-    place->length = 0;
+    bytes_clear(place);
     encode_picture(place, time, needle, tissue);
     t->picture_bytes += place->room;
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;

@@ -1,4 +1,5 @@
 /* trocar-view: the live scene, or a recorded log, in a browser; and pictures of a log. */
+#define _GNU_SOURCE
 #include <argp.h>
 #include <errno.h>
 #include <pthread.h>
@@ -25,9 +26,20 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
 
+/* What a picture shows and how large it is. */
+typedef struct {
+    int width, height;       /* pixels */
+    int view;                /* 1 .. 4, as the page's keys have it */
+    const char *theme;
+    char cut;                /* axis normal to the cut, 0: none */
+    double place;            /* m, where the cut crosses its axis; NAN: where the needle's tip is */
+} picture;
+
 typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
     double at;               /* s; INFINITY: the end of the log */
+    picture picture;
+    const char *picture_option;   /* the last one given, NULL: none */
     web_settings web;
 } options;
 
@@ -48,6 +60,8 @@ typedef struct {
     pilot pilot;
     pthread_t pilot_thread;
     bool piloting;           /* that thread runs */
+    int64_t servers;         /* as the feed counts them: the one that browsers have been driving on */
+    report cut;              /* where the log ends within an event, empty if it is whole */
 
     output png;              /* --png only */
     bool png_taken;
@@ -55,7 +69,10 @@ typedef struct {
 
 /* ---- command line ---- */
 
-enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT };
+enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
+       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME };
+
+enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels: twice as many are drawn for smooth edges */ };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
@@ -70,8 +87,50 @@ static const struct argp_option option_list[] = {
     {"log", OPTION_LOG, "FILE", 0, "Show this LCM event log, its poses run again in lockstep; needs no network", 2},
     {"png", OPTION_PNG, "FILE", 0, "Write one picture of the log and end; uses headless Chromium", 2},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the picture, from the log's first pose (default: the end)", 2},
+    {"size", OPTION_SIZE, "WIDTHxHEIGHT", 0, "Size of the picture in pixels, 320 to 4096 each (default 1600x1000)", 2},
+    {"view", OPTION_VIEW, "NAME", 0, "Seen from: oblique (default), side, above, or along the needle", 2},
+    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue open in a sagittal, coronal or axial plane, at MM along x, y or z (default: through the tip)", 2},
+    {"theme", OPTION_THEME, "NAME", 0, "light (default) or dark", 2},
     {0},
 };
+
+/* Place of `text` among `count` names; otherwise ends the program through argp_error. */
+static int parse_name(struct argp_state *state, const char *option, const char *text, const char *const *names, int count) {
+    int place = 0;
+    while (place < count && strcmp(text, names[place]) != 0) place++;
+    if (place == count) argp_error(state, "--%s %s: not one of the names in --help", option, text);
+    return place;
+}
+
+static void parse_size(struct argp_state *state, const char *text, picture *p) {
+    int end = 0;
+    bool read = sscanf(text, "%5dx%5d%n", &p->width, &p->height, &end) == 2 && text[end] == '\0';
+    if (!read || p->width < LEAST_SIDE || p->height < LEAST_SIDE || p->width > GREATEST_SIDE || p->height > GREATEST_SIDE)
+        argp_error(state, "--size %s: not WIDTHxHEIGHT with %d to %d pixels each, such as 1600x1000", text, LEAST_SIDE, GREATEST_SIDE);
+}
+
+static void parse_cut(struct argp_state *state, const char *text, picture *p) {
+    static const char *const planes[] = {"sagittal", "coronal", "axial"};
+    char plane[16];
+    const char *colon = strchrnul(text, ':');
+    snprintf(plane, sizeof plane, "%.*s", (int)(colon - text), text);
+    p->cut = "xyz"[parse_name(state, "cut", plane, planes, 3)];
+    p->place = *colon ? 1e-3 * parse_number(state, "cut", colon + 1, -1e4, 1e4) : NAN;
+}
+
+static error_t parse_picture_option(int key, char *text, struct argp_state *state) {
+    static const char *const views[] = {"oblique", "side", "above", "along"}, *const themes[] = {"light", "dark"};
+    options *o = state->input;
+    switch (key) {
+    case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6), o->picture_option = "--at"; break;
+    case OPTION_SIZE: parse_size(state, text, &o->picture), o->picture_option = "--size"; break;
+    case OPTION_VIEW: o->picture.view = 1 + parse_name(state, "view", text, views, 4), o->picture_option = "--view"; break;
+    case OPTION_CUT: parse_cut(state, text, &o->picture), o->picture_option = "--cut"; break;
+    case OPTION_THEME: o->picture.theme = themes[parse_name(state, "theme", text, themes, 2)], o->picture_option = "--theme"; break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
@@ -85,15 +144,14 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_PAGE: o->web.page = text; break;
     case OPTION_LOG: o->log_path = text; break;
     case OPTION_PNG: o->png_path = text; break;
-    case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (!o->scene_path) argp_error(state, "--scene is missing");
         if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
-        if (isfinite(o->at) && !o->png_path) argp_error(state, "--at needs --png");
+        if (o->picture_option && !o->png_path) argp_error(state, "%s needs --png", o->picture_option);
         if (o->png_path) o->web.port = 0, o->web.address = o->web.socket = NULL;
         break;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return parse_picture_option(key, text, state);
     }
     return 0;
 }
@@ -124,11 +182,16 @@ static char *describe(void *context, bool drives, bool driven) {
     FILE *out = open_memstream(&text, &length);
     if (!out) return NULL;
     bool alive = v->lcm && feed_alive(&v->feed);
-    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", v->timeline.now, alive ? "true" : "false",
+    double now = v->lcm ? feed_time(&v->feed) : v->timeline.now;
+    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", now, alive ? "true" : "false",
             drives ? "true" : "false", driven ? "true" : "false");
     if (alive) {
-        fprintf(out, ",\"rate\":%g", v->feed.timing.rate_hz);
+        fprintf(out, ",\"rate\":%g,\"shown\":%s", v->feed.timing.rate_hz, v->feed.contacts ? "true" : "false");
         write_status(v, out);
+    }
+    if (*v->cut.text) {
+        fprintf(out, ",\"message\":");
+        json_string(v->cut.text, out);
     }
     fprintf(out, "}");
     fclose(out);
@@ -152,6 +215,27 @@ static void act(void *context, const web_action *action) {
     pilot_tell(&v->pilot, &order);
 }
 
+/* Takes what has come from the network. A server that was not there before knows nothing of an insertion: nobody drives on. */
+static void receive(view *v) {
+    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    if (v->feed.servers != v->servers) web_let_go(v->web);
+    v->servers = v->feed.servers;
+}
+
+/* A server feels the needle, and no other client holds it. */
+static bool has_needle(const view *v) {
+    int64_t owner = v->feed.wrench.session;
+    return feed_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
+}
+
+/* What still waits to be received counts as heard. */
+static bool may_drive(void *context) {
+    view *v = context;
+    if (!v->lcm) return false;
+    receive(v);
+    return has_needle(v);
+}
+
 static void take_png(void *context, const void *png, size_t size) {
     view *v = context;
     v->png_taken = fwrite(png, 1, size, v->png.file) == size;
@@ -162,7 +246,9 @@ static void take_png(void *context, const void *png, size_t size) {
 
 static void on_lcm(void *context) {
     view *v = context;
-    while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
+    receive(v);
+    if (!has_needle(v)) web_let_go(v->web);
+    pilot_hear(&v->pilot, v->feed.heard);
     web_news(v->web);
 }
 
@@ -220,6 +306,7 @@ static trocar_status open_web(view *v, report *why) {
     settings.context = v;
     settings.describe = describe;
     settings.act = act;
+    settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
     encode_scene(&v->encoded_scene, &v->scene, &v->mesh, v->home, v->options->log_path == NULL);
     if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
@@ -247,15 +334,30 @@ static trocar_status open_log(view *v, report *why) {
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
     if (status != TROCAR_OK) return status;
-    return o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, why)
-                       : playback_run(&v->scene, o->log_path, &v->timeline, why);
+    status = o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, &v->cut, why)
+                         : playback_run(&v->scene, o->log_path, &v->timeline, &v->cut, why);
+    if (*v->cut.text) fprintf(stderr, "trocar-view: %s; it is shown up to there\n", v->cut.text);
+    return status;
+}
+
+static trocar_status check_cut(const view *v, report *why) {
+    const picture *p = &v->options->picture;
+    if (!p->cut || isnan(p->place)) return TROCAR_OK;
+    vec3 low = v->mesh.bvh[0].low, high = v->mesh.bvh[0].high;
+    double from = p->cut == 'x' ? low.x : p->cut == 'y' ? low.y : low.z, to = p->cut == 'x' ? high.x : p->cut == 'y' ? high.y : high.z;
+    if (p->place > from && p->place < to) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "--cut: %c = %g mm does not cross the body, which lies from %.1f to %.1f mm", p->cut, 1e3 * p->place,
+                1e3 * from, 1e3 * to);
 }
 
 static trocar_status prepare(view *v, report *why) {
     const options *o = v->options;
     trocar_status status = scene_load(o->scene_path, &v->scene, why);
-    if (status == TROCAR_OK) status = mesh_read(v->scene.simulation.mesh_path, &v->mesh, why);
+    if (status == TROCAR_OK) status = mesh_read_in(v->scene.simulation.mesh_path, v->scene.simulation.mesh_unit, &v->mesh, why);
+    if (status == TROCAR_OK) status = check_cut(v, why);
     if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&v->mesh, v->scene.simulation.needle.length, v->scene.simulation.needle.outer_diameter);
+    if (v->mesh.remarks.text[0]) fprintf(stderr, "trocar-view: warning: %s\n", v->mesh.remarks.text);
     v->home = find_home(&v->mesh, v->scene.simulation.needle.length);
     status = timeline_create(&v->timeline, o->log_path == NULL, why);
     if (status == TROCAR_OK && o->log_path) status = open_log(v, why);
@@ -264,12 +366,12 @@ static trocar_status prepare(view *v, report *why) {
 }
 
 static void clean_up(view *v) {
+    if (v->web) web_free(v->web); /* first: a browser that drives releases the needle when its connection ends */
     if (v->piloting) {
         pilot_tell(&v->pilot, &(pilot_order){.kind = ORDER_END});
         pthread_join(v->pilot_thread, NULL);
         pilot_free(&v->pilot);
     }
-    if (v->web) web_free(v->web);
     feed_close(&v->feed);
     if (v->lcm) lcm_destroy(v->lcm);
     output_abandon(&v->png);
@@ -294,10 +396,19 @@ static void serve(view *v) {
     while (!v->stop) web_round(v->web);
 }
 
+/* The page with what it needs to draw the picture: see pose in page/src/main.js. */
+static void picture_url(const view *v, size_t size, char *url) {
+    const picture *p = &v->options->picture;
+    int length = snprintf(url, size, "http://127.0.0.1:%d/?picture&width=%d&height=%d&view=%d&theme=%s", web_port(v->web), p->width, p->height,
+                          p->view, p->theme);
+    if (p->cut) length += snprintf(url + length, size - (size_t)length, "&cut=%c", p->cut);
+    if (p->cut && !isnan(p->place)) snprintf(url + length, size - (size_t)length, "&place=%.9g", p->place);
+}
+
 /* The page draws the picture and sends it back. */
 static trocar_status take_picture(view *v, report *why) {
-    char url[128];
-    snprintf(url, sizeof url, "http://127.0.0.1:%d/?picture", web_port(v->web));
+    char url[256];
+    picture_url(v, sizeof url, url);
     chromium browser;
     trocar_status status = chromium_start(&browser, url, why);
     int64_t deadline = monotonic_ns() + PICTURE_PATIENCE;
@@ -313,7 +424,7 @@ static trocar_status take_picture(view *v, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = INFINITY, .web.port = WEB_PORT};
+    options o = {.at = INFINITY, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     realtime_flush_denormals();   /* a log gives the same numbers as in trocar-replay */
 

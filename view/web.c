@@ -12,6 +12,8 @@ enum {
     UPDATE_BYTES = 1 << 18,  /* about, of one update */
     PNG_BYTES = 64 << 20,    /* longest picture that is taken */
     WATCHES = 4,
+    HANDSHAKE_PATIENCE = 5,  /* s for a request to be complete */
+    TRY_AGAIN_LATER = 1013,  /* status code of a WebSocket's end, RFC 6455 and IANA */
 };
 
 static const lws_usec_t STATUS_PERIOD = 100000; /* us */
@@ -22,6 +24,7 @@ typedef struct browser {
     struct lws *wsi;
     timeline_cursor cursor;
     bool has_scene, wants_status;
+    bool refused;            /* is told why and disconnected; not among `browsers` */
     int in_flight;
     int silent;              /* statuses since its last message */
     byte_buffer received;    /* of the message that is arriving */
@@ -55,18 +58,36 @@ static bool is_host(const char *given, const char *name) {
     return given[length] == '\0' || given[length] == ':';
 }
 
-bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name) {
-    static const char scheme[] = "http://";
-    if (strncmp(origin, scheme, sizeof scheme - 1) != 0 || strcasecmp(origin + sizeof scheme - 1, host) != 0) return false;
+bool web_host_allowed(const char *host, const char *address, const char *name) {
     return is_host(host, "127.0.0.1") || is_host(host, "localhost") || is_host(host, "::1")
         || (address && is_host(host, address)) || (name && is_host(host, name));
 }
 
-static bool may_connect(const web *w, struct lws *wsi) {
+bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name) {
+    static const char scheme[] = "http://";
+    if (strncmp(origin, scheme, sizeof scheme - 1) != 0 || strcasecmp(origin + sizeof scheme - 1, host) != 0) return false;
+    return web_host_allowed(host, address, name);
+}
+
+/* Answers 403 with the reason and returns -1. */
+static int forbid(struct lws *wsi, const char *reason) {
+    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, reason);
+    return -1;
+}
+
+/* What every request must satisfy, for a page's files (`socket` false) and for WebSockets. Returns -1 for one that was refused. */
+static int filter(const web *w, struct lws *wsi, bool socket) {
+    const web_settings *s = &w->settings;
     char origin[256] = "", host[256] = "";
     lws_hdr_copy(wsi, origin, sizeof origin, WSI_TOKEN_ORIGIN);
     lws_hdr_copy(wsi, host, sizeof host, WSI_TOKEN_HOST);
-    return w->browser_count < WEB_BROWSERS && web_origin_allowed(origin, host, w->settings.address, w->settings.host);
+    bool has_origin = lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) > 0;
+    if (!web_host_allowed(host, s->address, s->host))
+        return forbid(wsi, "trocar-view does not answer under this name. Open the page at 127.0.0.1 or localhost, or start trocar-view "
+                           "with --host and this name.");
+    if ((socket || has_origin) && !web_origin_allowed(origin, host, s->address, s->host))
+        return forbid(wsi, "Pages of other sites may not connect to trocar-view.");
+    return 0;
 }
 
 /* ---- sending ---- */
@@ -78,12 +99,20 @@ static void append_status(web *w, browser *b) {
     free(json);
 }
 
+/* Returns -1: the connection is closed. */
+static int send_refusal(const browser *b) {
+    char reason[100];
+    int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);
+    lws_close_reason(b->wsi, (enum lws_close_status)TRY_AGAIN_LATER, (unsigned char *)reason, (size_t)length);
+    return -1;
+}
+
 /* Returns -1 to close the connection. */
 static int send_update(web *w, browser *b) {
     static const unsigned char space[LWS_PRE];
+    if (b->refused) return send_refusal(b);
     if (b->in_flight >= IN_FLIGHT) return 0;
-    w->update.length = 0;
-    w->update.failed = false;
+    bytes_clear(&w->update);
     bytes_append(&w->update, space, sizeof space);
     if (!b->has_scene) bytes_append(&w->update, w->settings.scene->data, w->settings.scene->length);
     if (b->wants_status) append_status(w, b);
@@ -113,13 +142,23 @@ static void set_driver(web *w, browser *b, action_kind kind) {
     w->settings.act(w->settings.context, &(web_action){.kind = kind});
 }
 
-/* A page that lives answers each status. They are counted, not timed: a pause of this program is no silence of theirs. */
+void web_let_go(web *w) {
+    if (w->driver) set_driver(w, NULL, ACTION_RELEASE);
+}
+
+static bool may_drive(const web *w) { return !w->settings.may_drive || w->settings.may_drive(w->settings.context); }
+
+/* A page that lives answers each status. They are counted, not timed: a pause of this program is no silence of theirs. One that
+   has hung must not keep the needle, nor a place that another could have: it is disconnected, and comes back when it goes on. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);
     for (browser *b = w->browsers; b; b = b->next) {
         b->wants_status = true;
-        if (++b->silent > w->settings.patience && b == w->driver) set_driver(w, NULL, ACTION_RELEASE);
+        if (++b->silent <= w->settings.patience) continue;
+        if (b == w->driver) web_let_go(w);
+        lws_set_timeout(b->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
     }
+    if (w->driver && !may_drive(w)) web_let_go(w);
     web_news(w);
     lws_sul_schedule(w->lws, 0, &w->timer, on_timer, STATUS_PERIOD);
 }
@@ -134,10 +173,10 @@ static void take_action(web *w, browser *b, const web_action *action) {
         offer(w, b);
         break;
     case ACTION_TAKE:
-        if (!w->driver) set_driver(w, b, ACTION_TAKE);
+        if (!w->driver && may_drive(w)) set_driver(w, b, ACTION_TAKE);
         break;
     case ACTION_RELEASE:
-        if (w->driver == b) set_driver(w, NULL, ACTION_RELEASE);
+        if (w->driver == b) web_let_go(w);
         break;
     case ACTION_STEER:
     case ACTION_RESET:
@@ -165,6 +204,7 @@ static bool take_message(web *w, browser *b) {
 /* Returns -1 to close the connection. */
 static int receive(web *w, browser *b, const void *data, size_t length) {
     size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES;
+    if (b->refused) return 0;
     if (b->received.length + length > most || !lws_frame_is_binary(b->wsi)) return -1;
     b->silent = 0;
     bytes_append(&b->received, data, length);
@@ -177,14 +217,15 @@ static int receive(web *w, browser *b, const void *data, size_t length) {
 /* ---- browsers come and go ---- */
 
 static void add_browser(web *w, browser *b, struct lws *wsi) {
-    *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true};
+    *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true, .refused = w->browser_count == WEB_BROWSERS};
+    lws_callback_on_writable(wsi);
+    if (b->refused) return;
     w->browsers = b;
     w->browser_count++;
-    lws_callback_on_writable(wsi);
 }
 
 static void remove_browser(web *w, browser *b) {
-    if (w->driver == b) set_driver(w, NULL, ACTION_RELEASE);
+    if (w->driver == b) web_let_go(w);
     browser **link = &w->browsers;
     while (*link && *link != b) link = &(*link)->next;
     if (*link) {
@@ -194,15 +235,21 @@ static void remove_browser(web *w, browser *b) {
     bytes_free(&b->received);
 }
 
+/* The page's files. A WebSocket that names no protocol comes here, too. */
+static int on_request(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
+    switch (reason) {
+    case LWS_CALLBACK_FILTER_HTTP_CONNECTION: return filter(lws_context_user(lws_get_context(wsi)), wsi, false);
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return forbid(wsi, "trocar-view has no such protocol.");
+    default: return lws_callback_http_dummy(wsi, reason, user, data, length);
+    }
+}
+
 static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
     struct lws_context *context = lws_get_context(wsi);
     web *w = context ? lws_context_user(context) : NULL;
     browser *b = user;
     switch (reason) {
-    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
-        if (may_connect(w, wsi)) return 0;
-        lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, "this page may not connect here");
-        return -1;
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return filter(w, wsi, true);
     case LWS_CALLBACK_ESTABLISHED: add_browser(w, b, wsi); return 0;
     case LWS_CALLBACK_SERVER_WRITEABLE: return send_update(w, b);
     case LWS_CALLBACK_RECEIVE: return receive(w, b, data, length);
@@ -213,6 +260,7 @@ static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *us
 
 static int on_descriptor(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
     (void)user, (void)data, (void)length;
+    if (reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION) return forbid(wsi, "trocar-view has no such protocol.");
     if (reason != LWS_CALLBACK_RAW_RX_FILE) return 0;
     web *w = lws_context_user(lws_get_context(wsi));
     const watch *seen = lws_get_opaque_user_data(wsi);
@@ -223,7 +271,7 @@ static int on_descriptor(struct lws *wsi, enum lws_callback_reasons reason, void
 /* ---- set-up ---- */
 
 static const struct lws_protocols protocols[] = {
-    {.name = "http", .callback = lws_callback_http_dummy},
+    {.name = "http", .callback = on_request},
     {.name = "trocar-view", .callback = on_socket, .per_session_data_size = sizeof(browser), .rx_buffer_size = 1 << 16},
     {.name = "descriptor", .callback = on_descriptor},
     {0},
@@ -246,6 +294,7 @@ static trocar_status listen_here(web *w, report *why) {
     const char *place = s->socket ? s->socket : s->address ? s->address : "127.0.0.1";
     struct lws_context_creation_info info = {
         .port = s->socket ? 0 : s->port, .iface = place, .protocols = protocols, .mounts = &mount, .user = w, .vhost_name = "trocar-view",
+        .timeout_secs = HANDSHAKE_PATIENCE, .keepalive_timeout = HANDSHAKE_PATIENCE, .timeout_secs_ah_idle = HANDSHAKE_PATIENCE,
         .options = LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE | LWS_SERVER_OPTION_EXPLICIT_VHOSTS
                  | LWS_SERVER_OPTION_FAIL_UPON_UNABLE_TO_BIND | (v6 ? 0 : LWS_SERVER_OPTION_DISABLE_IPV6)
                  | (s->socket ? LWS_SERVER_OPTION_UNIX_SOCK : 0)};

@@ -24,13 +24,14 @@ typedef struct {
     const char *socket;      /* path of a Unix socket to listen on instead, or NULL */
     const char *host;        /* name under which browsers may open the page besides localhost and `address`, or NULL */
     int port;                /* 0: any free one */
-    int patience;            /* tenths of a second without a message after which a browser that drives has hung: it loses the
-                                needle; 0: WEB_PATIENCE */
+    int patience;            /* tenths of a second without a message after which a browser has hung and is disconnected;
+                                0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* encoded: sent first */
     void *context;           /* of the functions below */
     char *(*describe)(void *context, bool drives, bool driven);  /* JSON of the state, to be freed; NULL: none now */
     void (*act)(void *context, const web_action *action);        /* of the one browser that drives */
+    bool (*may_drive)(void *context);  /* whether a browser may take and keep the needle now; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: none is taken */
 } web_settings;
 
@@ -48,9 +49,14 @@ void web_round(web *w);
 /* There is news in the timeline. */
 void web_news(web *w);
 
-/* May a page from `origin` open a WebSocket here, whose Host header was `host`? Only one that came from here itself, under
-   a name of this machine: another site's page could otherwise drive the needle, also through a name that it has pointed
-   at 127.0.0.1. */
+/* Takes the needle from the browser that drives, if one does. */
+void web_let_go(web *w);
+
+/* Whether a request with this Host header is meant for this program: under another name, a site could point it at 127.0.0.1. */
+bool web_host_allowed(const char *host, const char *address, const char *name);
+
+/* Whether a page from `origin` may open a WebSocket here, given the request's Host header: only a page that came from here, under
+   an allowed name. Another site's page could otherwise drive the needle. */
 bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name);
 
 #endif

@@ -30,7 +30,7 @@ static void try_status(const uint8_t *data, size_t size) {
     trocar_status_t m;
     if (!status_fits(data, size)) return;
     if (trocar_status_t_decode(data, 0, (int)size, &m) < 0) return;
-    REQUIRE(strlen(m.scene) < size && strlen(m.message) < size);
+    REQUIRE(strlen(m.host) < size && strlen(m.scene) < size && strlen(m.inverse) < size && strlen(m.message) < size);
     trocar_status_t_decode_cleanup(&m);
 }
 

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "local.h"
+#include "shaft.h"
 #include "simulation.h"
 #include "tip.h"
 #include "window.h"
@@ -63,22 +64,26 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_model *model = &b->simulation.insertion;
     int contacts = contacts_passed(s), n = contacts + 1, handles[4];
     const int *corners = model->mesh->tets[s->tip.tet];
-    double weights[4], from = 0.0, whole = s->tip.depth, own = 0.0;
+    double weights[4], own = 0.0;
+    static insertion_state all; /* every contact takes part */
+    all = *s;
+    all.active = contacts;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
     if (!window_covers(&b->snapshot, corners, handles)) return 0;
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
-        double to = 0.5 * (s->contacts[i].depth + (i + 1 < contacts ? s->contacts[i + 1].depth : whole));
+        shaft_share share = shaft_share_of(&all, i, true);
         const added_node *node = &s->refined.nodes[i];
-        a[i * n + i] += local_between(model, s, node->tet, node->position, from, to, axis == 2, local_surplus(model, node->tet, node->position));
-        from = to;
+        a[i * n + i] += local_between(model, s, node->tet, node->position, share.from, share.to, axis == 2,
+                                      local_surplus(model, node->tet, node->position));
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
-    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, whole);
-    double share = local_at(model, s->tip.tet, s->tip.nominal).lateral / (whole - from + model->needle->radius);
-    double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, from, whole, true, 0.0);
-    a[contacts * n + contacts] = own + (axis == 2 ? 1.0 / (1.0 / disc + 1.0 / shaft) : share); /* disc and shaft side by side */
+    shaft_share share = shaft_share_of(&all, contacts, true);
+    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0);
+    double end = local_at(model, s->tip.tet, s->tip.nominal).lateral / model->needle->radius;
+    double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, share.from, share.to, axis == 2, 0.0);
+    a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* side by side */
     *tip_alone = 1e-3 / (own + disc);
     return n;
 }

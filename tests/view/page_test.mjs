@@ -1,11 +1,15 @@
 // The page as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
 // usage: page_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
+import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
+import { connect } from 'node:net'
 import path from 'node:path'
-import { ADDRESS, launch, scene, source, start, stop } from './parts.mjs'
+import { axe, ADDRESS, launch, run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
+const LOG = path.join(source, 'tests/traces/figure8.log')
+const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
 const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 
@@ -31,6 +35,7 @@ async function until(page, expression) {
   assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
 }
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
+const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
 const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
 
@@ -48,17 +53,29 @@ try {
     assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), Number(written[1]))
     for (const layer of ['body', 'prostate', 'capsule', 'bone']) assert(await first.evaluate(`trocar.stage.anatomy.layers.has('${layer}')`), layer)
     assert.equal(await first.evaluate('trocar.history.pictures.length'), 0)
+    await until(first, 'document.getElementById("scale-bar").clientWidth > 40')
     assert(await tip(first) < 0, 'the needle waits outside')
   })
+
+  for (const [width, height] of [[390, 844], [844, 390], [1024, 768]])
+    await check(`layout without a server, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
 
   await check('a server that starts is seen', async () => {
     server = await startServer()
     await until(first, badge('live'))
   })
 
-  await check('keys drive the needle into the tissue', async () => {
-    await first.click('#take')
+  await check('keys drive the needle into the tissue, and a double click takes it once', async () => {
+    const before_it = await first.locator('#take').boundingBox()
+    await first.dblclick('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
+    const reset = await first.locator('#reset').boundingBox()
+    assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
     await until(first, 'trocar.shown.contacts.length / 8 >= 5')
@@ -94,8 +111,19 @@ try {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
-    await first.keyboard.press('Home')
-    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3`)
+    await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
+    await first.keyboard.down('w') // the needle is not driven by what is not seen
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+    await first.keyboard.up('w')
+    assert(await first.evaluate('trocar.status.drives'), 'it is still held')
+    await first.click('#banner button')
+    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
+  })
+
+  await check('what the server says is shown', async () => {
+    const device = run('clients/trocar-device', '--duration', '0.5')
+    await until(first, '/server: .*session.* holds the needle/.test(document.getElementById("notice").textContent)')
+    await stop(device)
   })
 
   await check('a second browser sees the same and cannot take the needle', async () => {
@@ -134,13 +162,15 @@ try {
   })
 
   await check('ten minutes take no more room than one', async () => {
-    const held = await first.evaluate(() => {
+    const held = await first.evaluate(async () => {
       const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
       const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
       for (let k = 1; k <= 60000; k++) {
         kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
         if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
-        if (k % 6000 === 0) sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+        if (k % 6000) continue
+        sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+        await new Promise((done) => setTimeout(done)) // the page answers meanwhile: it keeps the needle
       }
       return sizes
     })
@@ -170,17 +200,71 @@ try {
     assert.deepEqual(await first.evaluate(graphicsHeld), held)
   })
 
+  for (const [width, height] of SIZES)
+    await check(`layout while the needle is driven, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
+
+  await check('only a Reset that is held resets', async () => {
+    const deep = await tip(first), [reset] = [first.locator('#reset')]
+    await reset.click()
+    await first.waitForTimeout(1000)
+    assert(Math.abs(await tip(first) - deep) < 1e-3)
+    await reset.hover()
+    await first.mouse.down()
+    await until(first, 'trocar.stage.needle.tip.z < 0')
+    await first.mouse.up()
+  })
+
   await check('the needle is released with its browser', async () => {
     await first.context().close()
     await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
     await until(second, '!document.getElementById("take").disabled')
   })
 
-  await check('a server killed and back is seen', async () => {
+  await check('a server that dies lets the needle go, and the next one is driven only when a person asks for it', async () => {
+    await second.click('#take')
+    await until(second, 'trocar.status.drives && trocar.status.owned === "here"')
+    await second.keyboard.down('w')
+    await until(second, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     await stop(server, 'SIGKILL')
-    await until(second, badge('no server'))
+    await until(second, `${badge('no server')} && ${banner('Last heard')} && !trocar.status.drives && document.getElementById('controls').hidden`)
+    await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
+    const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still down
+    assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
+    const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
+    assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
+    assert(await tip(second) < 0, 'and shown there')
+    await second.keyboard.up('w')
+    const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
+    assert(back - died > 0.5)
+    await second.selectOption('#window', '60')
+    await second.waitForTimeout(500) // the plots are drawn at their own pace
+    const end = await second.evaluate('trocar.history.end')
+    const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
+    assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
+    assert(/let go/.test(await second.textContent('#drive-note')))
+  })
+
+  await check('a trocar-view that does not answer is no live one', async () => {
+    view.kill('SIGSTOP')
+    await until(second, `${badge('stale')} && ${banner('does not answer')}`)
+    view.kill('SIGCONT')
     await until(second, badge('live'))
+  })
+
+  await check('a browser that finds all places taken is told so', async () => {
+    const others = await Promise.all(Array.from({ length: 15 }, joinRaw))
+    const third = await open()
+    await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
+    for (const socket of others) socket.destroy()
+    await until(third, badge('live'))
+    await third.context().close()
   })
 
   await check('trocar-view killed and back is seen', async () => {
@@ -215,15 +299,34 @@ const MOMENTS = [ // s; cut; what must be seen
   ['deep', 1.3, 'x', ({ depth, gland }) => depth > 0.06 && gland > 5e-5],
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, the tissue sticks
 ]
-const player = await start('view/trocar-view', '--log', path.join(source, 'tests/traces/figure8.log'))
+
+/* ---- layouts and pictures ---- */
+
+/** In both themes: nothing that axe-core objects to, nothing that lies over something else or is cut off. */
+async function checkLayout(page, name) {
+  await page.evaluate(axe)
+  for (const theme of ['light', 'dark']) { // the pages are dark before and after
+    await page.evaluate((theme) => trocar.setTheme(theme), theme)
+    await page.evaluate(plainGround, theme)
+    const found = await page.evaluate('axe.run()')
+    const said = found.violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`)
+    assert.deepEqual(said, [], `${name}, ${theme}`)
+    assert(found.passes.some(({ id }) => id === 'color-contrast'))
+    await page.evaluate(plainGround, null)
+  }
+  assert.deepEqual(await page.evaluate(layoutFaults), [], name)
+}
+
+const player = await start('view/trocar-view', '--log', LOG)
 try {
-  const page = await open({ width: 1440, height: 900 })
-  await until(page, 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011')
+  const page = await open({ width: 1440, height: 900 }), whole = 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011'
+  await until(page, whole)
   for (const [name, time, cut, seen] of MOMENTS) {
     await page.evaluate(`trocar.setCut('${cut}', 0.55); trocar.seek(${time})`)
     await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
+    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the colours of the cut are those of the legend')
     await page.waitForTimeout(300) // the plots are drawn at their own pace
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
@@ -234,6 +337,43 @@ try {
       console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
       assert(difference.mean < 1.5 && difference.far < 0.006, `${name} differs: ${JSON.stringify(difference)}; see ${out}`)
     }
+  })
+
+  await check('the picture button saves what is shown, and the slice', async () => {
+    const [file] = await Promise.all([page.waitForEvent('download'), page.click('#screenshot')])
+    await file.saveAs(path.join(out, 'button.png'))
+    const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
+    assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // a slice that is not drawn has 6
+    await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
+  })
+
+  await check('--png: size, view, cut and theme', async () => {
+    const taken = {}, file = (name) => path.join(out, `png-${name}.png`)
+    for (const [name, ...options] of [['plain'], ['cut', '--cut', 'sagittal'], ['small', '--size', '640x900', '--view', 'side', '--cut', 'axial:40', '--theme', 'dark']]) {
+      const child = run('view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
+      if (child.exitCode === null) await once(child, 'exit')
+      assert.equal(child.exitCode, 0)
+      taken[name] = await page.evaluate(partsOf, await read(file(name)))
+    }
+    const { plain, cut, small } = taken, said = JSON.stringify(taken)
+    assert.deepEqual([plain, cut, small].map(({ width, height }) => [width, height]), [[1600, 1000], [1600, 1000], [640, 900]])
+    assert(plain.slice > 25 && cut.slice === plain.slice && small.below > 25, said)
+    assert(plain.ground > 200 && cut.ground > 200 && small.ground < 40, said)
+    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is seen')
+  })
+
+  for (const [width, height] of SIZES)
+    await check(`layout of a log at ${width} x ${height}`, async () => {
+      await page.setViewportSize({ width, height })
+      await page.waitForTimeout(300)
+      await checkLayout(page, `${width} x ${height}`)
+    })
+  await check('layout of the list of keys', async () => {
+    await page.setViewportSize({ width: 390, height: 844 })
+    await page.click('#help')
+    await checkLayout(page, 'keys')
+    await page.keyboard.press('Escape')
   })
   assert.deepEqual(faults, [])
 } finally {
@@ -249,6 +389,84 @@ function sceneryShown() {
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
   return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
+}
+
+/** A browser as bytes, which answers all that it gets. */
+async function joinRaw() {
+  const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked by zeros; acknowledge
+  socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
+  await once(socket, 'data')
+  socket.on('data', () => socket.write(answer))
+  socket.on('error', () => {})
+  return socket
+}
+
+/** Runs in the page: whether the curve of the force along z is drawn at each of the times (s). */
+function forceDrawn(times) {
+  const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
+  const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
+  return times.map((time) => {
+    const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
+    for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
+    return false
+  })
+}
+
+/** Runs in the page. */
+function coloursOfCut() {
+  const { array, count } = trocar.stage.anatomy.cutTints
+  return Array.from(array.subarray(0, count))
+}
+
+/** Runs in the page: a plain ground under what is written on the 3D view, as axe-core sees no contrast with gradients and canvases.
+ *  It is the end of the gradient that is harder to read on. */
+function plainGround(theme) {
+  const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
+  stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''
+  for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas')) canvas.style.visibility = hidden
+}
+
+/** Runs in the page: what lies over something else, is cut off, or is outside the window. */
+function layoutFaults() {
+  const dialog = document.querySelector('dialog[open]')
+  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
+    .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility() && part.getBoundingClientRect().width > 0)
+  const name = (part) => part.id || `${part.tagName.toLowerCase()} "${part.textContent.trim().slice(0, 20)}"`
+  const scroller = document.getElementById('plots').getBoundingClientRect()
+  const boxOf = (part) => { // what is seen of it
+    const { left, right, top, bottom } = part.getBoundingClientRect()
+    return part.closest('#plots') ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
+  }
+  const faults = [], boxes = parts.map(boxOf)
+  parts.forEach((part, i) => {
+    const a = boxes[i]
+    if (a.bottom <= a.top) return
+    if (a.left < -1 || a.top < -1 || a.right > innerWidth + 1 || a.bottom > innerHeight + 1) faults.push(`${name(part)} is outside the window`)
+    if (!part.title && part.scrollWidth > part.clientWidth + 1 && part.clientWidth > 0 && getComputedStyle(part).display !== 'inline') faults.push(`${name(part)} is cut off`)
+    for (let k = i + 1; k < parts.length; k++) {
+      const b = boxes[k], across = Math.min(a.right, b.right) - Math.max(a.left, b.left), down = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top)
+      if (across > 1 && down > 1 && !part.contains(parts[k]) && !parts[k].contains(part)) faults.push(`${name(part)} and ${name(parts[k])}`)
+    }
+  })
+  const names = [...document.querySelectorAll('#plots > div')].map((plot) => [...plot.querySelectorAll('th')].map((th) => th.textContent))
+  for (const series of names) if (new Set(series).size < series.length) faults.push(`two series of one name: ${series}`)
+  return faults
+}
+
+/** Runs in the page: size of a picture; mean brightness of its ground, of its slice where that is beside and where it is below the
+ *  3D view; and the spread of the 3D view's brightness. */
+async function partsOf(url) {
+  const image = new Image()
+  image.src = url
+  await image.decode()
+  const { width, height } = image, ink = new OffscreenCanvas(width, height).getContext('2d')
+  ink.drawImage(image, 0, 0)
+  const values = (x, y, size) => ink.getImageData(x, y, size, size).data.filter((value, i) => i % 4 === 0), mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length
+  const middle = values(Math.max(width / 2 - 400, 0), height / 4, Math.min(400, width / 2))
+  const level = mean(middle), side = Math.min(0.45 * height, 0.34 * width)
+  return { width, height, ground: mean(values(2, 2, 8)), slice: mean(values(width - 0.55 * side - 50, 0.45 * side, 100)), below: mean(values(0.74 * width - 30, height - 0.3 * width, 60)),
+           stage: Math.sqrt(mean(middle.map((v) => (v - level) ** 2))) }
 }
 
 async function read(file) {

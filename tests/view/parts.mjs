@@ -6,7 +6,10 @@ import { once } from 'node:events'
 import path from 'node:path'
 
 export const [programs, source] = process.argv.slice(2, 4).map((folder) => path.resolve(folder))
-const { chromium } = createRequire(path.join(source, 'view/page/package.json'))('playwright-core')
+const modules = createRequire(path.join(source, 'view/page/package.json')), { chromium } = modules('playwright-core')
+
+/** The source of axe-core, which finds what people with poor eyes or without a mouse would miss. */
+export const axe = modules('axe-core').source
 
 export const ADDRESS = 'http://127.0.0.1:8686/'
 export const scene = path.join(source, 'meshes/prostate.yaml')

@@ -5,6 +5,8 @@ const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
 const DEAD = 0.12 // of a gamepad's stick
+const LOST = { server: 'the server stopped', unconnected: 'the connection ended', refused: 'the connection ended' } // by the state's name
+const HOLD = 800 // ms, also in style.css
 
 /** A pad whose knob springs back: `value` [x, y] in -1 .. 1, y up. */
 class Spring {
@@ -34,12 +36,38 @@ class Spring {
   }
 }
 
+/** A button that acts when it has been held down for a while. */
+class Hold {
+  constructor(button, act) {
+    Object.assign(this, { button, act, timer: null })
+    button.addEventListener('pointerdown', () => this.press())
+    for (const end of ['pointerup', 'pointerleave', 'pointercancel', 'blur']) button.addEventListener(end, () => this.rest())
+    button.addEventListener('keydown', (event) => { if (['Space', 'Enter'].includes(event.code)) { event.preventDefault(); this.press() } })
+    button.addEventListener('keyup', () => this.rest())
+  }
+
+  press() {
+    if (this.timer !== null) return
+    this.button.classList.add('held')
+    this.timer = setTimeout(() => { this.button.classList.remove('held'); this.act() }, HOLD) // again only after it was let go
+  }
+
+  rest() {
+    clearTimeout(this.timer)
+    this.timer = null
+    this.button.classList.remove('held')
+  }
+}
+
 export class Drive {
   constructor(link, elements) {
     this.link = link
     this.elements = elements
     this.pressed = new Set()
-    this.driving = false
+    this.driving = false  // this page has the needle
+    this.steering = false // and may move it
+    this.lost = ''        // why the needle was let go without this page's asking
+    this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
     this.roll = new Spring(elements.roll, true, false)
@@ -52,20 +80,26 @@ export class Drive {
   key(event, down) {
     this.slow = event.shiftKey
     if (!down) this.pressed.delete(event.code)
-    if (!(event.code in KEYS) || !this.driving) return false
-    if (down) this.pressed.add(event.code)
+    if (event.code === 'KeyR' && (this.steering || !down)) {
+      if (down) this.reset.press()
+      else this.reset.rest()
+      return this.steering
+    }
+    if (!(event.code in KEYS) || !this.steering) return false
+    if (down && !event.repeat) this.pressed.add(event.code) // a key held since before the needle was had must be pressed anew
     return true
   }
 
   /** Nothing is held: what is let go of unseen must not move the needle later. */
   rest() {
     this.pressed.clear()
-    for (const spring of [this.lever, this.pad, this.roll]) spring.rest()
+    for (const held of [this.lever, this.pad, this.roll, this.reset]) held.rest()
   }
 
   /** right, up, forward, pitch, yaw, roll. The page looks along the needle, where x points to the left. */
   command() {
     const c = [0, 0, 0, 0, 0, 0], [x, y] = this.pad.value
+    if (!this.steering) return c
     for (const code of this.pressed) c[KEYS[code][0]] += KEYS[code][1]
     c[2] += this.lever.value[1]
     if (this.elements.tilt.checked) { c[3] -= y; c[4] -= x } else { c[0] -= x; c[1] += y }
@@ -86,18 +120,34 @@ export class Drive {
     c[5] += button(5) - button(4)
   }
 
-  toggle() { this.driving ? this.link.release() : this.link.take() }
+  toggle() {
+    if (this.elements.take.disabled) return
+    this.asked = true
+    this.lost = ''
+    if (this.driving) this.link.release()
+    else this.link.take()
+  }
 
-  /** `status` as trocar-view sends it. */
-  show(status) {
-    const { take, note, controls } = this.elements
-    this.driving = status.drives && status.alive
-    if (!this.driving) this.rest()
+  /** `status` as trocar-view sends it, `state` as stateOf returns it. The needle is held still while the person does not see what it
+   *  does: in the past, and while nothing is heard. */
+  show(status, state) {
+    const { take, note, controls } = this.elements, past = state.name === 'past', driving = status.drives && status.alive
+    if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was started anew'}.`
+    if (driving !== this.driving) this.asked = false
+    this.driving = driving
+    this.steering = driving && ['live', 'stale'].includes(state.name)
+    if (!this.steering) this.rest()
     controls.hidden = !this.driving
+    controls.inert = !this.steering
     take.textContent = this.driving ? 'Let go' : 'Drive the needle'
     take.classList.toggle('held', this.driving)
-    take.disabled = !this.driving && (!status.alive || status.driven || status.owned === 'elsewhere')
-    note.textContent = this.driving ? (status.owned === 'elsewhere' ? 'Another device holds the needle.' : 'W pushes in, S pulls out.')
-      : !status.alive ? '' : status.driven ? 'Another window drives it.' : status.owned === 'elsewhere' ? 'A device holds it.' : ''
+    take.disabled = !this.driving && (state.name !== 'live' || status.driven || status.owned === 'elsewhere')
+    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : 'W pushes in, S pulls out.') : this.lost || this.reason(status, state)
+  }
+
+  /** Why the needle cannot be taken. */
+  reason(status, { name, kind }) {
+    if (name === 'past' && kind === 'past') return 'Go back to live to drive.'
+    return name !== 'live' ? '' : status.driven ? 'Another window drives it.' : status.owned === 'elsewhere' ? 'A device holds it.' : ''
   }
 }

@@ -76,6 +76,11 @@ export class Echo {
     discard(this.world)
     this.world.clear()
     this.frameFan(scene)
+    this.range = { from: Infinity, to: -Infinity } // of the body along z
+    for (let i = 2; i < scene.nodes.length; i += 3) {
+      this.range.from = Math.min(this.range.from, scene.nodes[i])
+      this.range.to = Math.max(this.range.to, scene.nodes[i])
+    }
     this.addTissue(scene)
     this.dirty = true
   }
@@ -92,7 +97,6 @@ export class Echo {
     this.spread = Math.min(1.0, Math.atan2(size.x / 2 + 0.012, size.y / 2 + 0.016))
     const width = 2 * this.reach.y * Math.sin(this.spread) * 1.04, low = this.probe.y + this.reach.x * Math.cos(this.spread) - 0.006, high = this.probe.y + this.reach.y + 0.003
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
-    this.range = { from: box.min.z - 0.01, to: box.max.z + 0.01 }
   }
 
   addTissue(scene) {
@@ -127,10 +131,22 @@ export class Echo {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas
-    this.renderer.setSize(clientWidth, clientHeight, false)
-    this.marks.width = clientWidth * devicePixelRatio
-    this.marks.height = clientHeight * devicePixelRatio
-    this.dirty = true
+    this.setSize(clientWidth, clientHeight, devicePixelRatio)
+  }
+
+  /** `ratio`: of the marks' pixels to those of the size; `unit`: of the size's pixels to those that text and lines are given in. */
+  setSize(width, height, ratio, unit = 1) {
+    Object.assign(this, { width, height, unit: ratio * unit, dirty: true })
+    this.renderer.setSize(width, height, false)
+    this.marks.width = width * ratio
+    this.marks.height = height * ratio
+  }
+
+  /** Draws at another size than the screen's; returns the canvases from the lowest to the uppermost, for this task only. */
+  drawAt(width, height, ratio, unit) {
+    this.setSize(width, height, ratio, unit)
+    this.render(2)
+    return [this.canvas, this.marks]
   }
 
   /** Where the needle crosses the slice: x, y, or null. */
@@ -148,10 +164,13 @@ export class Echo {
 
   /** If anything has changed, or was `coarse` and need not be any more. */
   draw(coarse) {
-    if (!this.dirty && this.coarse === coarse || !this.scene || this.canvas.clientWidth === 0) return
+    if (!this.dirty && this.coarse === coarse || !this.scene || !this.width) return
     this.dirty = false
     this.coarse = coarse
-    const ratio = coarse ? MOVING : Math.min(devicePixelRatio, 2)
+    this.render(coarse ? MOVING : Math.min(devicePixelRatio, 2))
+  }
+
+  render(ratio) {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.cutTissue()
     const needle = this.crossing(), { uniforms } = this.flash.material
@@ -174,7 +193,7 @@ export class Echo {
 
   /** Seen along the needle: y up, x to the left. */
   aim() {
-    const { clientWidth: width, clientHeight: height } = this.canvas, scale = this.view.size / Math.min(width, height)
+    const { width, height } = this, scale = this.view.size / Math.min(width, height)
     this.halfWidth = scale * width / 2
     this.halfHeight = scale * height / 2
     Object.assign(this.camera, { left: this.halfWidth, right: -this.halfWidth, top: this.halfHeight, bottom: -this.halfHeight })
@@ -188,7 +207,7 @@ export class Echo {
   }
 
   drawMarks(needle) {
-    const ink = this.marks.getContext('2d'), ratio = devicePixelRatio
+    const ink = this.marks.getContext('2d'), ratio = this.unit
     ink.clearRect(0, 0, this.marks.width, this.marks.height)
     this.drawOutlines(ink, this.scene.nodes, this.outlined, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
     this.drawOutlines(ink, this.nodes, this.outlined, '#ff8fa3', [], 1.6 * ratio)
@@ -205,9 +224,11 @@ export class Echo {
     ink.fillStyle = '#cfd8e3'
     ink.font = `${11 * ratio}px system-ui, sans-serif`
     ink.textAlign = 'left'
-    ink.fillText(`axial, z = ${(1e3 * this.place).toFixed(1)} mm`, 10 * ratio, 18 * ratio)
-    ink.textAlign = 'right'
-    ink.fillText('seen along the needle', this.marks.width - 10 * ratio, 18 * ratio)
+    const place = `axial, z = ${(1e3 * this.place).toFixed(1)} mm`
+    ink.fillText(place, 10 * ratio, 18 * ratio)
+    const seen = 'seen along the needle', beside = this.marks.width > 30 * ratio + ink.measureText(seen + place).width
+    ink.textAlign = beside ? 'right' : 'left'
+    ink.fillText(seen, beside ? this.marks.width - 10 * ratio : 10 * ratio, (beside ? 18 : 33) * ratio)
   }
 
   drawOutlines(ink, nodes, wanted, colour, dash, width) {

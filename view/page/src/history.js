@@ -2,6 +2,7 @@
 
 const SPAN = 60 // s, live
 const PICTURE_BYTES = 256e6 // live; of a log trocar-view sends no more
+export const GAP = 0.1 // s between two samples, which come every 10 ms, beyond which nothing is known in between
 const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
 
 /** Bits of insertion_event in core/insertion.h. `quiet`: drawn small and without a name. */
@@ -94,6 +95,12 @@ export class History {
       else high = middle
     }
     return Math.min(low, this.count - 1)
+  }
+
+  /** Index of the sample at `time`, -1 where none is near: before the first one and in gaps. */
+  sampleNear(time) {
+    const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
+    return near(after) ? after : near(after - 1) ? after - 1 : -1
   }
 
   /** The columns between two times, without a copy. */

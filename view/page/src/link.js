@@ -2,10 +2,12 @@
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6
-const RETRY = 500 // ms
+const RETRY = 500, RETRY_REFUSED = 2000 // ms
+const TRY_AGAIN_LATER = 1013 // status code: trocar-view has refused this page and says why
 
 export class Link {
-  /** `handlers`: scene, picture, samples, status (each with what was decoded), open, closed. */
+  /** `handlers`: scene, picture, samples, status (each with what was decoded), received (after each message), open, closed (with
+   *  the reason if trocar-view has refused this page, else ''). */
   constructor(handlers) {
     this.handlers = handlers
     this.connect()
@@ -18,14 +20,16 @@ export class Link {
     this.socket.binaryType = 'arraybuffer'
     this.socket.onopen = () => this.handlers.open()
     this.socket.onmessage = (event) => this.receive(event.data)
-    this.socket.onclose = () => {
-      this.handlers.closed()
-      setTimeout(() => this.connect(), RETRY)
+    this.socket.onclose = ({ code, reason }) => {
+      const refused = code === TRY_AGAIN_LATER
+      this.handlers.closed(refused ? reason : '')
+      setTimeout(() => this.connect(), refused ? RETRY_REFUSED : RETRY)
     }
   }
 
   receive(message) {
     for (const [name, content] of sections(message)) this.handlers[name](content)
+    this.handlers.received()
     this.send(ACKNOWLEDGE)
   }
 

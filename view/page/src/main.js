@@ -6,12 +6,13 @@ import { Echo } from './echo.js'
 import { History } from './history.js'
 import { Link } from './link.js'
 import { FORCE_SCALE } from './needle.js'
-import { compose, save } from './picture.js'
+import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { Plots, Strip } from './plots.js'
 import { Stage } from './stage.js'
+import { showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const posing = new URLSearchParams(location.search).has('picture') // draw the one picture there is, send it back, and that is all
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // draw the one picture there is, send it back, and that is all
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -26,27 +27,32 @@ const strip = new Strip(element('timeline'), seek)
 let scene = null, history = new History(true), status = { now: 0, alive: false }
 let shown = null                 // picture on the screen
 let clock = { following: true, playing: true, time: 0, at: 0 } // `time` counts when not following
-let connected = false, latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
+let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
+let state = { name: 'unconnected' }
+let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
 
 /* ---- what comes in ---- */
 
 const link = new Link({
-  open() { connected = true; showLink() },
-  closed() { connected = false; status = { ...status, alive: false, drives: false }; showLink(); drive.show(status) },
+  open() { connected = true },
+  closed(reason) { connected = false; refusal = reason; status = { ...status, alive: false, drives: false }; showState() },
+  received() { refusal = ''; silence.end() },
   scene: takeScene,
   picture(picture) {
     history.addPicture(picture)
+    pictureSilence.end()
     if (clock.following && scene.live) picture.fresh = true
   },
   samples(samples) { history.addSamples(samples, scene.membranes) },
   status(received) {
     status = received
-    showLink()
-    drive.show(status)
+    statusAt = performance.now()
+    silence.end()
+    showState()
   },
 })
 
-const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), note: element('drive-note'), controls: element('controls') })
+const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
 function takeScene(received) {
   scene = received
@@ -66,19 +72,34 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-function showLink() {
+/** s, on the clock of trocar-view, which goes on whether it is heard or not. */
+function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
+
+function showState() {
+  const now = performance.now(), dt = (now - checked) / 1000
+  checked = now
+  silence.pass(dt)
+  if (status.alive && !status.shown) pictureSilence.end() // there are none before the first engagement
+  else pictureSilence.pass(dt)
+  if (!scene && !refusal) return // connecting
+  const live = scene?.live ?? true
+  state = stateOf({ live, link: { connected, refusal, silence: silence.seconds, pictures: pictureSilence.seconds }, status,
+                    age: live && history.count ? liveTime() - history.end : Infinity, behind: clock.following ? null : liveTime() - timeShown() })
+  document.body.dataset.state = state.name
   const badge = element('link')
-  const [text, kind] = !connected ? ['no connection', 'bad'] : !scene?.live ? ['log', 'calm'] : status.alive ? ['live', 'good'] : ['no server', 'bad']
-  badge.textContent = text
-  badge.className = `badge ${kind}`
+  badge.textContent = state.badge
+  badge.className = `badge ${state.kind}`
+  showBanner(element('banner'), state)
+  drive.show(status, state)
   element('rate').textContent = status.alive ? `${(status.rate / 1000).toPrecision(3)} kHz` : '–'
-  element('notice').textContent = status.alive ? noticeOf(status) : ''
+  element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
 const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
 
-function noticeOf({ flags = 0, scene: served = '' }) {
+function noticeOf({ flags = 0, scene: served = '', message = '' }) {
   const words = FLAGS.filter(([bit]) => flags & bit).map(([, text]) => text)
+  if (message) words.push(scene?.live ? `server: ${message}` : message)
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
 }
@@ -121,11 +142,12 @@ function advanceClock(now) {
 
 function frame(now) {
   requestAnimationFrame(frame)
-  if (!scene) return
+  if (!scene || posing) return
   advanceClock(now)
   if (stage.finished()) draw(now)
   if (now - plotsDrawn > PLOT_PERIOD) {
     plotsDrawn = now
+    showState()
     drawPlots()
     showNumbers()
   }
@@ -143,6 +165,7 @@ function draw(now) {
 }
 
 function showPicture() {
+  if (clock.following && status.alive && !status.shown) return showHome()
   if (history.pictures.length === 0) return
   const picture = clock.following ? history.pictures.at(-1) : history.pictures[history.pictureIndex(clock.time)]
   if (picture === shown) return
@@ -158,6 +181,15 @@ function showPicture() {
   if (element('follow').checked) followTip()
 }
 
+/** What another server has shown is not this one's. */
+function showHome() {
+  if (!shown) return
+  shown = null
+  stage.showHome()
+  echo.show(stage.anatomy.place.array, stage.line)
+  if (element('follow').checked) followTip()
+}
+
 /** A needle at rest sends the same picture over and over. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
@@ -168,7 +200,7 @@ function looksSame(a, b) {
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
-  stage.anatomy.setRange(range)
+  stage.setRange(range)
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
@@ -182,33 +214,34 @@ function noteLatency() {
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
 
 function drawPlots() {
-  const now = scene.live ? Math.max(status.now, history.end) : history.end, time = timeShown(), span = Number(element('window').value)
+  const now = scene.live ? Math.max(liveTime(), history.end) : history.end, time = timeShown(), span = Number(element('window').value)
   const wide = !scene.live, from = wide ? history.start : clock.following ? now - span : Math.max(Math.min(time - span / 2, now - span), history.start)
   plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
   const start = scene.live ? now - STRIP_SPAN : history.start
   strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
-  element('clock').textContent = `${clock.following ? '' : (time - (scene.live ? now : 0)).toFixed(2)}${clock.following ? 'now' : ' s'}`
+  element('clock').textContent = state.name === 'live' ? 'now' : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
   element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
   element('play').textContent = clock.playing ? 'Pause' : 'Play'
   element('live').disabled = clock.following
 }
 
 function showNumbers() {
-  if (history.count === 0) return
-  const at = clock.following ? history.count - 1 : history.sampleIndex(timeShown()), value = (column) => history.columns[column][at]
-  element('depth').textContent = `${(1e3 * value(7)).toFixed(1)} mm`
-  element('force').textContent = `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
-  element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
-  element('tick').textContent = status.alive ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
-  element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
   showScale()
+  if (history.count === 0) return
+  const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
+  element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
+  element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
+  element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
+  element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
+  element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
 /** A bar of a round length, about 100 pixels. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
-  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(2)} N`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`
 }
 
 /* ---- slices and layers ---- */
@@ -221,10 +254,10 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** A little behind the tip, so that the needle shows; in the middle while the tip is outside. */
+/** At the tip; in the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
-  setSlice(tip.z > stage.box.min.z ? Math.min(Math.max(tip.z - 0.003, Math.min(from, stage.box.min.z)), to) : (from + to) / 2)
+  setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
@@ -263,13 +296,13 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = () => { stage.render(false); echo.draw(false); return compose({ stage, echo, scene, history, time: shown?.time ?? 0, range }) }
-const savePicture = async () => save(await takePicture(), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
+const takePicture = (plan) => compose(plan, { stage, echo, shown, history, time: shown?.time ?? 0, range })
+const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
-                  KeyT: () => drive.toggle(), KeyR: () => { if (drive.driving) link.reset() }, Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
+                  KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
                   ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // where they do not move the needle
 
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these go on while they are held
@@ -287,12 +320,12 @@ element('theme').addEventListener('click', toggleTheme)
 element('help').addEventListener('click', () => element('keys').showModal())
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
-element('take').addEventListener('click', (event) => { drive.toggle(); event.target.blur() })
-element('reset').addEventListener('click', () => link.reset())
+element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // the second click of two is none
+element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
 element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
-new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('stage'))
+new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
 
 document.body.classList.toggle('software', stage.slow)
@@ -301,19 +334,31 @@ for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) docu
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-if (matchMedia('(max-width: 860px)').matches) element('layers').open = false
+const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches }
+small.addEventListener('change', foldLayers)
+foldLayers()
 requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
+/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres; without one, through the tip if that is inside. */
+async function pose() {
+  const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
+  setTheme(asked.get('theme') ?? 'light')
+  stage.setSize(plan.stage.width, plan.stage.height)
+  stage.look(number('view', 1))
+  seek(history.end)
+  showPicture()
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needle.tip[axis]) - from) / (to - from)
+  setCut(axis, part > 0 && part < 1 ? part : 0.5)
+  link.sendPicture(await (await takePicture(plan)).arrayBuffer())
+}
+
 if (posing) {
-  document.body.classList.add('picture')
-  const wait = setInterval(async () => {
+  const wait = setInterval(() => {
     if (history.pictures.length === 0) return
     clearInterval(wait)
-    seek(history.end)
-    showPicture()
-    link.sendPicture(await (await takePicture()).arrayBuffer())
+    pose()
   }, 50)
 }
-window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

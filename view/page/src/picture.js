@@ -1,59 +1,84 @@
-// One picture of the view for papers: the needle in the tissue, the slice beside it, scale and numbers.
-import { rampCss } from './colours.js'
+// A picture of the view for papers: the needle in the tissue, beside it the slice, and under that numbers and scales.
+import { CONTACT, rampCss } from './colours.js'
 import { FORCE_SCALE } from './needle.js'
 
-const SLICE = 0.36 // of the picture's height
+const FINE = 2          // drawn pixels a pixel of the picture, for smooth edges
+const MOST = 8192       // pixels along a side that graphics can be expected to draw
+export const SIZE = { width: 1600, height: 1000 }
 
-/** A PNG of what is drawn now; call it in the same task as the drawing. */
-export function compose({ stage, echo, scene, history, time, range }) {
-  const main = stage.renderer.domElement, canvas = document.createElement('canvas'), ink = canvas.getContext('2d')
-  const { width, height } = main, unit = height / 900
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
+
+/** Where the parts lie in a picture of `width` x `height`: slice and legend in a column on the right, in a row below if it is upright. */
+export function arrange({ width, height }) {
+  const beside = width >= 1.1 * height, side = Math.round(beside ? Math.min(0.45 * height, 0.34 * width) : Math.min(0.36 * height, 0.48 * width))
+  const margin = Math.round(0.05 * side), band = side + 2 * margin
+  return { width, height, side, margin, unit: side / 450,
+           stage: beside ? { width: width - band, height } : { width, height: height - band },
+           slice: { left: width - side - margin, top: beside ? margin : height - side - margin },
+           legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
+}
+
+/** As `arrange`, with the 3D view as wide for its height as on the screen. */
+export function arrangeLike({ clientWidth, clientHeight }) {
+  const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
+  const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })
+  return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
+}
+
+/** A PNG, drawn anew at the plan's sizes whatever the screen has. */
+export function compose(plan, { stage, echo, shown, history, time, range }) {
+  const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan
   Object.assign(canvas, { width, height })
-  ink.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--ground')
+  ink.imageSmoothingQuality = 'high'
+  ink.fillStyle = colour('--ground')
   ink.fillRect(0, 0, width, height)
-  ink.drawImage(main, 0, 0)
-  drawSlice(ink, echo, width, SLICE * height, unit)
-  drawNumbers(ink, history, time, unit)
-  drawScales(ink, stage, range, height, unit)
+  // What WebGL has drawn lasts until this task ends.
+  const fine = Math.min(FINE, MOST / Math.max(plan.stage.width, plan.stage.height))
+  ink.drawImage(stage.drawAt(plan.stage.width, plan.stage.height, fine), 0, 0, plan.stage.width, plan.stage.height)
+  ink.fillStyle = '#06080b'
+  ink.fillRect(slice.left, slice.top, side, side)
+  for (const layer of echo.drawAt(side, side, 1, plan.unit)) ink.drawImage(layer, slice.left, slice.top, side, side)
+  ink.strokeStyle = colour('--line')
+  ink.lineWidth = plan.unit
+  ink.strokeRect(slice.left, slice.top, side, side)
+  drawLegend(ink, plan, { stage, shown, history, time, range })
+  stage.resize()
+  echo.resize()
   return new Promise((done) => { canvas.toBlob(done, 'image/png') })
 }
 
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name)
+function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } }, { stage, shown, history, time, range }) {
+  const at = history.sampleNear(time), value = (column) => history.columns[column][at], small = `${15 * unit}px system-ui, sans-serif`
+  const text = (words, x, y, font = small, style = '--text') => { ink.font = font; ink.fillStyle = colour(style); ink.fillText(words, left + x * unit, top + y * unit) }
+  const numbers = [['time', `${time.toFixed(3)} s`], ['depth', at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`],
+                   ['force', at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`], ['contacts', shown ? `${shown.contacts.length / 8}` : '–']]
+  numbers.forEach(([name, number], i) => {
+    text(name, 0, 22 + 32 * i, small, '--muted')
+    text(number, 100, 22 + 32 * i, `600 ${22 * unit}px system-ui, sans-serif`)
+  })
 
-function drawSlice(ink, echo, width, size, unit) {
-  const left = width - size - 20 * unit, top = 20 * unit
-  ink.fillStyle = '#06080b'
-  ink.fillRect(left, top, size, size)
-  const side = Math.min(echo.canvas.width, echo.canvas.height)
-  for (const layer of [echo.canvas, echo.marks]) {
-    const scale = layer.width / echo.canvas.width
-    ink.drawImage(layer, scale * (echo.canvas.width - side) / 2, scale * (echo.canvas.height - side) / 2, scale * side, scale * side, left, top, size, size)
-  }
-  ink.strokeStyle = colour('--line')
-  ink.lineWidth = unit
-  ink.strokeRect(left, top, size, size)
-}
-
-function drawNumbers(ink, history, time, unit) {
-  const at = history.sampleIndex(time), value = (column) => history.columns[column][at]
-  const lines = [`t = ${time.toFixed(3)} s`, `depth ${(1e3 * value(7)).toFixed(1)} mm`, `force ${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`]
-  ink.fillStyle = colour('--text')
-  ink.font = `${17 * unit}px system-ui, sans-serif`
-  lines.forEach((line, i) => ink.fillText(line, 24 * unit, (38 + 24 * i) * unit))
-}
-
-function drawScales(ink, stage, range, height, unit) {
-  const y = height - 30 * unit, bar = ink.createLinearGradient(24 * unit, 0, 184 * unit, 0)
-  const stops = rampCss.match(/rgb\([^)]*\)/g)
+  text('displacement', 0, 172, small, '--muted')
+  const bar = ink.createLinearGradient(left + 120 * unit, 0, left + 270 * unit, 0), stops = rampCss.match(/rgb\([^)]*\)/g)
   stops.forEach((stop, i) => bar.addColorStop(i / (stops.length - 1), stop))
   ink.fillStyle = bar
-  ink.fillRect(24 * unit, y, 160 * unit, 8 * unit)
+  ink.fillRect(left + 120 * unit, top + 162 * unit, 150 * unit, 10 * unit)
+  text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 282, 172)
+
+  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')]]
+  let x = 0
+  for (const [name, dot] of kinds) {
+    ink.fillStyle = dot
+    ink.beginPath()
+    ink.arc(left + (x + 5) * unit, top + 199 * unit, 5 * unit, 0, 2 * Math.PI)
+    ink.fill()
+    text(name, x + 15, 204)
+    x += 15 + ink.measureText(name).width / unit + 18
+  }
+
+  const perPixel = stage.metresPerPixel(height), length = [0.05, 0.02, 0.01, 0.005, 0.002, 0.001].find((l) => l / perPixel < 0.5 * side) ?? 0.001
   ink.fillStyle = colour('--text')
-  ink.font = `${13 * unit}px system-ui, sans-serif`
-  ink.fillText(`displacement 0 – ${+(1e3 * range).toPrecision(2)} mm`, 24 * unit, y - 8 * unit)
-  const length = 0.02 / stage.metresPerPixel() * (stage.renderer.domElement.height / stage.canvas.clientHeight), left = 230 * unit
-  ink.fillRect(left, y + 3 * unit, length, 2 * unit)
-  ink.fillText(`20 mm, ${0.02 / FORCE_SCALE} N`, left, y - 8 * unit)
+  ink.fillRect(left, top + 231 * unit, length / perPixel, 2.5 * unit)
+  text(`${1e3 * length} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`, length / perPixel / unit + 12, 237)
 }
 
 export function save(blob, name) {

@@ -2,20 +2,29 @@
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
+import { GAP } from './history.js'
 
-const TITLE = 18 // px above a plot, as in style.css
+const SLOT = 0.01 // s from sample to sample
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
-  { title: 'Force', unit: 'N', columns: [1, 2, 3], names: ['Fx', 'Fy', 'Fz'], colours: AXES, scale: 1, least: 0.2 },
-  { title: 'Torque', unit: 'mN m', columns: [4, 5, 6], names: ['Tx', 'Ty', 'Tz'], colours: AXES, scale: MILLI, least: 5 },
+  { title: 'Force', unit: 'N', columns: [1, 2, 3], names: ['x', 'y', 'z'], colours: AXES, scale: 1, least: 0.2 },
+  { title: 'Torque', unit: 'mN m', columns: [4, 5, 6], names: ['x', 'y', 'z'], colours: AXES, scale: MILLI, least: 5 },
   { title: 'Depth', unit: 'mm', columns: [7], names: ['depth'], colours: ['#37d0ff'], scale: MILLI, least: 5, fromZero: true },
-  { title: 'Timing', unit: 'µs', live: true, columns: [10, 11, 8, 9], names: ['tick', 'max', 'late', 'max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
+  { title: 'Timing', unit: 'µs', live: true, columns: [10, 11, 8, 9], names: ['tick', 'tick max', 'late', 'late max'], colours: [TIMING[0], TIMING[0], TIMING[1], TIMING[1]],
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
 /** Without the sign of a zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
+
+/** For uPlot: from where to where, in pixels, nothing was received: no line is drawn there. */
+function gaps(u, series, first, last, missing) {
+  const times = u.data[0]
+  for (let i = Math.max(first, 1); i <= last; i++)
+    if (times[i] - times[i - 1] > GAP) missing.push([u.valToPos(times[i - 1], 'x', true), u.valToPos(times[i], 'x', true)])
+  return missing
+}
 
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
@@ -25,6 +34,7 @@ export class Plots {
     this.history = null
     this.budget = 1e-3 // s
     this.time = null   // s, where the picture is if not at the end
+    this.plots = []
     this.plots = PLOTS.map((plot) => this.build(plot))
     new ResizeObserver(() => this.resize()).observe(container)
   }
@@ -35,23 +45,26 @@ export class Plots {
     const decades = (u, splits) => splits.map((v) => (Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null))
     const holder = document.createElement('div')
     if (plot.live) holder.className = 'live-only'
+    const head = document.createElement('header')
+    head.innerHTML = `<h2>${plot.title} <small>${plot.unit}</small></h2>`
+    holder.append(head)
     this.container.append(holder)
     const options = {
-      width: 320, height: 110, legend: { live: true }, cursor: { sync: { key: 'time' }, drag: { x: false, y: false }, points: { size: 5 } },
-      padding: [4, 8, 2, 0],
+      width: 320, height: 110, legend: { live: true, mount: (u, legend) => head.append(legend) }, cursor: { sync: { key: 'time' }, drag: { x: false, y: false }, points: { size: 5 } },
+      padding: [7, 8, 6, 0],
       scales: { x: { time: false }, y: plot.logarithmic ? { distr: 3, range: (u, low, high) => [1e-6, Math.max(2 * this.budget, high * 1.2)] } : { range: (u, low, high) => this.range(plot, low, high) } },
       axes: [
-        { ...axis, size: 18, gap: 2, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)) },
+        { ...axis, size: 21, gap: 6, values: (u, values) => values.map((v) => v.toFixed(values[1] - values[0] < 1 ? 1 : 0)) },
         { ...axis, size: 40, gap: 3, values: (u, values) => values.map((v) => (v === null ? null : `${+(plot.scale * v).toPrecision(3)}`)), ...(plot.logarithmic ? { filter: decades, grid: { ...axis.grid, filter: decades } } : { space: 22 }) },
       ],
       series: [{ label: 's', value: (u, v) => (v === null || v === undefined ? '–' : v.toFixed(2)) },
-               ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], points: { show: false }, value: (u, v) => number(v) }))],
+               ...plot.columns.map((column, i) => ({ label: plot.names[i], stroke: plot.colours[i], width: 1.4, dash: plot.dashes?.[i], gaps, points: { show: false }, value: (u, v) => number(v) }))],
       hooks: { draw: [(u) => this.drawMarks(u, plot)] },
     }
-    const built = { ...plot, holder, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
-    const title = document.createElement('h3')
-    title.innerHTML = `${plot.title} <small>${plot.unit}</small>`
-    holder.prepend(title)
+    const built = { ...plot, holder, head, chart: new uPlot(options, [[], ...plot.columns.map(() => [])], holder) }
+    new ResizeObserver(() => this.resize()).observe(head)
+    built.chart.ctx.canvas.setAttribute('role', 'img')
+    built.chart.ctx.canvas.setAttribute('aria-label', `${plot.title} over time`)
     return built
   }
 
@@ -67,7 +80,7 @@ export class Plots {
     for (const plot of shown) plot.holder.classList.toggle('last', plot === last)
     for (const plot of shown) {
       plot.chart.axes[0].show = plot === last
-      plot.chart.setSize({ width: plot.holder.clientWidth, height: plot.holder.clientHeight - TITLE })
+      plot.chart.setSize({ width: plot.holder.clientWidth, height: plot.holder.clientHeight - plot.head.offsetHeight })
     }
   }
 
@@ -77,7 +90,7 @@ export class Plots {
     this.time = time
     if (history.count === 0) return
     const columns = history.slice(from, to)
-    const at = time === null ? columns[0].length - 1 : history.sampleIndex(time) - history.sampleIndex(from)
+    const near = history.sampleNear(time ?? to), at = near < 0 ? null : near - Math.max(history.sampleIndex(from), 0)
     for (const plot of this.plots) {
       const data = [columns[0], ...plot.columns.map((column) => (plot.logarithmic ? columns[column].map((v) => Math.max(v, 1e-6)) : columns[column]))]
       plot.chart.batch(() => {
@@ -104,10 +117,12 @@ export class Plots {
       if (mark.event.quiet) { ink.globalAlpha = 0.6; ink.fillRect(x - 0.5 * ratio, top + height - 4 * ratio, ratio, 4 * ratio); ink.globalAlpha = 1; continue }
       if (mark.until > mark.time) { ink.globalAlpha = 0.18; ink.fillRect(x, top, u.valToPos(mark.until, 'x', true) - x, height); ink.globalAlpha = 1 }
       this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
-      if (plot === PLOTS[0] && x >= free) {
+      if (plot === PLOTS[0]) {
         ink.font = `${10 * ratio}px system-ui, sans-serif`
-        this.label(ink, mark.name, x + 3 * ratio, top + 10 * ratio, ratio)
-        free = x + ink.measureText(mark.name).width + 8 * ratio
+        const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio // before the line at the right edge
+        if (start < free) continue
+        this.label(ink, mark.name, start, top + 10 * ratio, ratio)
+        free = start + room
       }
     }
     if (plot.logarithmic) {
@@ -187,9 +202,13 @@ export class Strip {
     for (let i = 0; i < depth.length; i += step) deepest = Math.max(deepest, depth[i])
     ink.fillStyle = css('--hill')
     ink.beginPath()
-    ink.moveTo(width * (times[0] - from) / (to - from), height)
-    for (let i = 0; i < times.length; i += step) ink.lineTo(width * (times[i] - from) / (to - from), height * (1 - 0.9 * depth[i] / deepest))
-    ink.lineTo(width * (times.at(-1) - from) / (to - from), height)
+    const x = (i) => width * (times[i] - from) / (to - from)
+    ink.moveTo(x(0), height)
+    for (let i = 0, last = 0; i < times.length; last = i, i += step) {
+      if (times[i] - times[last] > GAP + step * SLOT) { ink.lineTo(x(last), height); ink.lineTo(x(i), height) }
+      ink.lineTo(x(i), height * (1 - 0.9 * depth[i] / deepest))
+    }
+    ink.lineTo(x(times.length - 1), height)
     ink.fill()
   }
 }

@@ -22,6 +22,9 @@ function rampTexture() {
   return texture
 }
 
+/** How much farther away the camera has to be for a view of this aspect to show the same width. */
+const room = (aspect) => Math.max(1, 1.25 / aspect)
+
 function drawsInSoftware() {
   const graphics = document.createElement('canvas').getContext('webgl2'), info = graphics?.getExtension('WEBGL_debug_renderer_info')
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
@@ -97,7 +100,7 @@ export class Stage {
     this.content = new THREE.Group().add(this.anatomy.group, this.needle.group, this.slice.frame)
     this.world.add(this.content)
     this.setCut('')
-    this.show(pictureAtHome(scene))
+    this.showHome()
     this.look(1)
   }
 
@@ -107,7 +110,7 @@ export class Stage {
     middle.z -= 0.12 * size.z
     const reach = size.length() / (Math.sin(THREE.MathUtils.degToRad(this.camera.fov / 2))) * (number === 4 ? 0.48 : 0.52)
     this.controls.target.copy(middle)
-    this.camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[number]).normalize(), reach * Math.max(1, 1.25 / this.camera.aspect))
+    this.camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[number]).normalize(), reach * room(this.camera.aspect))
     this.controls.update()
     this.dirty = true
   }
@@ -144,6 +147,16 @@ export class Stage {
     return largest
   }
 
+  /** Full scale of the displacement's colours, m; those of the cut are made anew. */
+  setRange(range) {
+    this.anatomy.setRange(range)
+    if (this.cutPlane) this.recut()
+    this.dirty = true
+  }
+
+  /** The needle outside, for a server that has not shown one yet. */
+  showHome() { this.show(pictureAtHome(this.scene)) }
+
   setTheme(dark) {
     this.anatomy.setTheme(dark)
     this.needle.tipColour = dark ? '#ffffff' : '#17212b'
@@ -158,11 +171,26 @@ export class Stage {
   }
 
   resize() {
-    const { clientWidth, clientHeight } = this.canvas.parentElement
-    this.renderer.setSize(clientWidth, clientHeight, false)
-    this.camera.aspect = clientWidth / clientHeight
+    const { clientWidth, clientHeight } = this.canvas
+    this.setSize(clientWidth, clientHeight)
+  }
+
+  setSize(width, height) {
+    if (width === 0 || height === 0) return
+    this.renderer.setSize(width, height, false)
+    const { position, aspect } = this.camera, { target } = this.controls
+    position.sub(target).multiplyScalar(room(width / height) / room(aspect)).add(target)
+    this.camera.aspect = width / height
     this.camera.updateProjectionMatrix()
     this.dirty = true
+  }
+
+  /** Draws at another size than the screen's; returns the canvas, for this task only. */
+  drawAt(width, height, ratio) {
+    this.setSize(width, height)
+    this.controls.update()
+    this.render(false, ratio)
+    return this.canvas
   }
 
   /** Draws if anything has changed, and finely once nothing changes any more; returns whether it did. */
@@ -175,10 +203,9 @@ export class Stage {
     return true
   }
 
-  /** `coarse`: with fewer pixels. */
-  render(coarse) {
+  /** `coarse`: with fewer pixels; or `ratio`: of drawn pixels to those of the size. */
+  render(coarse, ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
-    const ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.renderer.render(this.world, this.camera)
     this.coarse = coarse
@@ -199,9 +226,9 @@ export class Stage {
   }
 
   /** Metres that a pixel stands for at the point that the camera turns about. */
-  metresPerPixel() {
+  metresPerPixel(height = this.canvas.clientHeight) {
     const distance = this.camera.position.distanceTo(this.controls.target)
-    return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / this.canvas.clientHeight
+    return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / height
   }
 
   /* ---- dragging planes ---- */

@@ -15,7 +15,7 @@ static int64_t length_at(const void *data, size_t size, size_t offset) {
 }
 
 bool contacts_fit(const void *data, size_t size) {
-    enum { JOINTS = FINGERPRINT + 3 * 8 + 4 * 8, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
+    enum { JOINTS = FINGERPRINT + 4 * 8 + 4 * 8, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
     int64_t joints = length_at(data, size, JOINTS);
     if (joints < 2 || joints > NEEDLE_MAX_SEGMENTS + 1) return false;
     size_t count_at = JOINTS + 4 + JOINT * (size_t)joints;
@@ -24,14 +24,15 @@ bool contacts_fit(const void *data, size_t size) {
 }
 
 bool deformation_fits(const void *data, size_t size, int node_count) {
-    enum { NODES = FINGERPRINT + 2 * 8, NODE = 3 * 4 };
+    enum { NODES = FINGERPRINT + 3 * 8, NODE = 3 * 4 };
     return length_at(data, size, NODES) == node_count && size == NODES + 4 + NODE * (size_t)node_count;
 }
 
 bool status_fits(const void *data, size_t size) {
-    trocar_status_t empty = {.scene = "", .message = ""};
-    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - 2 * (4 + 1); /* an empty string: its length, its zero */
-    for (int string = 0; string < 2; string++) {
+    enum { STRINGS = 4 };
+    trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
+    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1); /* an empty string: its length, its zero */
+    for (int string = 0; string < STRINGS; string++) {
         int64_t length = length_at(data, size, offset);
         if (length < 1 || offset + 4 + (size_t)length > size) return false;
         offset += 4 + (size_t)length;

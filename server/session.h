@@ -1,4 +1,4 @@
-/* Who a client is to the server: a number of its own, by which all that it sends is told from other clients'. */
+/* A number at random by which one client, or one server, is told from the others. */
 #ifndef TROCAR_SESSION_H
 #define TROCAR_SESSION_H
 

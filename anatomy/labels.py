@@ -1,0 +1,344 @@
+"""Regions that touch or lie in one another, as one complex of surfaces: the boundary between two of them is one surface, shared by both.
+
+The regions' surfaces are drawn into one image of labels, small gaps are closed, and CGAL makes the surfaces between labels. They hold
+the regions' volumes again after a correction that moves shared points together.
+"""
+import collections
+import dataclasses
+import itertools
+
+import numpy as np
+import pygalmesh
+import vtk
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+from . import field, shells
+from .shells import Shell
+
+MOST_VOXELS = 4e6
+VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
+VOXELS_PER_RADIUS = 2.5     # of the thinnest region
+FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
+FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
+CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
+CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
+FINE = 100                  # voxels along a surface that crosses itself
+OUTSIDE = -1                # of the cells: the tissue around
+
+
+@dataclasses.dataclass
+class Complex:
+    """Triangles between cells; a cell is a connected part of a region, or a void around which regions close."""
+    points: np.ndarray       # (n, 3)
+    triangles: np.ndarray    # (m, 3), normals from the first to the second cell
+    sides: np.ndarray        # (m, 2) the cells on either side: index into `cells`, or OUTSIDE
+    cells: list              # region's number of each cell
+
+    def volume_gradient(self, region):
+        """Volume of all cells of a region, and its derivative by the points."""
+        gradient, volume = np.zeros_like(self.points), 0.0
+        mine = np.append(np.array(self.cells) == region, False)     # the last is OUTSIDE
+        sign = mine[self.sides[:, 0]].astype(float) - mine[self.sides[:, 1]]
+        used = sign != 0
+        a, b, c = (self.points[self.triangles[used, k]] for k in range(3))
+        middle = self.points.mean(axis=0)
+        volume = (sign[used] * np.einsum("ij,ij->i", a - middle, np.cross(b - middle, c - middle))).sum() / 6
+        normal = sign[used, None] * np.cross(b - a, c - a) / 6
+        for k in range(3):
+            np.add.at(gradient, self.triangles[used, k], normal)
+        return volume, gradient
+
+    def volume(self, region):
+        return self.volume_gradient(region)[0]
+
+    def areas(self):
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+    def surface(self, region):
+        """The triangles around all cells of a region, normals outward."""
+        mine = np.append(np.array(self.cells) == region, False)
+        first, second = mine[self.sides[:, 0]], mine[self.sides[:, 1]]
+        return Shell(self.points, np.vstack([self.triangles[first & ~second], self.triangles[second & ~first][:, ::-1]]))
+
+
+@dataclasses.dataclass
+class Image:
+    """Labels on a grid: 0 is no region."""
+    low: np.ndarray      # (3,) centre of the first voxel
+    step: float
+    labels: np.ndarray   # (z, y, x) uint8
+
+    def volume(self, label):
+        return float(np.count_nonzero(self.labels == label)) * self.step ** 3
+
+
+def drawn(shell, image):
+    """Which voxels of the image's grid a closed surface encloses."""
+    size = image.labels.shape[::-1]
+    stencil = vtk.vtkPolyDataToImageStencil()
+    stencil.SetInputData(shells.to_vtk(shell))
+    stencil.SetOutputOrigin(*image.low)
+    stencil.SetOutputSpacing(image.step, image.step, image.step)
+    stencil.SetOutputWholeExtent(0, size[0] - 1, 0, size[1] - 1, 0, size[2] - 1)
+    inside = vtk.vtkImageStencilToImage()
+    inside.SetInputConnection(stencil.GetOutputPort())
+    inside.SetInsideValue(1)
+    inside.SetOutsideValue(0)
+    inside.SetOutputScalarTypeToUnsignedChar()
+    inside.Update()
+    return vtk_to_numpy(inside.GetOutput().GetPointData().GetScalars()).reshape(image.labels.shape) > 0
+
+
+def winding(shell, low, step, size):
+    """How often a surface winds around each voxel of a grid (z, y, x): 0 is outside, also where parts overlap or are turned inside out."""
+    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # no vertex in a column's line
+    steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
+    a, b, c = (points[shell.triangles[:, k]] for k in range(3))
+    ab, ac = b - a, c - a
+    twice = ab[:, 0] * ac[:, 1] - ac[:, 0] * ab[:, 1]
+    first = np.ceil(np.minimum(np.minimum(a, b), c)[:, :2]).astype(int)
+    last = np.floor(np.maximum(np.maximum(a, b), c)[:, :2]).astype(int)
+    for t in np.flatnonzero((twice != 0) & np.all(first <= last, axis=1)):
+        x, y = (np.arange(first[t, k], last[t, k] + 1) - a[t, k] for k in (0, 1))
+        x, y = x[:, None], y[None]
+        u, v = (x * ac[t, 1] - ac[t, 0] * y) / twice[t], (ab[t, 0] * y - x * ab[t, 1]) / twice[t]
+        i, j = np.nonzero((u >= 0) & (v >= 0) & (u + v < 1))
+        height = np.ceil(a[t, 2] + u[i, j] * ab[t, 2] + v[i, j] * ac[t, 2]).astype(int)
+        steps[first[t, 0] + i, first[t, 1] + j, height] += -1 if twice[t] > 0 else 1
+    return np.cumsum(steps[:, :, :-1], axis=2).transpose(2, 1, 0)
+
+
+def all_inside(shell):
+    """Surfaces around all that a surface winds around, which may cross itself."""
+    step = float(np.ptp(shell.points, axis=0).max()) / FINE
+    low = shell.points.min(axis=0) - 3 * step
+    size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
+    inside = winding(shell, low, step, size) != 0
+    found = field.Field(low, step, np.where(inside, -0.5, 0.5) * step).surfaces()
+    growth = (np.count_nonzero(inside) * step ** 3 / sum(s.volume() for s in found)) ** (1 / 3)
+    return [s.scaled(growth) for s in found]
+
+
+def distance_to(mask, step):
+    """Of each voxel to the nearest one of a mask."""
+    source = vtk.vtkImageData()
+    source.SetDimensions(*mask.shape[::-1])
+    source.GetPointData().SetScalars(numpy_to_vtk(np.where(mask, 0, 1).astype(np.uint8).ravel(), deep=True))
+    squared = vtk.vtkImageEuclideanDistance()
+    squared.SetInputData(source)
+    squared.SetMaximumDistance(1e9)
+    squared.Update()
+    return step * np.sqrt(vtk_to_numpy(squared.GetOutput().GetPointData().GetScalars()).reshape(mask.shape))
+
+
+def image_of(regions, edge, box=None):
+    """The regions (lists of shells) drawn in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
+    of `box` (low, high). Returned with the share of each region that is lost to others and to the box (as number -1): {(loser, winner):
+    share}."""
+    thin = thinnest(regions)
+    points = np.vstack([shell.points for region in regions for shell in region])
+    step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
+    extent = np.ptp(points, axis=0)
+    step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
+    low = points.min(axis=0) - 3.5 * step      # planes of voxels do not lie in the regions' flat faces
+    size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
+    image = Image(low, step, np.zeros(size[::-1], np.uint8))
+    beyond = np.zeros(image.labels.shape, bool)
+    if box:
+        axes = [low[a] + step * np.arange(size[a]) for a in range(3)]
+        out = [(axis < box[0][a]) | (axis > box[1][a]) for a, axis in enumerate(axes)]
+        beyond = out[2][:, None, None] | out[1][:, None] | out[0]
+    lost = {}
+    for k, region in enumerate(regions):
+        mine = np.any([drawn(shell, image) for shell in region], axis=0)
+        whole = max(1, np.count_nonzero(mine))
+        for winner, count in collections.Counter(image.labels[mine & ~beyond].tolist()).items():
+            if winner:
+                lost[k, winner - 1] = count / whole
+        if np.any(mine & beyond):
+            lost[k, OUTSIDE] = np.count_nonzero(mine & beyond) / whole
+        image.labels[mine & ~beyond & (image.labels == 0)] = k + 1
+    return image, lost
+
+
+def close_gaps(image, count, gap):
+    """Gives what lies between two regions less than `gap` apart to the nearer one: what a closing of both together (dilation, then erosion
+    by half the gap) fills, so that nothing grows outward where they meet."""
+    if count < 2:
+        return
+    nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
+    owner = np.zeros(image.labels.shape, np.uint8)
+    for label in range(1, count + 1):
+        distance = distance_to(image.labels == label, image.step).astype(np.float32)
+        nearer = distance < nearest[0]
+        nearest[1] = np.where(nearer, nearest[0], np.minimum(nearest[1], distance))
+        nearest[0] = np.where(nearer, distance, nearest[0])
+        owner[nearer] = label
+    filled = distance_to(nearest[0] > gap / 2, image.step) > gap / 2
+    closed = (image.labels == 0) & filled & (nearest[0] + nearest[1] <= gap + 2 * image.step)
+    image.labels[closed] = owner[closed]
+
+
+def thinnest(regions):
+    """Radius of a cylinder of the ratio of volume to surface of the thinnest region."""
+    return min(2 * sum(s.volume() for s in region) / sum(s.area() for s in region) for region in regions)
+
+
+def meshed(image, edge, flatness, cell):
+    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. The surfaces between labels are what counts."""
+    made = pygalmesh.generate_from_array(
+        np.ascontiguousarray(image.labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these stop by the clock
+        min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=CIRCUMRADIUS * edge, max_facet_distance=flatness,
+        max_cell_circumradius=float(cell), verbose=False, seed=1)
+    points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
+    i, j, k = np.rint(points[tets].mean(axis=1) / image.step).astype(int).T    # CGAL numbers the labels anew
+    label = image.labels[k, j, i]
+    for number in np.unique(numbers):
+        votes = np.bincount(label[numbers == number], minlength=2)
+        numbers[numbers == number] = -(1 + np.argmax(votes[1:]))
+    return points + image.low, tets, -numbers
+
+
+def connected(count, pairs):
+    """The smallest number that is reached from each of `count` along pairs (k, 2)."""
+    root = np.arange(count)
+    while True:
+        least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
+        before = root.copy()
+        np.minimum.at(root, pairs[:, 0], least)
+        np.minimum.at(root, pairs[:, 1], least)
+        root = root[root]
+        if np.array_equal(root, before):
+            return root
+
+
+def complex_of(points, tets, labels):
+    """The surfaces of labels, cells numbered by connected parts."""
+    faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
+    owner = np.tile(np.arange(len(tets)), 4)
+    order = np.lexsort(faces.T)
+    faces, owner = faces[order], owner[order]
+    second = np.append(False, np.all(faces[1:] == faces[:-1], axis=1))
+    first = ~second
+    left, right = owner[first], np.full(np.count_nonzero(first), OUTSIDE)
+    right[np.cumsum(first)[second] - 1] = owner[second]
+    inner = right != OUTSIDE
+    same = inner & (labels[left] == labels[right])
+    roots, number = np.unique(connected(len(tets), np.column_stack([left[same], right[same]])), return_inverse=True)
+    sides = np.column_stack([number[left], np.where(inner, number[right], OUTSIDE)])[~same]
+    corners, inside = faces[first][~same], tets[left][~same]
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - points[inside].mean(axis=1)) > 0
+    corners = np.where(outward[:, None], corners, corners[:, ::-1])
+    used, numbers = np.unique(corners, return_inverse=True)
+    return with_voids(Complex(points[used], numbers.reshape(-1, 3), sides, [int(labels[root]) - 1 for root in roots]))
+
+
+def with_voids(found):
+    """The same with a cell for each void that the regions close around."""
+    open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
+    corners = found.triangles[open_]
+    part = connected(len(found.points), np.concatenate([corners[:, :2], corners[:, 1:]]))[corners[:, 0]]
+    sides, cells = found.sides.copy(), list(found.cells)
+    for root in np.unique(part):
+        mine = part == root
+        if Shell(found.points, corners[mine]).signed_volume() < 0:     # its normals point into the void
+            sides[open_[mine], 1] = len(cells)
+            cells.append(OUTSIDE)
+    return dataclasses.replace(found, sides=sides, cells=cells)
+
+
+def together(complexes):
+    """One complex of several that do not touch."""
+    points = np.cumsum([0] + [len(c.points) for c in complexes])
+    cells = np.cumsum([0] + [len(c.cells) for c in complexes])
+    return Complex(np.vstack([c.points for c in complexes]), np.vstack([c.triangles + at for c, at in zip(complexes, points)]),
+                   np.vstack([np.where(c.sides == OUTSIDE, OUTSIDE, c.sides + at) for c, at in zip(complexes, cells)]),
+                   list(itertools.chain.from_iterable(c.cells for c in complexes)))
+
+
+def corrected(made, volumes):
+    """Moves the points as little as possible so that the regions hold these volumes: {region: volume}."""
+    wanted = np.array([volumes[k] for k in sorted(volumes)])
+    weight = np.zeros(len(made.points))
+    for k in range(3):
+        np.add.at(weight, made.triangles[:, k], made.areas() / 3)
+    for _ in range(CORRECTIONS):
+        held, gradients = zip(*(made.volume_gradient(k) for k in sorted(volumes)))
+        missing = wanted - held
+        if np.abs(missing / wanted).max() < 1e-6:
+            break
+        rows = np.array([g.ravel() for g in gradients])
+        light = rows / np.repeat(weight, 3)
+        move = np.linalg.lstsq(rows @ light.T, missing, rcond=1e-9)[0] @ light
+        made = dataclasses.replace(made, points=made.points + move.reshape(-1, 3))
+    return made
+
+
+def parts_of(mask):
+    """Connected parts of a mask as numbers from 1 on, and their voxels, the largest first."""
+    source = vtk.vtkImageData()
+    source.SetDimensions(*mask.shape[::-1])
+    source.GetPointData().SetScalars(numpy_to_vtk(mask.astype(np.uint8).ravel(), deep=True))
+    connectivity = vtk.vtkImageConnectivityFilter()
+    connectivity.SetInputData(source)
+    connectivity.SetScalarRange(1, 1)
+    connectivity.SetLabelScalarTypeToInt()
+    connectivity.SetLabelModeToSizeRank()
+    connectivity.Update()
+    numbers = vtk_to_numpy(connectivity.GetOutput().GetPointData().GetScalars()).reshape(mask.shape)
+    return numbers, np.bincount(numbers.ravel())[1:]
+
+
+def around_middle(labels):
+    """Voxels to be added before and after each axis so that the image's middle is well inside a region: CGAL looks for first points of the
+    surfaces along lines from there, for ever if it is outside."""
+    depth = distance_to(np.pad(labels == 0, 1, constant_values=True), 1.0)[1:-1, 1:-1, 1:-1]
+    deepest = np.array(np.unravel_index(np.argmax(depth), labels.shape))
+    reach = np.maximum(deepest, np.array(labels.shape) - 1 - deepest) + 2
+    return reach - deepest, reach - (np.array(labels.shape) - 1 - deepest)
+
+
+def clusters(image):
+    """Images of the groups of regions' parts that touch; splinters are left out."""
+    numbers, sizes = parts_of(image.labels > 0)
+    whole = np.bincount(image.labels.ravel(), minlength=256)
+    for number in range(1, len(sizes) + 1):
+        here = np.bincount(image.labels[numbers == number], minlength=256)
+        if not np.any(here[1:] > shells.SPLINTER * whole[1:]):
+            continue
+        within = np.argwhere(numbers == number)
+        first, last = within.min(axis=0), within.max(axis=0) + 1
+        window = tuple(slice(a, b) for a, b in zip(first, last))
+        mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
+        before, after = around_middle(mine)
+        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])))
+
+
+def surfaces_in(image, edge, radius):
+    """The complex of one cluster. `radius`: of its thinnest region."""
+    wanted = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0])
+              for label in np.unique(image.labels[image.labels > 0]) for _, sizes in [parts_of(image.labels == label)]}
+    for cell in (0.0, 1.5 * edge):    # parts inside others are found from tetrahedra that meet them
+        found = complex_of(*meshed(image, edge, FLATNESS * radius, cell))
+        if all(found.cells.count(label - 1) >= count for label, count in wanted.items()):
+            break
+    return found
+
+
+def shared_surfaces(regions, volumes, edge, box=None):
+    """Complex of regions (lists of closed shells, in order of priority) of these volumes, with triangles of about this edge. Returned with
+    the shares of them that are lost: see image_of."""
+    image, lost = image_of(regions, edge, box)
+    kept = [volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes)]
+    radii = [thinnest([region]) for region in regions]
+    close_gaps(image, len(regions), 2 * FLATNESS * min(radii))
+    groups = list(clusters(image))
+    pixels = [sum(group.volume(k + 1) for group in groups) for k in range(len(regions))]
+    complexes = []
+    for group in groups:
+        inside = [int(label) - 1 for label in np.unique(group.labels) if label]
+        found = surfaces_in(group, edge, min(radii[k] for k in inside))
+        complexes.append(corrected(found, {k: kept[k] * group.volume(k + 1) / pixels[k] for k in inside if k in found.cells}))
+    return together(complexes), lost

@@ -1,0 +1,65 @@
+"""Runs a stage of the work in a process of its own, so that one that does not end can be stopped: libraries cannot be interrupted."""
+import ctypes
+import multiprocessing
+import os
+import signal
+import traceback
+
+SECONDS = 120.0         # for a stage, unless the user says otherwise
+WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
+
+
+class TooLong(Exception):
+    """A stage did not end in time."""
+
+
+class Crashed(Exception):
+    """A library brought its process down, or raised something that is not ours."""
+
+
+def run(stage, work, *arguments):
+    """work(*arguments), in a child process. `stage`: what it does, for messages."""
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+    context = multiprocessing.get_context("fork")    # inherits the arguments, however large
+    child = context.Process(target=serve, args=(sender, work, arguments), daemon=True)
+    child.start()
+    sender.close()
+    try:
+        if not receiver.poll(SECONDS):
+            raise TooLong(f"{stage}: not done after {SECONDS:g} s, stopped")
+        result, error, place = receiver.recv()
+    except EOFError:
+        child.join()
+        raise Crashed(f"{stage}: ended by signal {-child.exitcode}" if child.exitcode < 0 else f"{stage}: ended without a result") from None
+    finally:
+        child.kill()
+        child.join()
+        receiver.close()
+    if error:
+        error.place = place     # where in the child, for whoever debugs this
+        raise error
+    return result
+
+
+def serve(sender, work, arguments):
+    """The child: sends (result, exception, its traceback)."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(WITH_PARENT, signal.SIGKILL)
+    quiet = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(quiet, 1)       # some libraries write their progress there
+    os.dup2(quiet, 2)
+    try:
+        answer = work(*arguments), None, None
+    except Exception as error:  # whatever it is, the parent decides
+        answer = None, error, traceback.format_exc()
+    try:
+        sender.send(answer)
+    except Exception as error:  # an exception of a library that cannot be sent
+        sender.send((None, Crashed(f"{error}: {answer[2]}"), answer[2]))
+
+
+def end_on_signals():
+    """SIGTERM ends the program as Ctrl-C does, and its child with it."""
+    def stop(number, _):
+        raise SystemExit(128 + number)
+    signal.signal(signal.SIGTERM, stop)

@@ -1,0 +1,64 @@
+#!/usr/bin/python3
+"""Stages that do not end, or bring their process down."""
+import os
+import signal
+import subprocess
+import sys
+import time
+import unittest
+import unittest.mock
+
+from anatomy_cases import SOURCE
+from anatomy import contours, limits
+
+FOREVER = """
+import time
+from anatomy import limits
+limits.end_on_signals()
+print("ready", flush=True)
+limits.run("forever", time.sleep, 1000)
+"""
+
+
+def refuse():
+    raise contours.Unusable("Apex", "too thin", 3.0)
+
+
+class Limits(unittest.TestCase):
+    def test_a_result_comes_back(self):
+        self.assertEqual(limits.run("sum", sum, [1, 2]), 3)
+
+    def test_what_does_not_end_is_stopped_and_named(self):
+        start = time.monotonic()
+        with unittest.mock.patch.object(limits, "SECONDS", 0.2), self.assertRaisesRegex(limits.TooLong, "^sleep: not done after 0.2 s"):
+            limits.run("sleep", time.sleep, 1000)
+        self.assertLess(time.monotonic() - start, 20)
+
+    def test_an_exception_comes_back_as_it_was(self):
+        with self.assertRaisesRegex(contours.Unusable, 'region "Apex", slice z = 3 mm: too thin'):
+            limits.run("x", refuse)
+
+    def test_a_crash_is_named(self):
+        with self.assertRaisesRegex(limits.Crashed, "^x: ended by signal 6"):
+            limits.run("x", os.abort)
+
+    def test_sigterm_ends_the_program_and_its_stage(self):
+        program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": SOURCE})
+        program.stdout.readline()
+        child = None
+        for _ in range(200):
+            with open(f"/proc/{program.pid}/task/{program.pid}/children", encoding="ascii") as file:
+                children = file.read().split()
+            if children:
+                child = int(children[0])
+                break
+            time.sleep(0.05)
+        program.send_signal(signal.SIGTERM)
+        self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
+        program.stdout.close()
+        with self.assertRaises(ProcessLookupError):
+            os.kill(child, 0)
+
+
+if __name__ == "__main__":
+    unittest.main()

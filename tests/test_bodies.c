@@ -1,0 +1,209 @@
+/* Needles through several bodies and several materials: out of one into the next, and out of tissue that is far stiffer. */
+#include "blocks.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+static char path[] = "/tmp/trocar-bodies-XXXXXX.msh";
+
+static int setup(void **unused) {
+    (void)unused;
+    int file = mkstemps(path, 4);
+    return file < 0 ? -1 : close(file);
+}
+
+static int teardown(void **unused) {
+    (void)unused;
+    return unlink(path);
+}
+
+static pose start_at(double x, double y) { return (pose){v3(x, y, -0.201), {1, 0, 0, 0}}; }
+
+/* ---- from one body into the next ---------------------------------------------------------------------------------------- */
+
+enum { STEPS = 95 }; /* of 1 mm */
+static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* N and N/m at 50 mm/s */
+
+/* In by 95 mm and out again at 50 mm/s: what each millimetre of the base has brought, and force and depth at its end. */
+typedef struct { unsigned events[2 * STEPS]; double force[2 * STEPS], depth[2 * STEPS]; } passage;
+
+static void pass(lockstep *l, passage *p) {
+    memset(p, 0, sizeof *p);
+    for (int i = 0; i < 2 * STEPS; i++) {
+        for (int tick = 0; tick < 20; tick++) {
+            lockstep_move(l, v3(0, 0, i < STEPS ? 5e-5 : -5e-5), 1e-3, 1e-3);
+            p->events[i] |= l->wrench.events;
+        }
+        p->force[i] = l->wrench.force.z;
+        p->depth[i] = l->wrench.depth;
+    }
+}
+
+static int first(const passage *p, unsigned event, int from) {
+    while (from < 2 * STEPS && !(p->events[from] & event)) from++;
+    return from;
+}
+
+/* Two bodies, meshed apart, the first one 40 mm thick, the second one `gap` behind it, or beginning before it ends. */
+static lockstep *two_bodies(double gap) {
+    block blocks[2] = {{v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.04), {8, 6, 3}, 3, 1, 1, true},
+                       {v3(-0.05, -0.04, 0.04 + gap), v3(0.05, 0.04, 0.1 + gap), {7, 5, 4}, 4, 2, 2, false}};
+    blocks_write_mesh(path, blocks, 2, 2, 1.0);
+    simulation_config c = blocks_config(path, 2);
+    for (int r = 0; r < 2; r++) c.regions[r].material.friction_static = c.regions[r].material.friction_kinetic = 8.0;
+    return lockstep_create(&c, start_at(0.0031, -0.0027));
+}
+
+/* Cutting and friction of what lies in tissue are felt, and nothing of the gap. A gap that the first body's bulging surface closes
+   is as none. */
+static void the_next_body_is_felt(void **unused) {
+    (void)unused;
+    static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
+    static passage p;
+    for (int i = 0; i < 4; i++) {
+        lockstep *l = two_bodies(gaps[i]);
+        pass(l, &p);
+        int left = first(&p, EVENT_EXITED, 0), entered = first(&p, EVENT_TOUCHED, left), last = STEPS - 1;
+        double gap = fmax(gaps[i], 0.0), expected = -CUTTING - FRICTION * (p.depth[last] - gap);
+        print_message("gap %g mm: out at %d, in at %d mm, %.1f mm deep %.3f N, expected %.3f\n", 1e3 * gaps[i], left, entered, 1e3 * p.depth[last],
+                      p.force[last], expected);
+        assert_true(left > 35 && left < 60);
+        assert_in_range(entered, left, left + (int)(1e3 * gap));
+        assert_close(p.force[last] / expected, 1.0, 0.03);
+        if (gap > 0.01) assert_close(p.force[entered - 1] / (-FRICTION * 0.04), 1.0, 0.1); /* in the gap: the first body's friction */
+        int back = first(&p, EVENT_EXITED, STEPS), out = first(&p, EVENT_WITHDRAWN, back);
+        assert_true(back < out && out < 2 * STEPS);
+        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_true(v3_norm(l->wrench.force) == 0.0);
+        lockstep_free(l);
+    }
+}
+
+/* A needle that a start finds in both bodies is in both: the friction of both holds it. */
+static void a_start_finds_the_needle_in_both(void **unused) {
+    (void)unused;
+    lockstep *l = two_bodies(0.005);
+    pose in = start_at(0.0031, -0.0027);
+    in.position.z = -0.2 + 0.08; /* 40 mm in the first one, 35 in the second */
+    insertion_reset(&l->simulation.insertion, in, &l->state);
+    l->base = in;
+    lockstep_move(l, v3(0, 0, 0), 0.01, 1e-3);
+    assert_true(v3_norm(l->wrench.force) < 1e-3);
+    assert_close(l->wrench.depth, 0.08, 1e-5);
+    lockstep_move(l, v3(0, 0, -0.02), 0.4, 1e-3);
+    assert_close(l->wrench.force.z / (FRICTION * (l->wrench.depth - 0.005)), 1.0, 0.03);
+    lockstep_free(l);
+}
+
+/* Two bodies of one mesh each, whose faces match, are one. */
+static void matching_faces_are_joined(void **unused) {
+    (void)unused;
+    block whole = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.1), {6, 5, 5}, 2, 1, 2, true};
+    block parts[2] = {{whole.low, v3(0.05, 0.04, 0.04), {6, 5, 2}, 2, 1, 1, true}, {v3(-0.05, -0.04, 0.04), whole.high, {6, 5, 3}, 3, 2, 2, false}};
+    mesh one, both;
+    report why;
+    blocks_write_mesh(path, &whole, 1, 2, 1.0);
+    assert_int_equal(mesh_read(path, &one, &why), TROCAR_OK);
+    assert_string_equal(one.remarks.text, "");
+    blocks_write_mesh(path, parts, 2, 2, 1.0);
+    assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
+    assert_non_null(strstr(both.remarks.text, "42 nodes"));
+    assert_int_equal(both.node_count, one.node_count);
+    assert_int_equal(both.boundary_count, one.boundary_count);
+    for (int g = 0; g < one.group_count; g++) assert_int_equal(both.groups[g].node_count, one.groups[g].node_count);
+    mesh_free(&one);
+    mesh_free(&both);
+    parts[1].cells[0] = 5; /* now only the nodes at both ends coincide */
+    blocks_write_mesh(path, parts, 2, 2, 1.0);
+    assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
+    assert_int_equal(both.node_count, 7 * 6 * 3 + 6 * 6 * 4);
+    assert_non_null(strstr(both.remarks.text, "12 nodes lie where others do"));
+    mesh_free(&both);
+}
+
+/* ---- units -------------------------------------------------------------------------------------------------------------- */
+
+static void the_mesh_may_be_in_another_unit(void **unused) {
+    (void)unused;
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {5, 4, 5}, 2, 1, 2, true};
+    static const double units[] = {1.0, 1e-2, 1e-3};
+    double force[3];
+    for (int i = 0; i < 3; i++) {
+        blocks_write_mesh(path, &body, 1, 2, units[i]);
+        simulation_config c = blocks_config(path, 2);
+        c.mesh_unit = units[i];
+        lockstep *l = lockstep_create(&c, start_at(0.0031, -0.0027));
+        lockstep_move(l, v3(0, 0, 0.04), 0.4, 1e-3);
+        force[i] = l->wrench.force.z;
+        assert_string_equal(l->simulation.mesh.remarks.text, "");
+        lockstep_free(l);
+        if (i == 0) continue;
+        assert_close(force[i] / force[0], 1.0, 1e-6);
+        c.mesh_unit = 1.0;
+        l = lockstep_create(&c, start_at(0, 0));
+        assert_non_null(strstr(l->simulation.mesh.remarks.text, "mesh_unit"));
+        lockstep_free(l);
+    }
+    simulation_config c = blocks_config(path, 2); /* right unit, but a needle of 20 um */
+    c.mesh_unit = 1e-3;
+    c.needle.outer_diameter = 20e-6;
+    c.needle.inner_diameter = 0.0;
+    lockstep *l = lockstep_create(&c, start_at(0, 0));
+    assert_non_null(strstr(l->simulation.mesh.remarks.text, "far smaller"));
+    lockstep_free(l);
+}
+
+/* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
+
+/* Largest step of force in a tick, in max(7 %, 0.05 N), while the needle goes through a layer of the given stiffness, its base is
+   moved sideways, and it is drawn out. */
+static double worst_step(double stiffness, unsigned *seen) {
+    enum { TICKS = 1200 };
+    simulation_config c = blocks_config(path, 2);
+    c.regions[1].material.youngs_modulus = stiffness;
+    c.needle.bevel_slope = 0.1;
+    lockstep *l = lockstep_create(&c, start_at(0.0031, -0.0027));
+    vec3 ways[] = {v3(0, 0, 0.065), v3(0.004, 0.006, 0), v3(0, 0, -0.07)}, before = v3(0, 0, 0);
+    double worst = 0.0, now = 0.0, at = 0.0;
+    for (int part = 0; part < 3; part++)
+        for (int tick = 0; tick < TICKS; tick++) { /* starts and stops gently */
+            lockstep_move(l, v3_scale(M_PI_2 / TICKS * sin(M_PI * (tick + 0.5) / TICKS), ways[part]), 1e-3, 1e-3);
+            *seen |= l->wrench.events;
+            double step = v3_norm(v3_sub(l->wrench.force, before)) / fmax(0.05, 0.07 * v3_norm(before));
+            now += 1e-3;
+            if (!(l->wrench.events & EVENT_PUNCTURED) && step > worst) worst = step, at = now;
+            before = l->wrench.force;
+        }
+    print_message("%g Pa: largest step at %.3f s\n", stiffness, at);
+    lockstep_free(l);
+    return worst;
+}
+
+static void no_jump_out_of_stiff_tissue(void **unused) {
+    (void)unused;
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {8, 7, 9}, 3, 1, 2, true};
+    blocks_write_mesh(path, &body, 1, 2, 1.0);
+    for (double contrast = 1; contrast <= 1000; contrast *= 10) {
+        unsigned seen = 0;
+        double worst = worst_step(20e3 * contrast, &seen);
+        print_message("%g times stiffer: largest step %.2f of max(7 %%, 0.05 N)\n", contrast, worst);
+        assert_false(seen & (EVENT_UNSTABLE | EVENT_FULL));
+        /* 1000 times: 1.02 where a contact begins to take part; its node yields otherwise than the mean that is taken off for it. */
+        assert_true(worst <= (contrast < 1000 ? 1.0 : 1.1));
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_next_body_is_felt),
+        cmocka_unit_test(a_start_finds_the_needle_in_both),
+        cmocka_unit_test(matching_faces_are_joined),
+        cmocka_unit_test(the_mesh_may_be_in_another_unit),
+        cmocka_unit_test(no_jump_out_of_stiff_tissue),
+    };
+    return cmocka_run_group_tests(tests, setup, teardown);
+}

@@ -1,0 +1,84 @@
+#!/bin/bash
+# scripts/demo as a newcomer may meet it, in a folder whose name has a space. 77: no network namespace here.
+# usage: test_demo.sh BUILD_DIR SOURCE_DIR
+set -euo pipefail
+build=$1 source=$2
+"$source/scripts/netns" true || exit 77
+work=$(mktemp -d)
+trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$work"' EXIT
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+# A tree with the demo and what is built already.
+mkdir "$work/a tree"
+cd "$work/a tree"
+cp -r "$source/scripts" scripts
+printf '#!/bin/sh\n' | tee scripts/setup >scripts/build
+ln -s "$source/meshes" meshes
+ln -s "$build" build
+
+says() { grep -qF -- "$1" "$work/said" || fail "no '$1' in: $(cat "$work/said")"; }
+
+# It ends with this status.
+ends_with() {
+    local wanted=$1 status=0
+    shift
+    "$@" >"$work/said" 2>&1 || status=$?
+    [ $status -eq "$wanted" ] || fail "status $status, not $wanted, of $*: $(cat "$work/said")"
+}
+has_results() { [ -s out/forces.svg ] && [ -s out/forces.csv ]; }
+
+echo "without HOME"
+ends_with 0 env -u HOME -u XDG_CACHE_HOME scripts/demo
+says "Figure: out/forces.svg"
+has_results || fail "no results"
+tail -n1 out/forces.svg | grep -qx "</svg>" || fail "half a figure"
+
+echo "another one in the same folder"
+exec 8<scripts/demo
+flock 8
+ends_with 1 scripts/demo
+says "another demo is running in $PWD"
+exec 8<&-
+has_results || fail "the other demo's results are gone"
+
+echo "Ctrl-C half way"
+set -m # so that Ctrl-C reaches a job in the background
+scripts/demo >"$work/said" 2>&1 &
+until [ -e out/forces.csv.part ]; do sleep 0.05; kill -0 $! || fail "$(cat "$work/said")"; done
+sleep 1
+kill -INT -- -$!
+status=0
+wait $! || status=$?
+set +m
+[ $status -eq 130 ] || fail "status $status after Ctrl-C: $(cat "$work/said")"
+says "interrupted: no results"
+[ ! -e out/forces.svg ] && [ ! -e out/forces.csv ] || fail "results of half a motion"
+
+echo "terminated half way"
+scripts/demo >"$work/said" 2>&1 &
+until [ -e out/forces.csv.part ]; do sleep 0.05; kill -0 $! || fail "$(cat "$work/said")"; done
+kill $!
+status=0
+wait $! || status=$?
+[ $status -eq 143 ] || fail "status $status after SIGTERM: $(cat "$work/said")"
+timeout 5 flock scripts/demo true || fail "it goes on"
+! has_results || fail "results of half a motion"
+rm -f out/forces.csv.part
+
+# As a container's root: without these rights and without user namespaces; in a network that has no interface but loopback.
+rights=-sys_admin,-net_admin
+# shellcheck disable=SC2016
+as_in_a_container() {
+    unshare --user --map-root-user --net bash -c 'ip link set lo up multicast on; eval "$1"; echo 0 >/proc/sys/user/max_user_namespaces
+        shift; exec setpriv --bounding-set "$0" --inh-caps "$0" "$@"' $rights "$@"
+}
+echo "without the right to a namespace"
+ends_with 0 as_in_a_container 'ip route add 239.0.0.0/8 dev lo' scripts/demo
+says "Start the container with: --cap-add SYS_ADMIN --cap-add NET_ADMIN"
+has_results || fail "no results"
+
+echo "nor a multicast route"
+ends_with 1 as_in_a_container true scripts/demo
+says "ip route add 239.255.76.67/32 dev lo"
+! has_results || fail "old results as if they were new"
+echo passed

@@ -1,0 +1,56 @@
+/* A server tells another one's status from its own and from what is no status. */
+#include "other_server.h"
+
+#include <string.h>
+
+#include "trocar_status_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+enum { OWN = 5, OTHER = 6 };
+static const int64_t SECOND = 1000000000;
+
+static uint8_t bytes[2048];
+
+static size_t status_of(int64_t server) {
+    trocar_status_t m = {.server = server, .host = "lab, process 12", .scene = "/a/long/way/to/figure8.yaml", .inverse = "dense", .message = ""};
+    int size = trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
+    assert_true(size > 0);
+    return (size_t)size;
+}
+
+static void another_one_is_noticed_and_named(void **unused) {
+    (void)unused;
+    other_server o = {0};
+    other_server_hear(&o, OWN, bytes, status_of(OWN), SECOND);
+    assert_false(other_server_present(&o, SECOND));
+    other_server_hear(&o, OWN, bytes, status_of(OTHER), 2 * SECOND);
+    assert_true(other_server_present(&o, 2 * SECOND));
+    assert_int_equal(o.id, OTHER);
+    assert_string_equal(o.host, "lab, process 12");
+    assert_non_null(strstr(o.scene, "figure8.yaml"));
+    other_server_hear(&o, OWN, bytes, status_of(OWN), 2 * SECOND + 1);
+    assert_true(other_server_present(&o, 3 * SECOND - 1));
+    assert_false(other_server_present(&o, 3 * SECOND));
+}
+
+static void what_is_no_status_is_passed_over(void **unused) {
+    (void)unused;
+    other_server o = {0};
+    size_t size = status_of(OTHER);
+    for (size_t length = 0; length < size; length++) other_server_hear(&o, OWN, bytes, length, SECOND);
+    bytes[0] ^= 1; /* of another version */
+    other_server_hear(&o, OWN, bytes, size, SECOND);
+    assert_false(other_server_present(&o, SECOND));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(another_one_is_noticed_and_named),
+        cmocka_unit_test(what_is_no_status_is_passed_over),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

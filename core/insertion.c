@@ -187,14 +187,16 @@ static void glide_on_surface(const insertion_model *model, insertion_state *stat
     tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 
-/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */
+/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing.
+   One whose end has slid over an edge is past the tissue, though its axis still cuts the corner. */
 static void move_freely(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
     needle_rest(model->needle, base, &state->needle);
     vec3 axis = q_axis(base.orientation), now = state->needle.joints[n];
+    vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
-    tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
+    tip_touch(model, state, advancing && tip_is_below(model, behind, before) ? behind : before, now, wrench);
 }
 
 /* A buckled needle counts as straight and without force until the hand has drawn its end back to where that was stuck. */

@@ -190,6 +190,14 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
     return tet;
 }
 
+/* Does the straight way from a hit on the outer surface to x lead through tissue? *tet: the element of x. */
+static bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
+    double weights[4];
+    *tet = follow(m, hit.tet, &hit.point, x);
+    mesh_barycentric(m, *tet, x, weights);
+    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
+}
+
 /* Out of the tissue, with the shaft still in it. */
 static void go_beyond(const insertion_model *model, insertion_state *state) {
     needle_tip *tip = &state->tip;
@@ -369,6 +377,12 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
     return true;
 }
 
+bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
+    surface_hit hit = mesh_enter(model->mesh, from, to);
+    int tet;
+    return hit.hit && reaches(model->mesh, hit, to, &tet);
+}
+
 void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->nominal, shift);
@@ -451,14 +465,6 @@ static void enter_next(const insertion_model *model, insertion_state *state, con
     tip->next_contact = NAN;
     enter_stratum(model->mesh, state, wrench);
     wrench->events |= EVENT_TOUCHED;
-}
-
-/* Does the straight way from a hit on the outer surface to x lead through tissue? *tet: the element of x. */
-static bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
-    double weights[4];
-    *tet = follow(m, hit.tet, &hit.point, x);
-    mesh_barycentric(m, *tet, x, weights);
-    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
 }
 
 /* Where the segment from `left`, at which the tip left a body, to `to` enters the next one. Bodies that were meshed apart may

@@ -249,6 +249,30 @@ static void the_force_holds_along_a_side_face(void **unused) {
         }
 }
 
+/* A needle that slides over the skin's edge is off, and is not caught again by the corner that its axis still cuts. */
+static void over_the_edge_once(void **unused) {
+    (void)unused;
+    enum { TICKS = 800 };
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {6, 5, 6}, 2, 1, 2, true};
+    blocks_write_mesh(path, &body, 1, 2, 1.0);
+    simulation_config c = blocks_config(path, 2);
+    for (double tilt = 0.5; tilt < 1.3; tilt += 0.35) {
+        vec3 axis = v3(0, -sin(tilt), cos(tilt)), skin = v3(0.0031, -0.0398, 0);
+        pose start = {v3_axpy(-0.201, axis, skin), {cos(0.5 * tilt), sin(0.5 * tilt), 0, 0}};
+        lockstep *l = lockstep_create(&c, start);
+        int touches = 0, falls = 0;
+        for (int tick = 0; tick < TICKS; tick++) {
+            lockstep_move(l, v3_scale(1e-5, axis), 1e-3, 1e-3);
+            touches += (l->wrench.events & EVENT_TOUCHED) != 0;
+            falls += (l->wrench.events & EVENT_WITHDRAWN) != 0;
+        }
+        print_message("at %g rad: %d touches, over the edge %d times\n", tilt, touches, falls);
+        assert_int_equal(touches, 1);
+        assert_int_equal(falls, 1);
+        lockstep_free(l);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_next_body_is_felt),
@@ -257,6 +281,7 @@ int main(void) {
         cmocka_unit_test(the_mesh_may_be_in_another_unit),
         cmocka_unit_test(no_jump_out_of_stiff_tissue),
         cmocka_unit_test(the_force_holds_along_a_side_face),
+        cmocka_unit_test(over_the_edge_once),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

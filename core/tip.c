@@ -387,8 +387,10 @@ void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* over the edge */
-        leave_tissue(tip, wrench);
+    if (!hit.hit) { /* over the edge, once the straight needle would be past the tissue: sooner, it would meet the surface again */
+        vec3 axis = q_axis(state->needle.base.orientation);
+        vec3 end = v3_axpy(model->needle->given.length, axis, state->needle.base.position);
+        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tip, wrench);
         return;
     }
     tip->tet = hit.tet;

@@ -23,7 +23,7 @@ static void locate_points(const insertion_model *model, const insertion_state *s
     }
     if (!w->tip) return;
     w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
-    w->nominal[state->active] = state->tip.nominal;
+    w->nominal[state->active] = tip_place(&state->tip);
 }
 
 /* Forces of the contacts on the needle's joints. */

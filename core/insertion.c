@@ -77,6 +77,7 @@ static vec3 displacement_ahead(const insertion_model *model, const insertion_sta
     double left = WINDOW_SPAN, chord;
     vec3 x = state->tip.nominal;
     int tet = state->tip.tet;
+    direction = tip_way(&state->tip, direction);
     for (int step = 0; step < MOST_ELEMENTS; step++) {
         int face = mesh_exit(m, tet, x, direction, &chord);
         x = v3_axpy(fmin(left, chord), direction, x);
@@ -98,7 +99,7 @@ static vec3 displacement_ahead(const insertion_model *model, const insertion_sta
 static vec3 track_gradient(const insertion_model *model, const insertion_state *state, const compliance_snapshot *snapshot) {
     if (state->tip.phase != TIP_INSIDE || state->active == 0) return v3(0, 0, 0);
     needle_point end = needle_at(model->needle, &state->needle, model->needle->given.length - state->tip.slip);
-    vec3 at_tip = v3_sub(end.position, state->tip.nominal);
+    vec3 at_tip = v3_sub(end.position, tip_place(&state->tip));
     vec3 ahead = displacement_ahead(model, state, snapshot, needle_along(&end), at_tip);
     return v3_scale(0.5 / WINDOW_SPAN, v3_sub(ahead, displacement_behind(model, state, at_tip)));
 }
@@ -186,14 +187,16 @@ static void glide_on_surface(const insertion_model *model, insertion_state *stat
     tip_glide(model, state, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential), wrench);
 }
 
-/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing. */
+/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing.
+   One whose end has slid over an edge is past the tissue, though its axis still cuts the corner. */
 static void move_freely(const insertion_model *model, insertion_state *state, pose base, insertion_wrench *wrench) {
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
     needle_rest(model->needle, base, &state->needle);
     vec3 axis = q_axis(base.orientation), now = state->needle.joints[n];
+    vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
-    tip_touch(model, state, v3_axpy(advancing ? -LOOK_BACK : 0.0, axis, before), now, wrench);
+    tip_touch(model, state, advancing && tip_is_below(model, behind, before) ? behind : before, now, wrench);
 }
 
 /* A buckled needle counts as straight and without force until the hand has drawn its end back to where that was stuck. */
@@ -277,7 +280,7 @@ static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 /* A sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const insertion_wrench *wrench) {
     const needle_tip *tip = &state->tip;
-    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip->nominal) + sum_of(state->entry) + tip->depth + tip->slip
+    double sum = sum_of(wrench->force) + sum_of(wrench->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
                + tip->shaft_traction;
     for (int i = 0; i < state->refined.count; i++) {

@@ -62,6 +62,7 @@ typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on t
 typedef struct {
     double arc;              /* m from the base: the needle's material point that is there */
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
+    vec3 beside;             /* m, how much of that is out of an outer face: as in needle_tip */
     vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     double slip;             /* m, how far the shaft slid forward past it in the last solve; carried out by the next tick */
@@ -96,12 +97,20 @@ typedef struct {
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`: where the tip is on the surface or blocked */
     bool entering;           /* what blocks is on the outer surface, and the tip comes from outside */
+    vec3 outward;            /* unit normal of the outer face along which the tip grazes; zero: it does not */
+    vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
     vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
     bool planned;            /* the last node of the refinement is that one, asked for in advance */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;
+
+/* m, nominal: where the tip is, which `nominal` stands for in the mesh. RT */
+static inline vec3 tip_place(const needle_tip *tip) { return v3_add(tip->nominal, tip->beside); }
+
+/* The way that `nominal` takes while the tip goes along `direction`: not out of the face that it grazes. RT */
+static inline vec3 tip_way(const needle_tip *tip, vec3 direction) { return v3_axpy(-v3_dot(direction, tip->outward), tip->outward, direction); }
 
 /* N, all that displaces the tissue at the tip: the needle's force, and what holds the tissue back while it springs back. RT */
 static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->force, tip->damping); }

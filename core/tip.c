@@ -7,6 +7,8 @@ static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past 
 static const double PLAN_TOLERANCE = 2e-4;   /* m, a planned contact node serves if the tip passes it this closely */
 static const double MOST_SHEAR = 0.7;        /* of the tissue along the track, that the tip's direction follows */
 static const double GLIDE_REACH = 2e-3;      /* m, how far above and below a gliding tip the surface is looked for */
+static const double GRAZING = 0.2;           /* sine of the angle to an outer face, below which the tip goes along the face */
+static const double GRAZING_DEPTH = 1e-5;    /* m inside that face, where `nominal` is then */
 static const double OVERLAP = 2e-3;          /* m, bodies that were meshed apart may overlap by so much */
 
 static const region_material *material_at(const insertion_model *model, int tet) {
@@ -89,6 +91,7 @@ static void plan_contact(const insertion_model *model, insertion_state *state, v
     double chord;
     drop_plan(state);
     tip->next_contact = INFINITY;
+    direction = tip_way(tip, direction);
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
     if (model->settings.placement != PLACE_INSIDE) { /* left on crossing the face, not at a depth */
@@ -110,7 +113,7 @@ static void leave_contact(const insertion_model *model, insertion_state *state, 
     if (!met) drop_plan(state);
     if (met || add_contact(model, state, tip->nominal, tip->depth, wrench)) {
         shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip->nominal, .direction = tip->direction, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
+        *contact = (shaft_contact){.arc = model->needle->given.length, .track = tip_place(tip), .beside = tip->beside, .direction = tip->direction, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
                                    .friction = tip->shaft_friction};
     }
     tip->planned = false;
@@ -146,13 +149,20 @@ static void leave_strata(insertion_state *state) {
     while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.depth) state->stratum_count--;
 }
 
+/* The tip is a little out of an outer face, or not. */
+static void set_beside(needle_tip *tip, vec3 beside) {
+    tip->beside = beside;
+    tip->outward = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
+}
+
 /* The tip has come back to its last contact node and takes its place. Moved nodes may have taken node->tet elsewhere. */
 static void take_up_contact(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
     int last = --state->refined.count;
     const added_node *node = &state->refined.nodes[last];
     needle_tip *tip = &state->tip;
     double weights[4];
-    tip->nominal = state->contacts[last].track;
+    tip->nominal = v3_sub(state->contacts[last].track, state->contacts[last].beside);
+    set_beside(tip, state->contacts[last].beside);
     tip->tet = refinement_element(model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
     tip->direction = state->contacts[last].direction;
     tip->depth = state->contacts[last].depth;
@@ -180,6 +190,14 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
     return tet;
 }
 
+/* Does the straight way from a hit on the outer surface to x lead through tissue? *tet: the element of x. */
+static bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
+    double weights[4];
+    *tet = follow(m, hit.tet, &hit.point, x);
+    mesh_barycentric(m, *tet, x, weights);
+    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
+}
+
 /* Out of the tissue, with the shaft still in it. */
 static void go_beyond(const insertion_model *model, insertion_state *state) {
     needle_tip *tip = &state->tip;
@@ -205,6 +223,7 @@ static void back_into_gap(const insertion_model *model, insertion_state *state, 
     state->tip.depth = left->depth;
     state->tip.tet = left->tet;
     state->tip.nominal = left->point;
+    set_beside(&state->tip, v3(0, 0, 0));
     state->stratum_count = gap;
     go_beyond(model, state);
     wrench->events |= EVENT_EXITED;
@@ -228,25 +247,66 @@ static void cross_face(const insertion_model *model, insertion_state *state, int
     plan_contact(model, state, direction, wrench);
 }
 
+/* ---- along an outer face ----------------------------------------------------------------------------------------------
+
+   A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
+   until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
+
+/* Does the tip go on along this outer face, which it has reached? Not where other tissue is behind it, or a membrane on it. */
+static bool grazes(const insertion_model *model, const needle_tip *tip, int face, vec3 direction) {
+    vec3 inward = mesh_face_normal(model->mesh, tip->tet, face);
+    if (v3_dot(direction, inward) < -GRAZING || obstacle(model, tip->tet, face, -1) != NOT_BLOCKED) return false;
+    return !mesh_enter(model->mesh, tip->nominal, v3_axpy(-model->needle->radius, inward, tip->nominal)).hit;
+}
+
+static void begin_grazing(const insertion_model *model, insertion_state *state, int face, vec3 direction, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    vec3 inward = mesh_face_normal(model->mesh, tip->tet, face);
+    tip->tet = follow(model->mesh, tip->tet, &tip->nominal, v3_axpy(GRAZING_DEPTH, inward, tip->nominal));
+    tip->beside = v3_axpy(-GRAZING_DEPTH, inward, tip->beside);
+    tip->outward = v3_scale(-1.0, inward);
+    plan_contact(model, state, direction, wrench);
+}
+
+/* The tip itself has moved by `part` along `direction`, and `nominal` along the face. The tip may be back in the tissue, or out of it. */
+static void graze_on(const insertion_model *model, insertion_state *state, vec3 direction, double part, insertion_wrench *wrench) {
+    needle_tip *tip = &state->tip;
+    tip->beside = v3_axpy(part * v3_dot(direction, tip->outward), tip->outward, tip->beside);
+    double out = v3_dot(tip->beside, tip->outward);
+    if (out > model->needle->radius) {
+        exit_tissue(model, state, wrench);
+    } else if (out < 0.0) {
+        tip->tet = follow(model->mesh, tip->tet, &tip->nominal, tip_place(tip));
+        tip->beside = tip->outward = v3(0, 0, 0);
+        plan_contact(model, state, direction, wrench);
+    }
+}
+
 /* Cuts forward by `distance` along the unit nominal direction: contacts are left where they are due, membranes stop. */
 static void cut_forward(const insertion_model *model, insertion_state *state, vec3 direction, double distance, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     if (isnan(tip->next_contact)) plan_contact(model, state, direction, wrench);
     for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->phase == TIP_INSIDE && tip->blocked_by == NOT_BLOCKED; step++) {
         double to_face, to_contact = tip->next_contact - tip->depth;
-        int face = mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &to_face);
+        vec3 way = tip_way(tip, direction);
+        int face = mesh_exit(model->mesh, tip->tet, tip->nominal, way, &to_face);
         if (face < 0) return;
         double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact)));
-        tip->nominal = v3_axpy(part, direction, tip->nominal);
+        tip->nominal = v3_axpy(part, way, tip->nominal);
         tip->depth += part;
         distance -= part;
-        if (to_contact <= part) {
-            leave_contact(model, state, wrench);
-        } else if (to_face <= part) {
+        bool grazing = v3_norm(tip->outward) > 0.0;
+        if (grazing) graze_on(model, state, direction, part, wrench);
+        if (tip->phase != TIP_INSIDE) return;
+        if (grazing && v3_norm(tip->outward) == 0.0) continue; /* back in the tissue: another element, perhaps */
+        if (to_contact <= part) leave_contact(model, state, wrench);
+        else if (to_face <= part && model->mesh->neighbours[tip->tet][face] < 0 && grazes(model, tip, face, direction))
+            begin_grazing(model, state, face, direction, wrench);
+        else if (to_face <= part) {
             tip->blocked_by = obstacle(model, tip->tet, face, model->mesh->neighbours[tip->tet][face]);
             tip->face = face;
             tip->entering = false;
-            if (tip->blocked_by == NOT_BLOCKED) cross_face(model, state, face, direction, wrench);
+            if (tip->blocked_by == NOT_BLOCKED) cross_face(model, state, face, way, wrench);
         }
     }
 }
@@ -280,7 +340,10 @@ static void draw_back(const insertion_model *model, insertion_state *state, doub
             return;
         }
         vec3 goal = last >= 0 ? state->contacts[last].track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
+        vec3 beside = last >= 0 ? state->contacts[last].beside : v3(0, 0, 0);
+        goal = v3_sub(goal, beside);
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
+        set_beside(tip, v3_axpy(distance / length, v3_sub(beside, tip->beside), tip->beside));
         tip->tet = follow(model->mesh, tip->tet, &tip->nominal, target);
         tip->depth -= distance;
         leave_strata(state);
@@ -314,12 +377,20 @@ bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, 
     return true;
 }
 
+bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
+    surface_hit hit = mesh_enter(model->mesh, from, to);
+    int tet;
+    return hit.hit && reaches(model->mesh, hit, to, &tet);
+}
+
 void tip_glide(const insertion_model *model, insertion_state *state, vec3 inward, vec3 shift, insertion_wrench *wrench) {
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* over the edge */
-        leave_tissue(tip, wrench);
+    if (!hit.hit) { /* over the edge, once the straight needle would be past the tissue: sooner, it would meet the surface again */
+        vec3 axis = q_axis(state->needle.base.orientation);
+        vec3 end = v3_axpy(model->needle->given.length, axis, state->needle.base.position);
+        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tip, wrench);
         return;
     }
     tip->tet = hit.tet;
@@ -353,10 +424,13 @@ static double beyond_exit(const insertion_model *model, const insertion_state *s
     return model->needle->given.length - (state->contacts[last].arc + state->tip.depth - state->contacts[last].depth);
 }
 
-/* After leaving on the far side: the tip is back when the exit point has passed along the shaft to its end. */
+/* After leaving on the far side: the tip is back when the needle's end is behind the exit point, by more than a radius. Nearer, tissue
+   that springs back as the tip lets go of it would take the tip in again. */
 static void come_back(const insertion_model *model, insertion_state *state, insertion_wrench *wrench) {
-    if (beyond_exit(model, state) > 0.0) return;
+    double beyond = beyond_exit(model, state);
+    if (beyond > -model->needle->radius) return;
     state->tip.phase = TIP_INSIDE;
+    if (isfinite(beyond)) state->tip.slip = beyond;
     wrench->events |= EVENT_REENTERED;
 }
 
@@ -384,6 +458,7 @@ static void enter_next(const insertion_model *model, insertion_state *state, con
     tip->tet = at->tet;
     tip->face = at->face;
     tip->nominal = at->point;
+    set_beside(tip, v3(0, 0, 0));
     tip->direction = v3_unit(needle_direction(model, state));
     tip->depth += fmax(gap, FACE_CLEARANCE);
     tip->known_tet = -1;
@@ -392,14 +467,6 @@ static void enter_next(const insertion_model *model, insertion_state *state, con
     tip->next_contact = NAN;
     enter_stratum(model->mesh, state, wrench);
     wrench->events |= EVENT_TOUCHED;
-}
-
-/* Does the straight way from a hit on the outer surface to x lead through tissue? *tet: the element of x. */
-static bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
-    double weights[4];
-    *tet = follow(m, hit.tet, &hit.point, x);
-    mesh_barycentric(m, *tet, x, weights);
-    return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
 }
 
 /* Where the segment from `left`, at which the tip left a body, to `to` enters the next one. Bodies that were meshed apart may
@@ -455,15 +522,15 @@ void tip_move(const insertion_model *model, insertion_state *state, vec3 track_g
     if (tip->phase == TIP_BEYOND) come_back(model, state, wrench);
     if (tip->phase == TIP_BEYOND) look_for_next(model, state, wrench);
     if (tip->phase != TIP_INSIDE) return;
-    vec3 before = tip->nominal;
+    vec3 before = tip_place(tip);
     if (tip->slip > 0.0) {
         vec3 direction = pull_back(track_gradient, needle_direction(model, state));
         cut_forward(model, state, direction, tip->slip, wrench);
-        follow_track(model, tip, v3_sub(tip->nominal, before));
+        follow_track(model, tip, v3_sub(tip_place(tip), before));
         if (tip->phase == TIP_BEYOND) enter_what_touches(model, state, direction, wrench);
     } else if (tip->slip < 0.0) {
         draw_back(model, state, -tip->slip, wrench);
-        follow_track(model, tip, v3_sub(before, tip->nominal));
+        follow_track(model, tip, v3_sub(before, tip_place(tip)));
     }
     tip->slip = 0.0;
     while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0

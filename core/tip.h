@@ -14,6 +14,9 @@ double tip_entry_depth(const insertion_state *state);
 /* Starts an insertion where the outer surface lies between `from` and `to`; false if it does not. RT */
 bool tip_touch(const insertion_model *model, insertion_state *state, vec3 from, vec3 to, insertion_wrench *wrench);
 
+/* Does the segment enter the nominal body, and lie in it from there to its end? RT */
+bool tip_is_below(const insertion_model *model, vec3 from, vec3 to);
+
 /* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track. A tip that has
    left the tissue on the far side is followed into whatever tissue the needle's end meets next.
    `track_gradient` is the derivative of the tissue's displacement along the track, about the tip. RT */

@@ -90,7 +90,7 @@ static void add_surroundings(const mesh *m, int tet, node_list *list) {
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
 static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
     int last = contacts_passed(state) - 1;
-    vec3 from = last >= 0 ? state->contacts[last].track : state->entry;
+    vec3 from = last >= 0 ? v3_sub(state->contacts[last].track, state->contacts[last].beside) : state->entry;
     vec3 back = v3_sub(from, state->tip.nominal);
     double length = v3_norm(back);
     if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);
@@ -114,13 +114,14 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
     add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
-    add_path(m, state->tip.tet, state->tip.nominal, direction, WINDOW_SPAN, &list);
+    vec3 way = tip_way(&state->tip, direction);
+    add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
     surface_hit next = {.hit = false};
     if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    add_path(m, state->tip.tet, state->tip.nominal, direction, reach, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, reach, &list);
     if (next.hit) add_path(m, next.tet, next.point, direction, reach * (1.0 - next.fraction) + 0.25 * reach, &list);
     return list;
 }

@@ -197,6 +197,82 @@ static void no_jump_out_of_stiff_tissue(void **unused) {
     }
 }
 
+/* ---- along a side face ---------------------------------------------------------------------------------------------------- */
+
+/* What a needle met that was pushed down along a side face and drawn out again. */
+typedef struct {
+    int exits, returns, withdrawals;
+    int jumps;               /* steps of force beyond max(7 %, 0.05 N) in a tick, but for punctures and exits */
+    int drops;               /* ticks in which it fell to nothing, but for the last */
+} side_passage;
+
+/* `inside` is how far inside the face y = -40 mm the needle is set on the skin, m. */
+static side_passage along_side_face(double inside, double bevel_slope) {
+    enum { TICKS = 1500 };
+    simulation_config c = blocks_config(path, 2);
+    c.needle.bevel_slope = bevel_slope;
+    lockstep *l = lockstep_create(&c, start_at(0.0031, -0.04 + inside));
+    side_passage p = {.exits = 0};
+    vec3 before = v3(0, 0, 0);
+    for (int tick = 0; tick < 2 * TICKS; tick++) { /* starts and stops gently, at both ends */
+        double part = (tick % TICKS + 0.5) / TICKS, way = 0.07 * M_PI_2 / TICKS * sin(M_PI * part);
+        lockstep_move(l, v3(0, 0, tick < TICKS ? way : -way), 1e-3, 1e-3);
+        unsigned events = l->wrench.events;
+        p.exits += (events & EVENT_EXITED) != 0;
+        p.returns += (events & EVENT_REENTERED) != 0;
+        p.withdrawals += (events & EVENT_WITHDRAWN) != 0;
+        double step = v3_norm(v3_sub(l->wrench.force, before));
+        if (!(events & (EVENT_PUNCTURED | EVENT_EXITED)) && step > fmax(0.05, 0.07 * v3_norm(before))) p.jumps++;
+        if (v3_norm(l->wrench.force) == 0.0 && v3_norm(before) > 0.0 && !(events & EVENT_WITHDRAWN)) p.drops++;
+        before = l->wrench.force;
+    }
+    lockstep_free(l);
+    return p;
+}
+
+/* On the face itself, or a little inside it, the tip is not in and out by turns. It may leave the tissue once, and come back once as the
+   needle is drawn out; one that steers into the tissue does not leave it. */
+static void the_force_holds_along_a_side_face(void **unused) {
+    (void)unused;
+    static const double insides[] = {0.0, 1e-7, 1e-6, 1e-5, 1e-4}, slopes[] = {0.0, 0.1, -0.1};
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {6, 5, 6}, 2, 1, 2, true};
+    blocks_write_mesh(path, &body, 1, 2, 1.0);
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < 3; k++) {
+            side_passage p = along_side_face(insides[i], slopes[k]);
+            print_message("%g um inside, slope %g: %d exits, %d jumps, %d drops\n", 1e6 * insides[i], slopes[k], p.exits, p.jumps, p.drops);
+            assert_int_equal(p.jumps, 0);
+            assert_int_equal(p.drops, 0);
+            assert_true(p.exits <= (slopes[k] < 0.0 ? 0 : 1));
+            assert_int_equal(p.returns, p.exits);
+            assert_int_equal(p.withdrawals, 1);
+        }
+}
+
+/* A needle that slides over the skin's edge is off, and is not caught again by the corner that its axis still cuts. */
+static void over_the_edge_once(void **unused) {
+    (void)unused;
+    enum { TICKS = 800 };
+    block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {6, 5, 6}, 2, 1, 2, true};
+    blocks_write_mesh(path, &body, 1, 2, 1.0);
+    simulation_config c = blocks_config(path, 2);
+    for (double tilt = 0.5; tilt < 1.3; tilt += 0.35) {
+        vec3 axis = v3(0, -sin(tilt), cos(tilt)), skin = v3(0.0031, -0.0398, 0);
+        pose start = {v3_axpy(-0.201, axis, skin), {cos(0.5 * tilt), sin(0.5 * tilt), 0, 0}};
+        lockstep *l = lockstep_create(&c, start);
+        int touches = 0, falls = 0;
+        for (int tick = 0; tick < TICKS; tick++) {
+            lockstep_move(l, v3_scale(1e-5, axis), 1e-3, 1e-3);
+            touches += (l->wrench.events & EVENT_TOUCHED) != 0;
+            falls += (l->wrench.events & EVENT_WITHDRAWN) != 0;
+        }
+        print_message("at %g rad: %d touches, over the edge %d times\n", tilt, touches, falls);
+        assert_int_equal(touches, 1);
+        assert_int_equal(falls, 1);
+        lockstep_free(l);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_next_body_is_felt),
@@ -204,6 +280,8 @@ int main(void) {
         cmocka_unit_test(matching_faces_are_joined),
         cmocka_unit_test(the_mesh_may_be_in_another_unit),
         cmocka_unit_test(no_jump_out_of_stiff_tissue),
+        cmocka_unit_test(the_force_holds_along_a_side_face),
+        cmocka_unit_test(over_the_edge_once),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -32,7 +32,7 @@ for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/t
 done
 ! grep -rlFe "$build" -e "$source" "$prefix" || fail "a path of the build is left"
 libraries=$prefix/lib/$(cc -print-multiarch)
-for library in "$libraries"/libtrocar_{types,core}.a; do
+for library in "$libraries"/libtrocar{_types,}.a; do
     objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library has what debuggers read, paths of the build among it"
 done
 # The page holds libraries of others, whose licence asks for their notice.

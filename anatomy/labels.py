@@ -19,6 +19,10 @@ MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
 VOXELS_PER_RADIUS = 2.5     # of the thinnest region
 FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
+FLATNESS_OF_EDGE = 0.15     # of the edge of a triangle: no less than that, up to MOST_FLATNESS of the radius
+MOST_FLATNESS = 0.5
+ROOM = 0.3                  # of the distance to the next cluster: how far a facet may be off, so that surfaces do not cross
+REACH = 20                  # voxels around a cluster in which the next one is looked for
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
 CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
@@ -69,6 +73,7 @@ class Image:
     low: np.ndarray      # (3,) centre of the first voxel
     step: float
     labels: np.ndarray   # (z, y, x) uint8
+    room: float = np.inf # of a cluster: distance to the next one, if it is near
 
     def volume(self, label):
         return float(np.count_nonzero(self.labels == label)) * self.step ** 3
@@ -346,6 +351,13 @@ def parts_of(mask):
     return numbers, np.bincount(numbers.ravel())[1:]
 
 
+def distance_between(numbers, number, window):
+    """Voxels between a part and the nearest other one, at most REACH. `window`: slices around the part."""
+    nearby = numbers[tuple(slice(max(0, s.start - REACH), s.stop + REACH) for s in window)]
+    others = (nearby > 0) & (nearby != number)
+    return min(REACH, distance_to(others, 1.0)[nearby == number].min() if others.any() else REACH)
+
+
 def around_middle(labels):
     """Voxels to be added before and after each axis so that the image's middle is well inside a region: CGAL looks for first points of the
     surfaces along lines from there, for ever if it is outside."""
@@ -368,35 +380,36 @@ def clusters(image):
         window = tuple(slice(a, b) for a, b in zip(first, last))
         mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
         before, after = around_middle(mine)
-        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])))
+        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])),
+                    image.step * distance_between(numbers, number, window))
 
 
 def surfaces_in(image, edge, radius):
     """The complex of one cluster. `radius`: of its thinnest region."""
     wanted = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0])
               for label in np.unique(image.labels[image.labels > 0]) for _, sizes in [parts_of(image.labels == label)]}
+    flatness = min(max(FLATNESS * radius, min(FLATNESS_OF_EDGE * edge, MOST_FLATNESS * radius)), ROOM * image.room)
     for cell in (0.0, 1.5 * edge):    # parts inside others are found from tetrahedra that meet them
-        found = complex_of(*meshed(image, edge, FLATNESS * radius, cell))
+        found = complex_of(*meshed(image, edge, flatness, cell))
         if all(found.cells.count(label - 1) >= count for label, count in wanted.items()):
             break
     return found
 
 
-def clean_image(regions, edge, box=None):
-    """Image of regions (lists of closed shells, in order of priority) without gaps and sheets that are thin beside them, for triangles of
-    about this edge. Returned with the shares of them that are lost: see image_of."""
+def images_of(regions, edge, box=None):
+    """Images of the clusters of regions (lists of closed shells, in order of priority), without gaps and sheets that are thin beside them,
+    for triangles of about this edge. Returned with the shares of the regions that are lost: see image_of."""
     image, lost = image_of(regions, edge, box)
     thin = FLATNESS * thinnest(regions)
     close_gaps(image, len(regions), 2 * thin)
     drop_thin(image, len(regions), thin)
-    return image, lost
+    return list(clusters(image)), lost
 
 
-def shared_surfaces(image, lost, regions, volumes, edge):
-    """Complex of the regions of these volumes in a clean image, with triangles of about this edge."""
+def shared_surfaces(groups, lost, regions, volumes, edge):
+    """Complex of the regions of these volumes, with triangles of about this edge. `groups`, `lost`: of images_of."""
     kept = [volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes)]
     radii = [thinnest([region]) for region in regions]
-    groups = list(clusters(image))
     pixels = [sum(group.volume(k + 1) for group in groups) for k in range(len(regions))]
     complexes = []
     for group in groups:

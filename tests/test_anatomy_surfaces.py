@@ -118,7 +118,8 @@ class Shared(unittest.TestCase):
         return shells.from_vtk(shells.mended(cube.GetOutput())[0])
 
     def check(self, regions, volumes, kept):
-        found, lost = labels.shared_surfaces(regions, volumes, 8.0)
+        groups, lost = labels.images_of(regions, 8.0)
+        found = labels.shared_surfaces(groups, lost, regions, volumes, 8.0)
         for k, volume in enumerate(kept):
             self.assertTrue(is_watertight(found.surface(k)))
             self.assertAlmostEqual(found.volume(k) / volume, 1, delta=0.02)
@@ -149,7 +150,9 @@ class Shared(unittest.TestCase):
         self.assertEqual(found.cells, [0, 0, 0])
 
     def test_what_a_box_cuts_off_is_told(self):
-        found, lost = labels.shared_surfaces([[self.box((0, 0, 0), (40, 30, 30))]], [36e3], 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        box = [[self.box((0, 0, 0), (40, 30, 30))]]
+        groups, lost = labels.images_of(box, 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        found = labels.shared_surfaces(groups, lost, box, [36e3], 8.0)
         self.assertAlmostEqual(lost[0, labels.OUTSIDE], 0.25, delta=0.02)
         self.assertAlmostEqual(found.volume(0) / 27e3, 1, delta=8 / labels.VOXELS_PER_EDGE / 30)    # a voxel
 

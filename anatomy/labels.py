@@ -21,7 +21,9 @@ VOXELS_PER_RADIUS = 2.5     # of the thinnest region
 FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
 FLATNESS_OF_EDGE = 0.15     # of the edge of a triangle: no less than that, up to MOST_FLATNESS of the radius
 MOST_FLATNESS = 0.5
-ROOM = 0.3                  # of the distance to the next cluster: how far a facet may be off, so that surfaces do not cross
+CLOSE_VOXELS = 3.0          # gaps between regions that are closed, at least: facets of the surfaces on either side would cross
+CLEAR = 2.9                 # voxels between clusters, at least
+ROOM = 0.35                 # of the distance to the next cluster: how far a facet may be off, so that surfaces do not cross
 REACH = 20                  # voxels around a cluster in which the next one is looked for
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
@@ -351,9 +353,24 @@ def parts_of(mask):
     return numbers, np.bincount(numbers.ravel())[1:]
 
 
-def distance_between(numbers, number, window):
-    """Voxels between a part and the nearest other one, at most REACH. `window`: slices around the part."""
-    nearby = numbers[tuple(slice(max(0, s.start - REACH), s.stop + REACH) for s in window)]
+def surrounded(numbers, number):
+    """Part of an image of numbered parts: this one and REACH voxels around it."""
+    within = np.argwhere(numbers == number)
+    return numbers[tuple(slice(max(0, a - REACH), b + REACH + 1) for a, b in zip(within.min(axis=0), within.max(axis=0)))]
+
+
+def clear(numbers, count):
+    """Takes from parts what is too close to larger ones; the numbers are in the order of size."""
+    for number in range(2, count + 1):
+        nearby = surrounded(numbers, number)
+        larger = (nearby > 0) & (nearby < number)
+        if larger.any():
+            nearby[(nearby == number) & (distance_to(larger, 1.0) < CLEAR)] = 0
+
+
+def distance_between(numbers, number):
+    """Voxels between a part and the nearest other one, at most REACH."""
+    nearby = surrounded(numbers, number)
     others = (nearby > 0) & (nearby != number)
     return min(REACH, distance_to(others, 1.0)[nearby == number].min() if others.any() else REACH)
 
@@ -371,9 +388,11 @@ def clusters(image):
     """Images of the groups of regions' parts that touch; splinters are left out."""
     numbers, sizes = parts_of(image.labels > 0)
     whole = np.bincount(image.labels.ravel(), minlength=256)
-    for number in range(1, len(sizes) + 1):
-        here = np.bincount(image.labels[numbers == number], minlength=256)
-        if not np.any(here[1:] > shells.SPLINTER * whole[1:]):
+    large = [np.any(np.bincount(image.labels[numbers == number], minlength=256)[1:] > shells.SPLINTER * whole[1:]) for number in range(1, len(sizes) + 1)]
+    numbers = np.append(0, np.cumsum(large) * large)[numbers]    # without splinters
+    clear(numbers, sum(large))
+    for number in range(1, sum(large) + 1):
+        if not np.any(numbers == number):
             continue
         within = np.argwhere(numbers == number)
         first, last = within.min(axis=0), within.max(axis=0) + 1
@@ -381,7 +400,7 @@ def clusters(image):
         mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
         before, after = around_middle(mine)
         yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])),
-                    image.step * distance_between(numbers, number, window))
+                    image.step * distance_between(numbers, number))
 
 
 def surfaces_in(image, edge, radius):
@@ -401,8 +420,8 @@ def images_of(regions, edge, box=None):
     for triangles of about this edge. Returned with the shares of the regions that are lost: see image_of."""
     image, lost = image_of(regions, edge, box)
     thin = FLATNESS * thinnest(regions)
-    close_gaps(image, len(regions), 2 * thin)
     drop_thin(image, len(regions), thin)
+    close_gaps(image, len(regions), max(2 * thin, CLOSE_VOXELS * image.step))
     return list(clusters(image)), lost
 
 

@@ -369,7 +369,7 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         if rank[0] == 0 and rank[1] <= 1:
             break
-        centre = fine * (count / nodes) ** (1 / 3)
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces take many of the nodes at any size
         if off > CLOSE:
             fine = centre
         else:  # look around it

@@ -108,7 +108,7 @@ def run(given):
 def write_texts(given, organs, domain, mesh, outlined):
     title = os.path.basename(given.output)
     soft, bones = [organ.name for organ in organs if not organ.bone], any(organ.bone for organ in organs)
-    walls = sorted({body.surface for body in domain.bodies} - {"capsule", "bone"})
+    walls = sorted(set(mesh.surfaces) - {"skin", "fixed", "capsule", "bone"})
     source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
     rows = quality.table(mesh, outlined, pipeline.distances_to_outlines(organs, domain, mesh, outlined))
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))

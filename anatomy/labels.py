@@ -19,9 +19,16 @@ MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
 VOXELS_PER_RADIUS = 2.5     # of the thinnest region
 FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
+FLATNESS_OF_EDGE = 0.15     # of the edge of a triangle: no less than that, up to MOST_FLATNESS of the radius
+MOST_FLATNESS = 0.5
+CLOSE_VOXELS = 3.0          # gaps between regions that are closed, at least: facets of the surfaces on either side would cross
+CLEAR = 2.9                 # voxels between clusters, at least
+ROOM = 0.35                 # of the distance to the next cluster: how far a facet may be off, so that surfaces do not cross
+REACH = 20                  # voxels around a cluster in which the next one is looked for
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
 CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
+MOST_THIN = 0.10            # of a region: if more than that is thin, it is not given away
 FINE = 100                  # voxels along a surface that crosses itself
 OUTSIDE = -1                # of the cells: the tissue around
 
@@ -68,6 +75,7 @@ class Image:
     low: np.ndarray      # (3,) centre of the first voxel
     step: float
     labels: np.ndarray   # (z, y, x) uint8
+    room: float = np.inf # of a cluster: distance to the next one, if it is near
 
     def volume(self, label):
         return float(np.count_nonzero(self.labels == label)) * self.step ** 3
@@ -180,6 +188,26 @@ def close_gaps(image, count, gap):
     image.labels[closed] = owner[closed]
 
 
+def drop_thin(image, count, radius):
+    """Gives sheets and spurs of regions that a ball of this radius does not fit in, and splinters, to what is nearest: they would become
+    flat tetrahedra. They are left over where regions' outlines nearly coincide. A region that is thin everywhere stays as it is."""
+    radius = max(radius, image.step)
+    kept = [image.labels == 0]
+    for label in range(1, count + 1):
+        mask = image.labels == label
+        core = distance_to(~mask, image.step) > radius * (1 + 1e-6)
+        opened = mask & (distance_to(core, image.step) <= radius * (1 + 1e-6)) if core.any() else mask
+        if np.count_nonzero(opened) < (1 - MOST_THIN) * np.count_nonzero(mask):
+            opened = mask
+        numbers, sizes = parts_of(opened)
+        large = np.append(False, sizes > shells.SPLINTER * sizes.max(initial=0))
+        kept.append(large[numbers])
+    left = (image.labels > 0) & ~np.any(kept, axis=0)
+    if left.any():
+        distances = np.array([distance_to(mask, image.step)[left] if mask.any() else np.full(np.count_nonzero(left), np.inf) for mask in kept])
+        image.labels[left] = np.argmin(distances, axis=0)
+
+
 def thinnest(regions):
     """Radius of a cylinder of the ratio of volume to surface of the thinnest region."""
     return min(2 * sum(s.volume() for s in region) / sum(s.area() for s in region) for region in regions)
@@ -213,8 +241,8 @@ def connected(count, pairs):
             return root
 
 
-def complex_of(points, tets, labels):
-    """The surfaces of labels, cells numbered by connected parts."""
+def neighbours(tets):
+    """Faces, each once, and the tetrahedra on either side of them, or OUTSIDE."""
     faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
     owner = np.tile(np.arange(len(tets)), 4)
     order = np.lexsort(faces.T)
@@ -223,11 +251,45 @@ def complex_of(points, tets, labels):
     first = ~second
     left, right = owner[first], np.full(np.count_nonzero(first), OUTSIDE)
     right[np.cumsum(first)[second] - 1] = owner[second]
+    return faces[first], left, right
+
+
+def without_splinters(points, tets, labels):
+    """The labels of the tetrahedra, where cells of less than SPLINTER of their region's largest have the label around most of their
+    surface; 0 is none."""
+    corners, left, right = neighbours(tets)
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    a, b, c, d = (points[tets[:, k]] for k in range(4))
+    size = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
+    labels, inner = labels.copy(), right != OUTSIDE
+    while True:
+        same = inner & (labels[left] == labels[right])
+        roots, cell = np.unique(connected(len(tets), np.column_stack([left[same], right[same]])), return_inverse=True)
+        volume, label = np.bincount(cell, size), labels[roots]
+        largest = np.zeros(labels.max() + 1)
+        np.maximum.at(largest, label, volume)
+        small = np.flatnonzero((volume < shells.SPLINTER * largest[label]) & (label > 0))
+        if not len(small):
+            return labels
+        smallest = small[np.argmin(volume[small])]
+        around = np.zeros(len(largest))
+        for one, other in ((left, right), (right, left)):
+            mine = ~same & (one != OUTSIDE) & (cell[one] == smallest)
+            np.add.at(around, np.where(other[mine] == OUTSIDE, 0, labels[other[mine]]), area[mine])
+        labels[cell == smallest] = np.argmax(around)
+
+
+def complex_of(points, tets, labels):
+    """The surfaces of labels, cells numbered by connected parts."""
+    labels = without_splinters(points, tets, labels)
+    tets, labels = tets[labels > 0], labels[labels > 0]
+    faces, left, right = neighbours(tets)
     inner = right != OUTSIDE
     same = inner & (labels[left] == labels[right])
     roots, number = np.unique(connected(len(tets), np.column_stack([left[same], right[same]])), return_inverse=True)
     sides = np.column_stack([number[left], np.where(inner, number[right], OUTSIDE)])[~same]
-    corners, inside = faces[first][~same], tets[left][~same]
+    corners, inside = faces[~same], tets[left][~same]
     a, b, c = (points[corners[:, k]] for k in range(3))
     outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - points[inside].mean(axis=1)) > 0
     corners = np.where(outward[:, None], corners, corners[:, ::-1])
@@ -291,6 +353,28 @@ def parts_of(mask):
     return numbers, np.bincount(numbers.ravel())[1:]
 
 
+def surrounded(numbers, number):
+    """Part of an image of numbered parts: this one and REACH voxels around it."""
+    within = np.argwhere(numbers == number)
+    return numbers[tuple(slice(max(0, a - REACH), b + REACH + 1) for a, b in zip(within.min(axis=0), within.max(axis=0)))]
+
+
+def clear(numbers, count):
+    """Takes from parts what is too close to larger ones; the numbers are in the order of size."""
+    for number in range(2, count + 1):
+        nearby = surrounded(numbers, number)
+        larger = (nearby > 0) & (nearby < number)
+        if larger.any():
+            nearby[(nearby == number) & (distance_to(larger, 1.0) < CLEAR)] = 0
+
+
+def distance_between(numbers, number):
+    """Voxels between a part and the nearest other one, at most REACH."""
+    nearby = surrounded(numbers, number)
+    others = (nearby > 0) & (nearby != number)
+    return min(REACH, distance_to(others, 1.0)[nearby == number].min() if others.any() else REACH)
+
+
 def around_middle(labels):
     """Voxels to be added before and after each axis so that the image's middle is well inside a region: CGAL looks for first points of the
     surfaces along lines from there, for ever if it is outside."""
@@ -304,41 +388,51 @@ def clusters(image):
     """Images of the groups of regions' parts that touch; splinters are left out."""
     numbers, sizes = parts_of(image.labels > 0)
     whole = np.bincount(image.labels.ravel(), minlength=256)
-    for number in range(1, len(sizes) + 1):
-        here = np.bincount(image.labels[numbers == number], minlength=256)
-        if not np.any(here[1:] > shells.SPLINTER * whole[1:]):
+    large = [np.any(np.bincount(image.labels[numbers == number], minlength=256)[1:] > shells.SPLINTER * whole[1:]) for number in range(1, len(sizes) + 1)]
+    numbers = np.append(0, np.cumsum(large) * large)[numbers]    # without splinters
+    clear(numbers, sum(large))
+    for number in range(1, sum(large) + 1):
+        if not np.any(numbers == number):
             continue
         within = np.argwhere(numbers == number)
         first, last = within.min(axis=0), within.max(axis=0) + 1
         window = tuple(slice(a, b) for a, b in zip(first, last))
         mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
         before, after = around_middle(mine)
-        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])))
+        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])),
+                    image.step * distance_between(numbers, number))
 
 
 def surfaces_in(image, edge, radius):
     """The complex of one cluster. `radius`: of its thinnest region."""
     wanted = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0])
               for label in np.unique(image.labels[image.labels > 0]) for _, sizes in [parts_of(image.labels == label)]}
+    flatness = min(max(FLATNESS * radius, min(FLATNESS_OF_EDGE * edge, MOST_FLATNESS * radius)), ROOM * image.room)
     for cell in (0.0, 1.5 * edge):    # parts inside others are found from tetrahedra that meet them
-        found = complex_of(*meshed(image, edge, FLATNESS * radius, cell))
+        found = complex_of(*meshed(image, edge, flatness, cell))
         if all(found.cells.count(label - 1) >= count for label, count in wanted.items()):
             break
     return found
 
 
-def shared_surfaces(regions, volumes, edge, box=None):
-    """Complex of regions (lists of closed shells, in order of priority) of these volumes, with triangles of about this edge. Returned with
-    the shares of them that are lost: see image_of."""
+def images_of(regions, edge, box=None):
+    """Images of the clusters of regions (lists of closed shells, in order of priority), without gaps and sheets that are thin beside them,
+    for triangles of about this edge. Returned with the shares of the regions that are lost: see image_of."""
     image, lost = image_of(regions, edge, box)
+    thin = FLATNESS * thinnest(regions)
+    drop_thin(image, len(regions), thin)
+    close_gaps(image, len(regions), max(2 * thin, CLOSE_VOXELS * image.step))
+    return list(clusters(image)), lost
+
+
+def shared_surfaces(groups, lost, regions, volumes, edge):
+    """Complex of the regions of these volumes, with triangles of about this edge. `groups`, `lost`: of images_of."""
     kept = [volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes)]
     radii = [thinnest([region]) for region in regions]
-    close_gaps(image, len(regions), 2 * FLATNESS * min(radii))
-    groups = list(clusters(image))
     pixels = [sum(group.volume(k + 1) for group in groups) for k in range(len(regions))]
     complexes = []
     for group in groups:
         inside = [int(label) - 1 for label in np.unique(group.labels) if label]
         found = surfaces_in(group, edge, min(radii[k] for k in inside))
         complexes.append(corrected(found, {k: kept[k] * group.volume(k + 1) / pixels[k] for k in inside if k in found.cells}))
-    return together(complexes), lost
+    return together(complexes)

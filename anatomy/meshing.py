@@ -74,6 +74,7 @@ class Domain:
     regions: list = None     # in order of priority
     gland: str = ""
     crop: tuple = None       # low, high: nothing of the regions outside
+    images: tuple = None     # of the regions, and what they lose to each other: see labels.images_of
 
     def parents(self):
         """Index of the smallest body around each body, or None."""
@@ -174,8 +175,8 @@ def build(domain, fine):
     """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and what regions lost."""
     formula = size_formula(domain, fine)
     if domain.regions:
-        found, lost = labels.shared_surfaces([region.shells for region in domain.regions], [region.volume for region in domain.regions],
-                                             fine, domain.crop)
+        groups, lost = domain.images
+        found = labels.shared_surfaces(groups, lost, [region.shells for region in domain.regions], [region.volume for region in domain.regions], fine)
         missing = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
         if missing:
             raise Failure("nothing is left of it: it lies inside other regions, or is too thin", missing)
@@ -343,6 +344,8 @@ def search(domain, nodes, path):
     fine = first_size(domain.high - domain.low, nodes)
     best, best_rank, close_size, failures, start = None, (2, math.inf), None, 0, time.monotonic()
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
+    if domain.regions:
+        domain.images = limits.run(f"image of {', '.join(every)}", labels.images_of, [region.shells for region in domain.regions], fine, domain.crop)
     for number in range(TRIES):
         if best and time.monotonic() - start > limits.SECONDS:
             break
@@ -366,7 +369,7 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         if rank[0] == 0 and rank[1] <= 1:
             break
-        centre = fine * (count / nodes) ** (1 / 3)
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces take many of the nodes at any size
         if off > CLOSE:
             fine = centre
         else:  # look around it

@@ -1,5 +1,6 @@
 """From what a user names to what is meshed."""
 import dataclasses
+import itertools
 import re
 import unicodedata
 
@@ -32,6 +33,7 @@ class Organ:
     name: str                    # as mesh and scene do
     bone: bool
     points: np.ndarray           # (n, 3) of the outlines or the surface, as they came; DICOM mm
+    loft: shells.Shell = None    # DICOM mm
     shape: field.Field = None    # DICOM mm; if it is not a loft
     shells: list = None          # closed surfaces, DICOM mm; of files of surfaces
     stack: contours.Stack = None
@@ -115,14 +117,22 @@ def mend_crossings(organ):
     organ.shells, organ.volume = around, volume
 
 
+def outlines_touch(organ, other):
+    """Whether outlines of the two come closer than TOUCH to each other on a slice."""
+    reach = (organ.stack.spacing + other.stack.spacing) / 4
+    return any(abs(a.z - b.z) < reach and a.outline.boundary.distance(b.outline.boundary) < TOUCH
+               for a in organ.stack.slices for b in other.stack.slices)
+
+
 def smooth_surfaces(organ):
     """Loft where there is one, else through the field."""
     if organ.shells:
         return organ.shells
+    if organ.shape is None and not organ.share:    # an image needs no loft
+        organ.loft = organ.loft or loft.of_stack(organ.stack)
+        if organ.loft:
+            return [organ.loft]
     if organ.shape is None:
-        lofted = loft.of_stack(organ.stack)
-        if lofted:
-            return [lofted]
         organ.shape = field.of_stack(organ.stack)
     return organ.shape.surfaces()
 
@@ -180,6 +190,9 @@ def surface_name(organ, organs):
 def domain_of(organs, nodes, corridor, crop=False):
     """The gland first. `crop`: the box holds the gland and the bones, not all regions. Returns the domain and region name -> volume of its
     outlines, m^3."""
+    if any(a.stack and b.stack and outlines_touch(a, b) for a, b in itertools.combinations(organs, 2)):
+        for organ in organs:
+            organ.share = True
     surfaces = [smooth_surfaces(organ) for organ in organs]
     for organ, found in zip(organs, surfaces):
         if not found:

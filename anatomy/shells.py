@@ -158,7 +158,8 @@ def crossings(shells):
         counts[k] = near.GetNumberOfIds()
         triangles += map(near.GetId, range(counts[k]))
     edges, triangles = np.repeat(edges, counts, axis=0), np.array(triangles, int)
-    apart = ~np.any(whole.triangles[triangles][:, :, None] == edges[:, None, :], axis=(1, 2))
+    same = np.unique(whole.points, axis=0, return_inverse=True)[1].reshape(-1)    # shells may share points
+    apart = ~np.any(same[whole.triangles[triangles]][:, :, None] == same[edges][:, None, :], axis=(1, 2))
     edges, triangles = edges[apart], triangles[apart]
     corner, b, c = (whole.points[whole.triangles[triangles, k]] for k in range(3))
     ab, ac = b - corner, c - corner

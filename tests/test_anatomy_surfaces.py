@@ -118,7 +118,8 @@ class Shared(unittest.TestCase):
         return shells.from_vtk(shells.mended(cube.GetOutput())[0])
 
     def check(self, regions, volumes, kept):
-        found, lost = labels.shared_surfaces(regions, volumes, 8.0)
+        groups, lost = labels.images_of(regions, 8.0)
+        found = labels.shared_surfaces(groups, lost, regions, volumes, 8.0)
         for k, volume in enumerate(kept):
             self.assertTrue(is_watertight(found.surface(k)))
             self.assertAlmostEqual(found.volume(k) / volume, 1, delta=0.02)
@@ -149,9 +150,26 @@ class Shared(unittest.TestCase):
         self.assertEqual(found.cells, [0, 0, 0])
 
     def test_what_a_box_cuts_off_is_told(self):
-        found, lost = labels.shared_surfaces([[self.box((0, 0, 0), (40, 30, 30))]], [36e3], 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        box = [[self.box((0, 0, 0), (40, 30, 30))]]
+        groups, lost = labels.images_of(box, 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        found = labels.shared_surfaces(groups, lost, box, [36e3], 8.0)
         self.assertAlmostEqual(lost[0, labels.OUTSIDE], 0.25, delta=0.02)
         self.assertAlmostEqual(found.volume(0) / 27e3, 1, delta=8 / labels.VOXELS_PER_EDGE / 30)    # a voxel
+
+    def test_a_sheet_goes_to_what_is_around_it(self):
+        image = labels.Image(np.zeros(3), 1.0, np.zeros((36, 36, 40), np.uint8))
+        image.labels[4:32, 4:32, 4:10] = 1
+        image.labels[4:32, 4:32, 10] = 2        # beside the body of the second region one voxel of it covers the first
+        image.labels[4:32, 12:32, 10:34] = 2
+        labels.drop_thin(image, 2, 1.0)
+        self.assertFalse(np.any(image.labels[6:30, 5:9, 10] == 2))
+        self.assertTrue(np.all(image.labels[6:30, 6:30, 5:9] == 1) and np.all(image.labels[6:30, 14:30, 12:32] == 2))
+
+    def test_clusters_keep_clear_of_each_other(self):
+        image = labels.Image(np.zeros(3), 1.0, np.zeros((20, 20, 40), np.uint8))
+        image.labels[4:16, 4:16, 4:20] = 1
+        image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
+        self.assertEqual([group.room >= labels.CLEAR for group in labels.clusters(image)], [True, True])
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ GAP = 0.5               # of an element: regions that do not touch keep this dis
 TOUCH = 1.0             # mm: regions that come this close share a surface
 LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
 MOST_LOSS = 0.10        # of a region's volume: a mesh that holds less of it, or more, is refused
+MISSING = 5.0              # mm: a bone's point this far from the mesh's bone is missing
 SMALL, LARGE = 20.0, 2000.0     # mm: a surface with a longest side beyond these is probably in another unit
 STEEP = 5.0             # of the median edge: longer ones make a thorn or a dent
 FEW = 4                 # edges that may be longer
@@ -282,6 +283,15 @@ def check_volumes(organs, mesh, outlined):
         if not organ.bone and abs(mesh.region_volume(organ.name) / outlined[organ.name] - 1) > MOST_LOSS:
             raise Unusable(organ.roi, f"the mesh holds {mesh.region_volume(organ.name) * 1e6:.2f} ml of {outlined[organ.name] * 1e6:.2f} ml "
                            f"({100 * (mesh.region_volume(organ.name) / outlined[organ.name] - 1):+.1f} %): raise --nodes, or leave it out")
+
+
+def note_missing_bone(organs, distances):
+    """Bones are hollow in the mesh, so that volumes say nothing: how much of their surface the mesh does not have."""
+    for organ in organs:
+        far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
+        if np.mean(far) > 0.01:
+            organ.note(f"{100 * np.mean(far):.0f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "
+                       f"(at most {distances[organ.name].max():.0f} mm): parts of it are missing; try more --nodes")
 
 
 def give_way(organs, failure, domain):

@@ -138,10 +138,10 @@ trocar_status trocar_scene_set_mesh(trocar_scene *scene, const trocar_mesh *give
     free_mesh(scene);
     scene->mesh = *given;
     size_t nodes = (size_t)given->node_count, tets = (size_t)given->tet_count, triangles = (size_t)given->triangle_count;
-    const void *copied[5];
-    bool done = copy(given->nodes, 3 * nodes, sizeof(double), &copied[0]) & copy(given->tets, 4 * tets, sizeof(int32_t), &copied[1])
-              & copy(given->tet_region, tets, sizeof(int32_t), &copied[2]) & copy(given->triangles, 3 * triangles, sizeof(int32_t), &copied[3])
-              & copy(given->triangle_surface, triangles, sizeof(int32_t), &copied[4]) & copy_names(scene, given);
+    const void *copied[5] = {NULL};
+    bool done = copy(given->nodes, 3 * nodes, sizeof(double), &copied[0]) && copy(given->tets, 4 * tets, sizeof(int32_t), &copied[1])
+              && copy(given->tet_region, tets, sizeof(int32_t), &copied[2]) && copy(given->triangles, 3 * triangles, sizeof(int32_t), &copied[3])
+              && copy(given->triangle_surface, triangles, sizeof(int32_t), &copied[4]) && copy_names(scene, given);
     scene->mesh.nodes = copied[0];
     scene->mesh.tets = copied[1];
     scene->mesh.tet_region = copied[2];

@@ -17,12 +17,6 @@ struct trocar_model {
     double rate_hz;
 };
 
-/* All that changes between two ticks of lockstep. */
-typedef struct {
-    insertion_state state;
-    compliance_snapshot snapshot;
-} sim_state;
-
 struct trocar_sim {
     trocar_model *model;
     insertion_state *state;

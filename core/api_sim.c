@@ -103,14 +103,19 @@ static void post_request(trocar_sim *sim) {
     (void)written;
 }
 
+/* One tick with what `snapshot` knows of the tissue. RT */
+static void run_tick(trocar_sim *sim, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
+    insertion_wrench wrench;
+    floating_mode before = flush_denormals();
+    insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, snapshot, base, dt, &wrench);
+    restore_floating_mode(before);
+    answer(&wrench, output);
+}
+
 trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
     pose at;
     if (!(dt > 0.0 && dt <= 1.0) || check_pose(needle, base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
-    insertion_wrench wrench;
-    floating_mode before = flush_denormals();
-    insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, newest_read(&sim->snapshots, NULL), at, dt, &wrench);
-    restore_floating_mode(before);
-    answer(&wrench, output);
+    run_tick(sim, newest_read(&sim->snapshots, NULL), at, dt, output);
     post_request(sim);
     return TROCAR_OK;
 }
@@ -130,12 +135,8 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (!(dt > 0.0 && dt <= 1.0)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: above 0 and at most 1 s", dt);
     trocar_status status = check_pose(needle, base, &at, why);
     if (status != TROCAR_OK) return status;
-    insertion_wrench wrench;
     const compliance_snapshot *snapshot = newest_read(&sim->snapshots, NULL);
-    floating_mode before = flush_denormals();
-    insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, snapshot, at, dt, &wrench);
-    restore_floating_mode(before);
-    answer(&wrench, output);
+    run_tick(sim, snapshot, at, dt, output);
     if (snapshot->serial == sim->state->request.serial) return TROCAR_OK;
     return serve(sim, &sim->state->request, why);
 }

@@ -296,7 +296,6 @@ static void prepare(const insertion_model *model, insertion_state *state, const 
     for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
     if (w->tip) find_tip_rows(state, snapshot, handles, w);
     w->relaxed = w->tip ? tip_relaxed(model, &state->tip, dt) : 1.0;
-    locate_points(model, state, w);
     keep_shear(model, state, w);
     locate_points(model, state, w);
     find_local_compliance(model, state, w);

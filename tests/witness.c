@@ -1,0 +1,118 @@
+/* Runs a test that keeps time, and tells a slow program from a machine that stands still.
+   usage: witness COMMAND [ARGUMENT...]
+
+   A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, of
+   higher priority than anything under test, wakes each millisecond and notes when it was late itself. A test that fails on a
+   machine that kept time has failed. One that fails while the machine stood still is run again, three times in all; if it never
+   passes, the status is 77 (skipped) and the message says how long the machine was away. */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    ATTEMPTS = 3,
+    SKIPPED = 77,
+    MAX_PROCESSORS = 64,
+    PRIORITY = 98,                   /* above the server (80), below the kernel's own threads (99) */
+    PERIOD_NS = 1000000,
+    LATE_NS = 500000,                /* an idle machine wakes such a thread within some 50 us */
+};
+
+static const double QUIET = 2e-3;    /* share of late wake-ups that a test has to bear */
+
+typedef struct {
+    int processor;
+    bool real_time;
+    long wakes, late;                /* whole periods that were slept through count as late, too */
+    long long longest_ns;
+} observer;
+
+static atomic_bool running;
+
+static long long now_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * 1000000000LL + t.tv_nsec;
+}
+
+static void *observe(void *context) {
+    observer *o = context;
+    cpu_set_t here;
+    CPU_ZERO(&here);
+    CPU_SET(o->processor, &here);
+    o->real_time = pthread_setaffinity_np(pthread_self(), sizeof here, &here) == 0 &&
+                   sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = PRIORITY}) == 0;
+    for (long long due = now_ns(); o->real_time && atomic_load(&running);) {
+        due += PERIOD_NS;
+        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &(struct timespec){due / 1000000000, due % 1000000000}, NULL);
+        long long late = now_ns() - due, missed = late / PERIOD_NS;
+        o->wakes += 1 + missed;
+        o->late += missed + (late % PERIOD_NS > LATE_NS);
+        if (late > o->longest_ns) o->longest_ns = late;
+        due += missed * PERIOD_NS;
+    }
+    return NULL;
+}
+
+static int run(char *const command[]) {
+    int status;
+    pid_t child = fork();
+    if (child == 0) {
+        execvp(command[0], command);
+        fprintf(stderr, "witness: cannot run %s: %s\n", command[0], strerror(errno));
+        _exit(126);
+    }
+    if (child < 0) return 126;
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+/* Status of the command; *quiet tells whether the machine kept time meanwhile, or could not be watched. */
+static int run_watched(char *const command[], bool *quiet) {
+    pthread_t threads[MAX_PROCESSORS];
+    observer observers[MAX_PROCESSORS] = {0};
+    cpu_set_t usable;
+    int count = 0;
+    sched_getaffinity(0, sizeof usable, &usable);
+    atomic_store(&running, true);
+    for (int cpu = 0; cpu < CPU_SETSIZE && count < MAX_PROCESSORS; cpu++) {
+        if (!CPU_ISSET(cpu, &usable)) continue;
+        observers[count].processor = cpu;
+        if (pthread_create(&threads[count], NULL, observe, &observers[count]) == 0) count++;
+    }
+    int status = run(command);
+    atomic_store(&running, false);
+    *quiet = true;
+    for (int i = 0; i < count; i++) {
+        const observer *o = &observers[i];
+        pthread_join(threads[i], NULL);
+        if (!o->real_time || (double)o->late <= QUIET * (double)o->wakes) continue;
+        *quiet = false;
+        if (status != 0)
+            printf("witness: processor %d was away for %ld of %ld ms, once for %.1f ms\n", o->processor, o->late, o->wakes,
+                   1e-6 * (double)o->longest_ns);
+    }
+    return status;
+}
+
+int main(int count, char **arguments) {
+    if (count < 2) return 2;
+    for (int attempt = 1; attempt <= ATTEMPTS; attempt++) {
+        bool quiet;
+        int status = run_watched(arguments + 1, &quiet);
+        if (status == 0 || status == SKIPPED || quiet) return status;
+        printf("witness: attempt %d failed with status %d while the machine stood still\n", attempt, status);
+        fflush(stdout);
+    }
+    printf("witness: not judged: this machine does not keep time\n");
+    return SKIPPED;
+}

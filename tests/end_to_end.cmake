@@ -15,7 +15,7 @@ foreach(test faults restart)
     target_link_libraries(${test} PRIVATE trocar_service trocar_core trocar_types PkgConfig::CMOCKA m)
     target_compile_definitions(${test} PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
 endforeach()
-target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serve,--wrap=insertion_tick,--wrap=port_hold)
+target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serve,--wrap=insertion_tick,--wrap=coupling_hold)
 add_test(NAME faults COMMAND witness ${netns} $<TARGET_FILE:faults>)
 add_test(NAME restart COMMAND witness ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
 set_tests_properties(faults restart PROPERTIES
@@ -24,6 +24,6 @@ set_tests_properties(faults restart PROPERTIES
 # What starts it again, the unit where systemd runs.
 add_test(NAME keep_alive COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_keep_alive.sh ${PROJECT_SOURCE_DIR}/scripts/keep_alive)
 set_tests_properties(keep_alive PROPERTIES LABELS release_only)
-add_test(NAME systemd_unit COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_unit.sh ${PROJECT_SOURCE_DIR}/packaging/trocar-server.service.in
+add_test(NAME systemd_unit COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_unit.sh ${PROJECT_SOURCE_DIR}/scripts/packaging/trocar-server.service.in
     $<TARGET_FILE:trocar-server>)
 set_tests_properties(systemd_unit PROPERTIES LABELS release_only)

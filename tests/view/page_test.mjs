@@ -44,7 +44,7 @@ async function check(name, body) {
   console.log(`ok ${name}`)
 }
 
-let view = await start('view/trocar-view'), server, first, second
+let view = await start('clients/view/trocar-view'), server, first, second
 try {
   first = await open()
   await check('the page shows the anatomy without a server', async () => {
@@ -271,7 +271,7 @@ try {
     const held = await second.evaluate(graphicsHeld)
     await stop(view, 'SIGKILL')
     await until(second, badge('no connection'))
-    view = await start('view/trocar-view')
+    view = await start('clients/view/trocar-view')
     await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty`)
     assert.deepEqual(await second.evaluate(graphicsHeld), held, 'nothing of the old scene is kept')
   })
@@ -317,7 +317,7 @@ async function checkLayout(page, name) {
   assert.deepEqual(await page.evaluate(layoutFaults), [], name)
 }
 
-const player = await start('view/trocar-view', '--log', LOG)
+const player = await start('clients/view/trocar-view', '--log', LOG)
 try {
   const page = await open({ width: 1440, height: 900 }), whole = 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011'
   await until(page, whole)
@@ -333,7 +333,7 @@ try {
   }
   await check('the pictures are like those kept', async () => {
     for (const [name] of MOMENTS) {
-      const difference = await page.evaluate(compareImages, [await read(path.join(out, `${name}.png`)), await read(path.join(source, 'view/pictures', `${name}.png`))])
+      const difference = await page.evaluate(compareImages, [await read(path.join(out, `${name}.png`)), await read(path.join(source, 'clients/view/pictures', `${name}.png`))])
       console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
       assert(difference.mean < 1.5 && difference.far < 0.006, `${name} differs: ${JSON.stringify(difference)}; see ${out}`)
     }
@@ -351,7 +351,7 @@ try {
   await check('--png: size, view, cut and theme', async () => {
     const taken = {}, file = (name) => path.join(out, `png-${name}.png`)
     for (const [name, ...options] of [['plain'], ['cut', '--cut', 'sagittal'], ['small', '--size', '640x900', '--view', 'side', '--cut', 'axial:40', '--theme', 'dark']]) {
-      const child = run('view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
+      const child = run('clients/view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
       if (child.exitCode === null) await once(child, 'exit')
       assert.equal(child.exitCode, 0)
       taken[name] = await page.evaluate(partsOf, await read(file(name)))

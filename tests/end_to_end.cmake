@@ -1,6 +1,6 @@
 # Whole programs over LCM, each test in a private network namespace. 77: this machine does not allow one.
 set(netns ${PROJECT_SOURCE_DIR}/scripts/netns)
-add_test(NAME end_to_end COMMAND witness ${netns} ${CMAKE_CURRENT_SOURCE_DIR}/end_to_end.sh
+add_test(NAME end_to_end COMMAND ${witness} ${netns} ${CMAKE_CURRENT_SOURCE_DIR}/end_to_end.sh
     $<TARGET_FILE:trocar-server> $<TARGET_FILE:trocar-device> ${PROJECT_SOURCE_DIR}/meshes/figure8.yaml)
 if(TROCAR_SANITIZE)
     set(timing no) # instrumented programs are many times slower: their messages are checked, not their speed
@@ -16,8 +16,8 @@ foreach(test faults restart)
     target_compile_definitions(${test} PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
 endforeach()
 target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serve,--wrap=insertion_tick,--wrap=coupling_hold)
-add_test(NAME faults COMMAND witness ${netns} $<TARGET_FILE:faults>)
-add_test(NAME restart COMMAND witness ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
+add_test(NAME faults COMMAND ${witness} ${netns} $<TARGET_FILE:faults>)
+add_test(NAME restart COMMAND ${witness} ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
 set_tests_properties(faults restart PROPERTIES
     ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 240 RUN_SERIAL TRUE)
 

@@ -1,9 +1,9 @@
 #!/bin/bash
-# The viewer as a whole: page_test.mjs in a private network namespace, and pictures of a log. 77: this machine has no
-# Chromium, no npm or no namespaces.
-# usage: test_view.sh BUILD_DIR SOURCE_DIR [OUT_DIR]
+# The viewer as a whole, in a private network namespace: with a live server, or with a log, pictures of it included.
+# Status 77: this machine has no Chromium, no npm or no namespaces.
+# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log [OUT_DIR]
 set -euo pipefail
-build=$1 source=$2 out=${3:-}
+build=$1 source=$2 part=$3 out=${4:-}
 if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
     for needed in chromium npm; do
         command -v $needed >/dev/null || { echo "skipped: no $needed (scripts/setup chromium)"; exit 77; }
@@ -16,7 +16,8 @@ trap 'rm -rf "$work"' EXIT
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-node "$source/tests/view/page_test.mjs" "$build" "$source" "${out:-$work}"
+node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
+[ "$part" = log ] || exit 0
 
 # A picture without a window, and what is wrong said with exit status 2 and no file.
 show=("$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")

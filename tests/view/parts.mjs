@@ -1,4 +1,4 @@
-// What page_test.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
+// What page.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'

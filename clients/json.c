@@ -1,5 +1,8 @@
 #include "json.h"
 
+#include <inttypes.h>
+#include <math.h>
+
 void json_string(const char *text, FILE *out) {
     fputc('"', out);
     for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
@@ -7,6 +10,57 @@ void json_string(const char *text, FILE *out) {
         else fputc(*c, out);
     }
     fputc('"', out);
+}
+
+static void begin(json *j, const char *name) {
+    if (j->comma) fputs(", ", j->out);
+    j->comma = true;
+    if (!name) return;
+    json_string(name, j->out);
+    fputs(": ", j->out);
+}
+
+void json_open(json *j, const char *name, char bracket) {
+    begin(j, name);
+    fputc(bracket, j->out);
+    j->comma = false;
+}
+
+void json_close(json *j, char bracket) {
+    fputc(bracket, j->out);
+    j->comma = true;
+}
+
+void json_text(json *j, const char *name, const char *text) {
+    begin(j, name);
+    json_string(text, j->out);
+}
+
+void json_number(json *j, const char *name, double value) {
+    begin(j, name);
+    if (isfinite(value)) fprintf(j->out, "%.12g", value);
+    else fputs("null", j->out);
+}
+
+void json_numbers(json *j, const char *name, const double *values, int count) {
+    json_open(j, name, '[');
+    for (int i = 0; i < count; i++) json_number(j, NULL, values[i]);
+    json_close(j, ']');
+}
+
+void json_integer(json *j, const char *name, int64_t value) {
+    begin(j, name);
+    fprintf(j->out, "%" PRId64, value);
+}
+
+void json_bool(json *j, const char *name, bool value) {
+    begin(j, name);
+    fputs(value ? "true" : "false", j->out);
+}
+
+void json_line(json *j) {
+    fputs(j->comma ? ",\n  " : "\n  ", j->out);
+    j->comma = false;
 }
 
 void json_time(const histogram *time, FILE *out) {

@@ -3,7 +3,7 @@
 #include <inttypes.h>
 #include <math.h>
 
-void json_string(const char *text, FILE *out) {
+static void string(const char *text, FILE *out) {
     fputc('"', out);
     for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
         if (*c < ' ' || *c == '"' || *c == '\\') fprintf(out, "\\u%04x", *c);
@@ -16,7 +16,7 @@ static void begin(json *j, const char *name) {
     if (j->comma) fputs(", ", j->out);
     j->comma = true;
     if (!name) return;
-    json_string(name, j->out);
+    string(name, j->out);
     fputs(": ", j->out);
 }
 
@@ -33,7 +33,7 @@ void json_close(json *j, char bracket) {
 
 void json_text(json *j, const char *name, const char *text) {
     begin(j, name);
-    json_string(text, j->out);
+    string(text, j->out);
 }
 
 void json_number(json *j, const char *name, double value) {
@@ -63,7 +63,8 @@ void json_line(json *j) {
     j->comma = false;
 }
 
-void json_time(const histogram *time, FILE *out) {
-    fprintf(out, "\"p50_s\": %.9g, \"p99_s\": %.9g, \"max_s\": %.9g", histogram_quantile(time, 0.5),
-            histogram_quantile(time, 0.99), histogram_max(time));
+void json_time(json *j, const histogram *time) {
+    json_number(j, "p50_s", histogram_quantile(time, 0.5));
+    json_number(j, "p99_s", histogram_quantile(time, 0.99));
+    json_number(j, "max_s", histogram_max(time));
 }

@@ -22,11 +22,9 @@ void json_numbers(json *j, const char *name, const double *values, int count);
 void json_integer(json *j, const char *name, int64_t value);
 void json_bool(json *j, const char *name, bool value);
 
-/* The next member begins a line, for documents that people read. */
+/* What comes next begins a line, for documents that people read. */
 void json_line(json *j);
 
-/* Pieces, for the benchmarks' results. */
-void json_string(const char *text, FILE *out);           /* quoted and escaped */
-void json_time(const histogram *time, FILE *out);        /* members p50_s, p99_s and max_s of an object */
+void json_time(json *j, const histogram *time); /* members p50_s, p99_s and max_s of an object */
 
 #endif

@@ -18,9 +18,9 @@ static FILE *open_text(void) {
 
 static void strings_are_quoted_and_escaped(void **state) {
     (void)state;
-    FILE *out = open_text();
-    json_string("a \"b\" \\ \n\x7f", out);
-    fclose(out);
+    json j = {.out = open_text()};
+    json_text(&j, NULL, "a \"b\" \\ \n\x7f");
+    fclose(j.out);
     assert_string_equal(text, "\"a \\u0022b\\u0022 \\u005c \\u000a\x7f\"");
 }
 
@@ -29,9 +29,9 @@ static void times_are_members_in_seconds(void **state) {
     static histogram h;
     histogram_clear(&h);
     for (int i = 0; i < 3; i++) histogram_add(&h, 50);
-    FILE *out = open_text();
-    json_time(&h, out);
-    fclose(out);
+    json j = {.out = open_text()};
+    json_time(&j, &h);
+    fclose(j.out);
     assert_string_equal(text, "\"p50_s\": 5e-08, \"p99_s\": 5e-08, \"max_s\": 5e-08");
 }
 

@@ -177,43 +177,53 @@ static void print_scene(const bench *b, int index, FILE *out) {
     fprintf(out, "\n");
 }
 
-static void write_row(const row *r, FILE *out) {
-    fprintf(out, "      {\"method\": \"%s\", \"change\": \"%s\", \"touched_nodes\": %d, \"samples\": %d, \"add\": {", remesh_name(r->given.method),
-            remesh_change_name(r->given.change), touched_by(&r->given), r->time.samples);
-    json_time(&r->time.add, out);
-    fprintf(out, "}, \"remove\": {");
-    json_time(&r->time.remove, out);
-    fprintf(out, "}}");
+static void write_time(json *j, const char *name, const histogram *time) {
+    json_open(j, name, '{');
+    json_time(j, time);
+    json_close(j, '}');
 }
 
-static void write_scene(const bench *b, int index, FILE *out) {
+static void write_row(json *j, const row *r) {
+    json_line(j), json_open(j, NULL, '{');
+    json_text(j, "method", remesh_name(r->given.method));
+    json_text(j, "change", remesh_change_name(r->given.change));
+    json_integer(j, "touched_nodes", touched_by(&r->given));
+    json_integer(j, "samples", r->time.samples);
+    write_time(j, "add", &r->time.add);
+    write_time(j, "remove", &r->time.remove);
+    json_close(j, '}');
+}
+
+static void write_scene(json *j, const bench *b, int index) {
     const scene_result *result = &b->scenes[index];
-    fprintf(out, "%s\n    {\"scene\": ", index ? "," : "");
-    json_string(b->options->scene_paths[index], out);
-    fprintf(out, ", \"nodes\": %d, \"tetrahedra\": %d, \"unknowns\": %d, \"inverse\": \"%s\",\n     \"sweep\": ", result->nodes, result->tetrahedra,
-            result->unknowns, result->inverse);
-    if (result->sweep.count > 0) {
-        fprintf(out, "{");
-        json_time(&result->sweep, out);
-        fprintf(out, "}");
-    } else {
-        fprintf(out, "null");
-    }
-    fprintf(out, ", \"rows\": [");
-    for (int i = 0; i < result->row_count; i++) {
-        fprintf(out, i ? ",\n" : "\n");
-        write_row(&result->rows[i], out);
-    }
-    fprintf(out, "\n    ]}");
+    json_line(j), json_open(j, NULL, '{');
+    json_text(j, "scene", b->options->scene_paths[index]);
+    json_integer(j, "nodes", result->nodes);
+    json_integer(j, "tetrahedra", result->tetrahedra);
+    json_integer(j, "unknowns", result->unknowns);
+    json_text(j, "inverse", result->inverse);
+    if (result->sweep.count > 0) write_time(j, "sweep", &result->sweep);
+    else json_number(j, "sweep", NAN); /* null */
+    json_open(j, "rows", '[');
+    for (int i = 0; i < result->row_count; i++) write_row(j, &result->rows[i]);
+    json_close(j, ']');
+    json_close(j, '}');
 }
 
 static void write_json(const bench *b, FILE *out) {
-    fprintf(out, "{\n  \"benchmark\": \"remesh\",\n  \"contacts\": %d,\n  \"baseline\": {\"dgemm_order\": %d, ", b->options->contacts,
-            BASELINE_ORDER);
-    json_time(&b->baseline, out);
-    fprintf(out, "},\n  \"scenes\": [");
-    for (int i = 0; i < b->options->scene_count; i++) write_scene(b, i, out);
-    fprintf(out, "\n  ]\n}\n");
+    json j = {.out = out};
+    json_open(&j, NULL, '{');
+    json_line(&j), json_text(&j, "benchmark", "remesh");
+    json_line(&j), json_integer(&j, "contacts", b->options->contacts);
+    json_line(&j), json_open(&j, "baseline", '{');
+    json_integer(&j, "dgemm_order", BASELINE_ORDER);
+    json_time(&j, &b->baseline);
+    json_close(&j, '}');
+    json_line(&j), json_open(&j, "scenes", '[');
+    for (int i = 0; i < b->options->scene_count; i++) write_scene(&j, b, i);
+    json_close(&j, ']');
+    json_close(&j, '}');
+    fputc('\n', out);
 }
 
 trocar_status bench_remesh(int count, char **arguments, report *why) {

@@ -151,57 +151,73 @@ static void print_scene(const measured *m, FILE *out) {
                 1e6 * histogram_quantile(&m->ticks[i].time, 0.5), 1e6 * histogram_quantile(&m->ticks[i].time, 0.99), m->ticks[i].passes);
 }
 
-/* Members of an object, and its end. */
-static void json_motion(const scale_timing *s, FILE *out) {
-    fprintf(out, "\"ticks\": %d, \"crossings\": %d, \"late_crossings\": %d, \"late_ticks\": %d, \"contacts\": %d, \"unanswered\": %d, "
-                 "\"most_contacts\": %d,\n       \"tick\": {",
-            s->ticks, s->crossings, s->late_crossings, s->late_ticks, s->contacts, s->unanswered, s->most_contacts);
-    json_time(&s->tick, out);
-    fprintf(out, "}, \"serve\": {");
-    json_time(&s->serve, out);
-    fprintf(out, "}, \"crossing\": {");
-    json_time(&s->crossing, out);
-    fprintf(out, "}, \"activation\": {\"count\": %" PRId64 ", ", s->activation.count);
-    json_time(&s->activation, out);
-    fprintf(out, "}}");
+static void json_timed(json *j, const char *name, const histogram *time) {
+    json_open(j, name, '{');
+    json_time(j, time);
+    json_close(j, '}');
 }
 
-static void json_scene(const measured *m, FILE *out) {
+/* Members of an object. */
+static void json_motion(json *j, const scale_timing *s) {
+    json_integer(j, "ticks", s->ticks);
+    json_integer(j, "crossings", s->crossings);
+    json_integer(j, "late_crossings", s->late_crossings);
+    json_integer(j, "late_ticks", s->late_ticks);
+    json_integer(j, "contacts", s->contacts);
+    json_integer(j, "unanswered", s->unanswered);
+    json_integer(j, "most_contacts", s->most_contacts);
+    json_timed(j, "tick", &s->tick);
+    json_timed(j, "serve", &s->serve);
+    json_timed(j, "crossing", &s->crossing);
+    json_open(j, "activation", '{');
+    json_integer(j, "count", s->activation.count);
+    json_time(j, &s->activation);
+    json_close(j, '}');
+}
+
+static void json_scene(json *j, const measured *m) {
     const mesh *body = &m->simulation.mesh;
-    fprintf(out, "    {\"scene\": ");
-    json_string(m->scene.path, out);
-    fprintf(out, ", \"inverse\": ");
-    json_string(inverse_name(m->simulation.inverse), out);
-    fprintf(out, ", \"nodes\": %d, \"tetrahedra\": %d, \"start_s\": %.6g, \"start_processor_s\": %.6g, \"peak_bytes\": %.9g,\n     \"speeds\": [",
-            body->node_count, body->tet_count, m->start_seconds, m->start_processor_seconds, m->peak_bytes);
+    json_line(j), json_open(j, NULL, '{');
+    json_text(j, "scene", m->scene.path);
+    json_text(j, "inverse", inverse_name(m->simulation.inverse));
+    json_integer(j, "nodes", body->node_count);
+    json_integer(j, "tetrahedra", body->tet_count);
+    json_number(j, "start_s", m->start_seconds);
+    json_number(j, "start_processor_s", m->start_processor_seconds);
+    json_number(j, "peak_bytes", m->peak_bytes);
+    json_line(j), json_open(j, "speeds", '[');
     for (int i = 0; i < SPEEDS; i++) {
-        fprintf(out, "%s\n      {\"speed\": %g, ", i ? "," : "", speeds[i]);
-        json_motion(&m->speeds[i], out);
+        json_line(j), json_open(j, NULL, '{');
+        json_number(j, "speed", speeds[i]);
+        json_motion(j, &m->speeds[i]);
+        json_close(j, '}');
     }
-    fprintf(out, "],\n     \"figure8\": {");
-    json_motion(&m->figure8, out);
-    fprintf(out, ",\n     \"contacts\": [");
+    json_close(j, ']');
+    json_line(j), json_open(j, "figure8", '{');
+    json_motion(j, &m->figure8);
+    json_close(j, '}');
+    json_line(j), json_open(j, "contacts", '[');
     for (int i = 0; i < m->counts; i++) {
-        fprintf(out, "%s\n      {\"contacts\": %d, \"passes\": %.6g, ", i ? "," : "", contact_counts[i], m->ticks[i].passes);
-        json_time(&m->ticks[i].time, out);
-        fprintf(out, "}");
+        json_line(j), json_open(j, NULL, '{');
+        json_integer(j, "contacts", contact_counts[i]);
+        json_number(j, "passes", m->ticks[i].passes);
+        json_time(j, &m->ticks[i].time);
+        json_close(j, '}');
     }
-    fprintf(out, "]}");
+    json_close(j, ']');
+    json_close(j, '}');
 }
 
 /* ---- the benchmark ----------------------------------------------------------------------------------------------- */
 
-static trocar_status run_scene(const options *o, int index, FILE *json, report *why) {
+static trocar_status run_scene(const options *o, int index, json *results, report *why) {
     static measured m;
     memset(&m, 0, sizeof m);
     trocar_status status = create(o, o->scene_paths[index], &m, why);
     if (status != TROCAR_OK) return status;
     status = measure(o, &m, why);
     if (status == TROCAR_OK) print_scene(&m, stdout);
-    if (status == TROCAR_OK && json) {
-        fprintf(json, index ? ",\n" : "\n");
-        json_scene(&m, json);
-    }
+    if (status == TROCAR_OK && results->out) json_scene(results, &m);
     fflush(stdout);
     simulation_free(&m.simulation);
     return status;
@@ -211,12 +227,21 @@ trocar_status bench_scale(int count, char **arguments, report *why) {
     options o = {.ticks = 1000, .depth = 0.08};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     openblas_set_num_threads(1);
-    output json = {0};
-    trocar_status status = o.json_path ? output_open(&json, o.json_path, why) : TROCAR_OK;
-    if (json.file) fprintf(json.file, "{\n  \"benchmark\": \"scale\",\n  \"scenes\": [");
-    for (int i = 0; i < o.scene_count && status == TROCAR_OK; i++) status = run_scene(&o, i, json.file, why);
-    if (json.file) fprintf(json.file, "\n  ]\n}\n");
-    if (status == TROCAR_OK) status = output_commit(&json, why);
-    output_abandon(&json);
+    output file = {0};
+    trocar_status status = o.json_path ? output_open(&file, o.json_path, why) : TROCAR_OK;
+    json j = {.out = file.file};
+    if (j.out) {
+        json_open(&j, NULL, '{');
+        json_line(&j), json_text(&j, "benchmark", "scale");
+        json_line(&j), json_open(&j, "scenes", '[');
+    }
+    for (int i = 0; i < o.scene_count && status == TROCAR_OK; i++) status = run_scene(&o, i, &j, why);
+    if (j.out) {
+        json_close(&j, ']');
+        json_close(&j, '}');
+        fputc('\n', j.out);
+    }
+    if (status == TROCAR_OK) status = output_commit(&file, why);
+    output_abandon(&file);
     return status;
 }

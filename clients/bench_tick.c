@@ -137,31 +137,42 @@ static void print_table(const bench *b, FILE *out) {
         for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) print_row(b, motion, &b->rows[i][motion], out);
 }
 
-static void json_row(const bench *b, int index, timed_motion motion, FILE *out) {
+static void json_row(json *j, const bench *b, int index, timed_motion motion) {
     const tick_timing *row = &b->rows[index][motion];
-    fprintf(out, "    {\"contacts\": %d, \"motion\": \"%s\", \"timed_contacts\": %d, ",
-            b->options->counts[index], timed_motion_name(motion), row->contacts);
-    json_time(&row->time, out);
-    fprintf(out, ", \"p50_per_baseline\": %.6g, \"passes\": %.6g, \"switches\": %.6g, \"unstable\": %d}",
-            per_baseline(b, &row->time), row->passes, row->switches, row->unstable);
+    json_line(j), json_open(j, NULL, '{');
+    json_integer(j, "contacts", b->options->counts[index]);
+    json_text(j, "motion", timed_motion_name(motion));
+    json_integer(j, "timed_contacts", row->contacts);
+    json_time(j, &row->time);
+    json_number(j, "p50_per_baseline", per_baseline(b, &row->time));
+    json_number(j, "passes", row->passes);
+    json_number(j, "switches", row->switches);
+    json_integer(j, "unstable", row->unstable);
+    json_close(j, '}');
 }
 
 static void write_json(const bench *b, FILE *out) {
     const options *o = b->options;
     const simulation *s = &b->simulation;
-    fprintf(out, "{\n  \"benchmark\": \"tick\",\n  \"scene\": ");
-    json_string(o->scene_path, out);
-    fprintf(out, ",\n  \"nodes\": %d,\n  \"tetrahedra\": %d,\n  \"rate_hz\": %.9g,\n  \"contact_spacing_m\": %.9g,\n  \"ticks\": %d,\n",
-            s->mesh.node_count, s->mesh.tet_count, b->scene.rate_hz, s->config.insertion.contact_spacing, o->ticks);
-    fprintf(out, "  \"baseline\": {\"dgemm_order\": %d, ", BASELINE_ORDER);
-    json_time(&b->baseline, out);
-    fprintf(out, "},\n  \"rows\": [");
+    json j = {.out = out};
+    json_open(&j, NULL, '{');
+    json_line(&j), json_text(&j, "benchmark", "tick");
+    json_line(&j), json_text(&j, "scene", o->scene_path);
+    json_line(&j), json_integer(&j, "nodes", s->mesh.node_count);
+    json_line(&j), json_integer(&j, "tetrahedra", s->mesh.tet_count);
+    json_line(&j), json_number(&j, "rate_hz", b->scene.rate_hz);
+    json_line(&j), json_number(&j, "contact_spacing_m", s->config.insertion.contact_spacing);
+    json_line(&j), json_integer(&j, "ticks", o->ticks);
+    json_line(&j), json_open(&j, "baseline", '{');
+    json_integer(&j, "dgemm_order", BASELINE_ORDER);
+    json_time(&j, &b->baseline);
+    json_close(&j, '}');
+    json_line(&j), json_open(&j, "rows", '[');
     for (int i = 0; i < o->count_count; i++)
-        for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) {
-            fprintf(out, i || motion ? ",\n" : "\n");
-            json_row(b, i, motion, out);
-        }
-    fprintf(out, "\n  ]\n}\n");
+        for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) json_row(&j, b, i, motion);
+    json_close(&j, ']');
+    json_close(&j, '}');
+    fputc('\n', out);
 }
 
 trocar_status bench_tick(int count, char **arguments, report *why) {

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "events.h"
 #include "trocar_needle_wrench_t.h"
 
 static const double silence = 1.0;  /* s without a message that alarm */
@@ -70,19 +71,10 @@ static duration duration_text(double s) {
 }
 
 static void add_flags(page *p, const dashboard *d) {
-    static const struct { int bit; const char *word; bool alarm; } flags[] = {
-        {TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, "not real time", true}, {TROCAR_NEEDLE_WRENCH_T_STALE, "stale", true},
-        {TROCAR_NEEDLE_WRENCH_T_RAMPING, "ramping", false},           {TROCAR_NEEDLE_WRENCH_T_SATURATED, "saturated", true},
-        {TROCAR_NEEDLE_WRENCH_T_LATE_WORKER, "worker late", true},    {TROCAR_NEEDLE_WRENCH_T_UNSTABLE, "buckled", true},
-        {TROCAR_NEEDLE_WRENCH_T_OVERRUN, "overrun", true},            {TROCAR_NEEDLE_WRENCH_T_ACTIVE, "active", true},
-    };
-    char text[128] = "";
-    bool alarm = false;
-    for (size_t i = 0; i < sizeof flags / sizeof *flags; i++) {
-        if (!(d->status.flags & flags[i].bit)) continue;
-        snprintf(text + strlen(text), sizeof text - strlen(text), ", %s", flags[i].word);
-        alarm |= flags[i].alarm;
-    }
+    char text[160] = ", ";
+    flags_text((unsigned)d->status.flags, text + 2, sizeof text - 2);
+    if (!d->status.flags) text[0] = '\0';
+    bool alarm = d->status.flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* a ramp is as it should be */
     if (d->status.owner == 0) add(p, alarm, "needle      free%s", text);
     else add(p, alarm, "needle      of session %" PRId64 ", %d contacts%s", d->status.owner, d->timing.contacts, text);
 }

@@ -5,7 +5,8 @@
 #include <stdlib.h>
 
 #include "events.h"
-#include "insertion/insertion.h"
+#include "json.h"
+#include "trocar.h"
 
 /* Room for one more element of a growing array. */
 static trocar_status grow(void **array, int count, int *room, size_t size, report *why) {
@@ -92,7 +93,7 @@ static void note_jump(const trocar_needle_wrench_t *before, const trocar_needle_
                       recording_summary *s) {
     const double *a = before->raw_force, *b = after->raw_force;
     double jump = v3_norm(v3(b[0] - a[0], b[1] - a[1], b[2] - a[2]));
-    bool at_puncture = (before->events | after->events) & EVENT_PUNCTURED;
+    bool at_puncture = (before->events | after->events) & TROCAR_EVENT_PUNCTURED;
     if (at_puncture || after->tick != before->tick + 1 || jump <= s->largest_jump) return;
     s->largest_jump = jump;
     s->jump_time = time;
@@ -111,7 +112,7 @@ static void summarise_wrenches(const recording *r, recording_summary *s) {
         s->deepest = fmax(s->deepest, w->depth);
         if (w->contacts > s->most_contacts) s->most_contacts = w->contacts;
         s->flags |= w->flags;
-        if (w->events & EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
+        if (w->events & TROCAR_EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
         if (last) note_jump(last, w, time, s);
         if (last && w->server == last->server && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
         last = w;
@@ -127,22 +128,6 @@ trocar_status recording_summarise(const recording *r, recording_summary *summary
     summarise_poses(r, summary);
     summarise_wrenches(r, summary);
     return TROCAR_OK;
-}
-
-static const struct { int32_t bit; const char *word; } flag_words[] = {
-    {TROCAR_NEEDLE_WRENCH_T_STALE, "stale"},             {TROCAR_NEEDLE_WRENCH_T_SATURATED, "saturated"},
-    {TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, "not_realtime"}, {TROCAR_NEEDLE_WRENCH_T_RAMPING, "ramping"},
-    {TROCAR_NEEDLE_WRENCH_T_LATE_WORKER, "late_worker"}, {TROCAR_NEEDLE_WRENCH_T_UNSTABLE, "unstable"},
-    {TROCAR_NEEDLE_WRENCH_T_OVERRUN, "overrun"},         {TROCAR_NEEDLE_WRENCH_T_ACTIVE, "active"},
-};
-
-static void print_flags(int32_t flags, const char *quote, const char *separator, FILE *out) {
-    const char *between = "";
-    for (size_t i = 0; i < sizeof flag_words / sizeof *flag_words; i++) {
-        if (!(flags & flag_words[i].bit)) continue;
-        fprintf(out, "%s%s%s%s", between, quote, flag_words[i].word, quote);
-        between = separator;
-    }
 }
 
 static int listed_punctures(const recording_summary *s) {
@@ -168,44 +153,60 @@ void summary_print(const recording_summary *s, FILE *out) {
     }
     fprintf(out, "largest jump        %.4f N in one tick, of %.3f N at %.3f s, punctures left out\n", s->largest_jump,
             s->jump_force, s->jump_time);
-    fprintf(out, "flags               ");
-    print_flags(s->flags, "", ", ", out);
-    fprintf(out, "%s\n", s->flags ? "" : "none");
+    char flags[160];
+    flags_text((unsigned)s->flags, flags, sizeof flags);
+    fprintf(out, "flags               %s\n", s->flags ? flags : "none");
 }
 
-/* JSON has no NaN. */
-static void json_number(const char *name, double value, FILE *out) {
-    if (isfinite(value)) fprintf(out, "  \"%s\": %.9g,\n", name, value);
-    else fprintf(out, "  \"%s\": null,\n", name);
+static void write_punctures(const recording_summary *s, json *j) {
+    json_open(j, "punctures", '[');
+    for (int i = 0; i < listed_punctures(s); i++) {
+        const puncture *p = &s->punctures[i];
+        json_open(j, NULL, '{');
+        json_integer(j, "membrane", p->membrane);
+        json_number(j, "time_s", p->time);
+        json_number(j, "depth_m", p->depth);
+        json_number(j, "axial_force_N", p->force);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
 }
 
-static void json_vector(const char *name, const double v[3], FILE *out) {
-    fprintf(out, "  \"%s\": [%.9g, %.9g, %.9g],\n", name, v[0], v[1], v[2]);
+static void write_flags(unsigned flags, json *j) {
+    unsigned bit;
+    const char *word;
+    json_open(j, "flags", '[');
+    for (int i = 0; flag_at(i, &bit, &word); i++)
+        if (flags & bit) json_text(j, NULL, word);
+    json_close(j, ']');
 }
 
 void summary_write_json(const recording_summary *s, FILE *out) {
-    fprintf(out, "{\n  \"poses_sent\": %d,\n  \"poses_unanswered\": %d,\n  \"periods_skipped\": %d,\n", s->sent,
-            s->unanswered_poses, s->skipped_periods);
-    fprintf(out, "  \"wrenches_received\": %d,\n  \"wrenches_lost\": %" PRId64 ",\n  \"wrenches_of_other_servers\": %" PRId64 ",\n", s->received,
-            s->lost_wrenches, s->foreign_wrenches);
-    json_number("round_trip_p50_s", s->round_trip_p50, out);
-    json_number("round_trip_p99_s", s->round_trip_p99, out);
-    json_number("round_trip_max_s", s->round_trip_max, out);
-    json_vector("least_force_N", s->least_force, out);
-    json_vector("greatest_force_N", s->greatest_force, out);
-    json_vector("least_torque_Nm", s->least_torque, out);
-    json_vector("greatest_torque_Nm", s->greatest_torque, out);
-    json_number("deepest_m", s->deepest, out);
-    json_number("largest_jump_N", s->largest_jump, out);
-    json_number("largest_jump_time_s", s->jump_time, out);
-    json_number("largest_jump_of_N", s->jump_force, out);
-    fprintf(out, "  \"most_contacts\": %d,\n  \"puncture_count\": %d,\n  \"punctures\": [", s->most_contacts, s->puncture_count);
-    for (int i = 0; i < listed_punctures(s); i++)
-        fprintf(out, "%s\n    {\"membrane\": %d, \"time_s\": %.6f, \"depth_m\": %.9g, \"axial_force_N\": %.9g}", i ? "," : "",
-                s->punctures[i].membrane, s->punctures[i].time, s->punctures[i].depth, s->punctures[i].force);
-    fprintf(out, "],\n  \"flags\": [");
-    print_flags(s->flags, "\"", ", ", out);
-    fprintf(out, "]\n}\n");
+    const struct { const char *name; int64_t value; } counts[] = {
+        {"poses_sent", s->sent}, {"poses_unanswered", s->unanswered_poses}, {"periods_skipped", s->skipped_periods},
+        {"wrenches_received", s->received}, {"wrenches_lost", s->lost_wrenches}, {"wrenches_of_other_servers", s->foreign_wrenches},
+        {"most_contacts", s->most_contacts}, {"puncture_count", s->puncture_count},
+    };
+    const struct { const char *name; const double *values; int count; } numbers[] = {
+        {"round_trip_p50_s", &s->round_trip_p50, 1}, {"round_trip_p99_s", &s->round_trip_p99, 1}, {"round_trip_max_s", &s->round_trip_max, 1},
+        {"least_force_N", s->least_force, 3}, {"greatest_force_N", s->greatest_force, 3},
+        {"least_torque_Nm", s->least_torque, 3}, {"greatest_torque_Nm", s->greatest_torque, 3},
+        {"deepest_m", &s->deepest, 1}, {"largest_jump_N", &s->largest_jump, 1}, {"largest_jump_time_s", &s->jump_time, 1},
+        {"largest_jump_of_N", &s->jump_force, 1},
+    };
+    json j = {.out = out};
+    json_open(&j, NULL, '{');
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) json_line(&j), json_integer(&j, counts[i].name, counts[i].value);
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+        json_line(&j);
+        if (numbers[i].count == 1) json_number(&j, numbers[i].name, *numbers[i].values);
+        else json_numbers(&j, numbers[i].name, numbers[i].values, numbers[i].count);
+    }
+    json_line(&j), write_punctures(s, &j);
+    json_line(&j), write_flags((unsigned)s->flags, &j);
+    fputs("\n", out);
+    json_close(&j, '}');
+    fputs("\n", out);
 }
 
 static void csv_row(const received_wrench *row, double start, const pose *base, FILE *out) {

@@ -13,7 +13,7 @@ if(TROCAR_SANITIZE) # the simulation is many times slower then, the matrix produ
     set_tests_properties(clients_bench PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=no")
 endif()
 add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction.py
-    $<TARGET_FILE_DIR:trocar-replay> ${PROJECT_SOURCE_DIR})
+    ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(fit_friction PROPERTIES TIMEOUT 240 LABELS release_only)
 add_test(NAME live_replay COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/live_replay.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(live_replay PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only)

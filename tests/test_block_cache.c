@@ -42,7 +42,7 @@ static void the_nodes_of_long_ago_are_forgotten(void **state) {
     assert_true(block_cache_take(&c, BLOCK_CACHE_NODES - 3, many + 3, 0, NULL)); /* full */
     assert_true(block_cache_take(&c, 1, many + 2, 1, many + 1));                 /* used again: 0 is the oldest */
     assert_true(block_cache_take(&c, 1, many + BLOCK_CACHE_NODES, 0, NULL));
-    assert_int_equal(c.place[0], -1);
+    assert_int_equal(c.nodes.slot[0], -1);
     assert_true(block_cache_knows(&c, 2, 1));
     assert_false(block_cache_knows(&c, BLOCK_CACHE_NODES, 1)); /* has 0's place, not its blocks */
     assert_true(block_cache_take(&c, 1, many, 0, NULL));

@@ -2,20 +2,29 @@
 """scripts/fit_friction gives back the parameters of simulated insertions, with noise and outliers on them, and refuses
 nonsense.
 
-usage: test_fit_friction.py PROGRAMS SOURCE     PROGRAMS: folder of trocar-device and trocar-replay
+usage: test_fit_friction.py BUILD_DIR SOURCE_DIR
 """
-import csv
+import contextlib
+import functools
+import importlib.machinery
+import importlib.util
+import io
 import os
 import re
-import struct
 import subprocess
 import sys
 import tempfile
+import types
 
 import numpy as np
 
-PROGRAMS, SOURCE = (os.path.abspath(path) for path in sys.argv[1:3])
+BUILD, SOURCE = (os.path.abspath(path) for path in sys.argv[1:3])
 FIT = os.path.join(SOURCE, "scripts/fit_friction")
+os.environ["TROCAR_LIBRARY"] = os.path.join(BUILD, "core/libtrocar.so")
+sys.path.insert(0, os.path.join(BUILD, "clients/python"))
+sys.dont_write_bytecode = True  # beside the script
+import trocar
+
 RATE = 1000          # Hz
 NOISE = 0.02         # N, standard deviation
 OUTLIERS = 0.01      # share of samples that are off by up to 2 N
@@ -29,8 +38,26 @@ TRUTH = {"surrounding": {"cutting_force": 0.4, "cutting_viscosity": 1.0, "static
          "skin": {"puncture_force": 1.0}, "capsule": {"puncture_force": 1.3}}
 
 
-def run(*command):
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+def load_script():
+    loader = importlib.machinery.SourceFileLoader("fit_friction", FIT)
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
+SCRIPT = load_script()
+
+
+def fit(*arguments):
+    """The script's main in this process, which spares each run the start of Python and NumPy. An exception passes through."""
+    out, err, status = io.StringIO(), io.StringIO(), 0
+    sys.argv = [FIT, *arguments]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            SCRIPT.main()
+        except SystemExit as end:
+            status = end.code
+    return types.SimpleNamespace(returncode=status, stdout=out.getvalue(), stderr=err.getvalue())
 
 
 # ---- data --------------------------------------------------------------------------------------------------------------
@@ -43,17 +70,12 @@ def in_and_out(speed, depth=0.072, rest=0.3):
     return np.concatenate([START + way, np.full(int(rest * RATE), START + depth), START + depth - way, np.full(50, START)])
 
 
-def write_log(path, positions):
-    """An LCM event log of poses; the channel and the type's fingerprint are taken from a log of trocar-device."""
-    assert run(f"{PROGRAMS}/trocar-device", "--script", "hold", "--write-log", "template.log").returncode == 0
-    with open("template.log", "rb") as file:
-        _, _, _, channel_length, _ = struct.unpack(">IqqII", file.read(28))
-        channel, fingerprint = file.read(channel_length), file.read(8)
-    with open(path, "wb") as file:
-        for i, z in enumerate(positions):
-            time = 1000000 + i * 1000000 // RATE
-            data = fingerprint + struct.pack(">qqq3d4dq", time, 1, i, 0.005, 0.003, z, 1, 0, 0, 0, 0)
-            file.write(struct.pack(">IqqII", 0xEDA1DA01, i, time, len(channel), len(data)) + channel + data)
+def insertion(model, positions):
+    """Output of each tick, structured, for a needle that is at these z, one after the other."""
+    poses = np.zeros((1, len(positions), 7))
+    poses[..., :4] = [0.005, 0.003, 0, 1]
+    poses[0, :, 2] = positions
+    return trocar.rollout(model, poses, 1.0 / RATE)[0]
 
 
 def write_scene(path, youngs_modulus):
@@ -70,21 +92,21 @@ def write_scene(path, youngs_modulus):
         file.write("\n".join(lines) + "\n")
 
 
-def measure(scene, speed, *paths):
+def measure(model, speed, *paths):
     """Measurements of depth in mm and force in N, as a laboratory would hand them over: each with its own noise."""
-    write_log("poses.log", in_and_out(speed))
-    replay = run(f"{PROGRAMS}/trocar-replay", "--scene", scene, "--poses", "poses.log", "--csv", "out.csv", "--quiet")
-    assert replay.returncode == 0, replay.stderr
-    with open("out.csv", newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))[1:]
+    out = insertion(model, in_and_out(speed))
     for path in paths:
         random = np.random.default_rng(len(path) + ord(path[-5]))
-        force = -np.array([float(row[3]) for row in rows]) + NOISE * random.standard_normal(len(rows))
-        off = random.random(len(rows)) < OUTLIERS
+        force = -out["force"][:, 2] + NOISE * random.standard_normal(len(out))
+        off = random.random(len(out)) < OUTLIERS
         force[off] += random.uniform(-2, 2, off.sum())
         with open(path, "w", encoding="utf-8") as file:
             file.write("time [s],depth [mm],force [N]\n")
-            file.writelines(f"{row[0]},{1e3 * float(row[7]):.5f},{f:.5f}\n" for row, f in zip(rows, force))
+            file.writelines(f"{k / RATE:.6f},{1e3 * depth:.5f},{f:.5f}\n" for k, (depth, f) in enumerate(zip(out["depth"], force)))
+
+
+def model_of(scene):
+    return trocar.Model(trocar.Scene.load(scene))
 
 
 # ---- checks ------------------------------------------------------------------------------------------------------------
@@ -103,8 +125,9 @@ def parse(text):
     return values
 
 
+@functools.lru_cache
 def fitted(*arguments):
-    result = run(FIT, *arguments)
+    result = fit(*arguments)
     assert result.returncode == 0, result.stderr
     return result.stdout, parse(result.stdout)
 
@@ -120,8 +143,9 @@ def assert_truth(values, keys, limit=0.05):
 def parameters_come_back():
     """In soft tissue: all but static friction, which is announced as a lower bound there."""
     write_scene("soft.yaml", 40e3)
-    measure("soft.yaml", 0.005, "slow.csv")
-    measure("soft.yaml", 0.05, *FAST)
+    soft = model_of("soft.yaml")
+    measure(soft, 0.005, "slow.csv")
+    measure(soft, 0.05, *FAST)
     text, values = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES, "--figure", "fit.svg")
     assert_truth(values, ["cutting_force", "kinetic", "viscous", "puncture_force"])
     assert "lower bound" in text
@@ -134,8 +158,9 @@ def parameters_come_back():
 def static_friction_comes_back_in_stiff_tissue():
     """Where the tissue gives less than the weakening distance."""
     write_scene("stiff.yaml", 1e6)
-    measure("stiff.yaml", 0.005, "stiff-slow.csv")
-    measure("stiff.yaml", 0.02, "stiff-fast.csv")
+    stiff = model_of("stiff.yaml")
+    measure(stiff, 0.005, "stiff-slow.csv")
+    measure(stiff, 0.02, "stiff-fast.csv")
     text, values = fitted("stiff-slow.csv", "stiff-fast.csv", *REGIONS, *PUNCTURES)
     assert "lower bound" not in text
     assert_truth(values, ["cutting_force", "kinetic", "static"])
@@ -171,18 +196,23 @@ def one_speed_is_announced():
     assert abs(values["surrounding"]["kinetic"] / apparent - 1.0) < 0.05
 
 
-def the_server_accepts_the_output():
-    """The fragment with a mesh and what is fixed is a scene."""
-    text, _ = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES)
+def the_output_makes_a_scene():
+    """The fragment with a mesh and what is fixed; the needle goes in, once the skin has given 20 mm."""
+    text, _ = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES, "--figure", "fit.svg")
     with open("fitted.yaml", "w", encoding="utf-8") as file:
         file.write(f"mesh: {SOURCE}/meshes/prostate-570.msh\nfixed: [fixed]\n{text}")
-    write_log("short.log", in_and_out(0.05)[:200])
-    replay = run(f"{PROGRAMS}/trocar-replay", "--scene", "fitted.yaml", "--poses", "short.log", "--csv", "x.csv")
-    assert replay.returncode == 0, replay.stderr
+    assert insertion(model_of("fitted.yaml"), in_and_out(0.05)[:600])["depth"][-1] > 5e-3
+
+
+def it_runs_as_a_program():
+    program = subprocess.run([FIT, "slow.csv", *REGIONS], capture_output=True, text=True, check=True)
+    assert program.stdout == fitted("slow.csv", *REGIONS)[0] and program.stderr == ""
+    program = subprocess.run([FIT, "none.csv"], capture_output=True, text=True, check=False)
+    assert program.returncode == 2 and program.stderr == fit("none.csv").stderr != ""
 
 
 def refuses(words, *arguments):
-    result = run(FIT, *arguments)
+    result = fit(*arguments)
     assert result.returncode == 2, f"status {result.returncode}: {arguments}"
     assert words in result.stderr and "Traceback" not in result.stderr, result.stderr
     assert result.stdout == ""
@@ -233,7 +263,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for check in (parameters_come_back, static_friction_comes_back_in_stiff_tissue, punctures_are_found,
-                      other_records_of_the_same_do, one_speed_is_announced, the_server_accepts_the_output, nonsense_is_refused):
+                      other_records_of_the_same_do, one_speed_is_announced, the_output_makes_a_scene, nonsense_is_refused, it_runs_as_a_program):
             print(f"-- {check.__name__}", flush=True)
             check()
         os.chdir("/")

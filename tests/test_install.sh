@@ -1,7 +1,7 @@
 #!/bin/bash
-# What is installed, unpacked from the Debian package into a folder of its own: programs, pages, completion; and bridges and
-# planners built against it, outside of the tree.
-# usage: test_install.sh BUILD_DIR SOURCE_DIR
+# What is installed, unpacked from the Debian packages into a folder of its own: programs, pages, completion, the Python package;
+# and bridges and planners built against it, outside of the tree.
+# usage: test_install.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute
 work=$(mktemp -d)
@@ -11,22 +11,31 @@ export LC_ALL=C.UTF-8
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-cpack --config "$build/CPackConfig.cmake" -B "$work" -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip >cpack.txt 2>&1 || fail "$(cat cpack.txt)"
-package=$(echo trocar_*.deb)
+package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb)
 dpkg-deb --extract "$package" root
+dpkg-deb --extract "$python_package" root
 prefix=$work/root/usr
 
 # Each library that a program names comes with a package that is depended on, and apt agrees.
 depends=$(dpkg-deb --field "$package" Depends)
-packages_of() { dpkg -S "*/$(basename "$(realpath "$1")")" | cut -d: -f1; }
 for path in "$prefix"/bin/*; do
     for library in $(objdump -p "$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
         file=$(ldd "$path" | awk -v library="$library" '$1 == library { print $3 }')
-        grep -qwFf <(packages_of "$file") <<<"$depends" || fail "$path needs $library of $(packages_of "$file"), which is missing from: $depends"
+        echo "$path $library $(realpath "$file")"
     done
-done
+done >needed
+[ -s needed ] || fail "no program needs a library"
+# Once for all, which takes half a second; packages may know /usr/lib as /lib.
+dpkg -S $(awk '{ print $3; sub("^/usr/", "/", $3); print $3 }' needed | sort -u) >owners 2>/dev/null || true
+while read -r path library file; do
+    grep -qwFf <(sed -nE "s|:.* (/usr)?${file#/usr}\$||p" owners) <<<"$depends" ||
+        fail "$path needs $library of $(grep "${file##*/}\$" owners), which is missing from: $depends"
+done <needed
 [[ $depends == *libopenblas0-pthread* ]] || fail "another OpenBLAS would do: $depends"
-apt-get install --simulate "./$package" >apt.txt 2>&1 && grep -q '^Inst trocar ' apt.txt || fail "$(cat apt.txt)"
+apt-get install --simulate "$package" "$python_package" >apt.txt 2>&1 || fail "$(cat apt.txt)"
+for name in trocar python3-trocar; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
+grep -qF "trocar (= $(dpkg-deb --field "$package" Version))" <<<"$(dpkg-deb --field "$python_package" Depends)" ||
+    fail "$python_package goes with another library: $(dpkg-deb --field "$python_package" Depends)"
 for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
     [ -f "$prefix/$file" ] || fail "no $file"
 done
@@ -114,7 +123,7 @@ planner/insert "$figure8" >insert_c.txt || fail "the C example: status $?"
 [ "$(wc -l <insert_c.txt)" -eq 10 ] || fail "$(cat insert_c.txt)"
 ./insert_cpp "$figure8" | diff insert_c.txt - || fail "C and C++ differ"
 (unset LD_LIBRARY_PATH; ./insert_static "$figure8") | diff insert_c.txt - || fail "shared and static library differ"
-PYTHONPATH=$build/clients/python TROCAR_LIBRARY=$LD_LIBRARY_PATH/libtrocar.so /usr/bin/python3 "$examples/insert.py" "$figure8" | diff insert_c.txt - ||
+PYTHONPATH=$prefix/lib/python3/dist-packages /usr/bin/python3 "$prefix/share/doc/python3-trocar/examples/insert.py" "$figure8" | diff insert_c.txt - ||
     fail "C and Python differ"
 [ "$(find "$prefix/include" -name '*.h' | grep -c /trocar.h)" -eq 1 ] || fail "no trocar.h"
 unset LD_LIBRARY_PATH

@@ -1,3 +1,4 @@
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,9 +18,9 @@ static FILE *open_text(void) {
 
 static void strings_are_quoted_and_escaped(void **state) {
     (void)state;
-    FILE *out = open_text();
-    json_string("a \"b\" \\ \n\x7f", out);
-    fclose(out);
+    json j = {.out = open_text()};
+    json_text(&j, NULL, "a \"b\" \\ \n\x7f");
+    fclose(j.out);
     assert_string_equal(text, "\"a \\u0022b\\u0022 \\u005c \\u000a\x7f\"");
 }
 
@@ -28,13 +29,33 @@ static void times_are_members_in_seconds(void **state) {
     static histogram h;
     histogram_clear(&h);
     for (int i = 0; i < 3; i++) histogram_add(&h, 50);
-    FILE *out = open_text();
-    json_time(&h, out);
-    fclose(out);
+    json j = {.out = open_text()};
+    json_time(&j, &h);
+    fclose(j.out);
     assert_string_equal(text, "\"p50_s\": 5e-08, \"p99_s\": 5e-08, \"max_s\": 5e-08");
 }
 
+static void documents_have_their_commas(void **state) {
+    (void)state;
+    json j = {.out = open_text()};
+    json_open(&j, NULL, '{');
+    json_line(&j), json_text(&j, "a", "b");
+    json_line(&j), json_number(&j, "n", 0.5);
+    json_number(&j, "none", NAN);
+    json_numbers(&j, "v", (double[]){1, -2e-9}, 2);
+    json_open(&j, "list", '[');
+    json_open(&j, NULL, '{'), json_close(&j, '}');
+    json_integer(&j, NULL, INT64_MIN);
+    json_bool(&j, NULL, true);
+    json_close(&j, ']');
+    json_close(&j, '}');
+    fclose(j.out);
+    assert_string_equal(text, "{\n  \"a\": \"b\",\n  \"n\": 0.5, \"none\": null, \"v\": [1, -2e-09], \"list\": [{}, -9223372036854775808, true]}");
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(strings_are_quoted_and_escaped), cmocka_unit_test(times_are_members_in_seconds)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(documents_have_their_commas),
+                                       cmocka_unit_test(strings_are_quoted_and_escaped),
+                                       cmocka_unit_test(times_are_members_in_seconds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

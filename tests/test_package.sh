@@ -1,7 +1,7 @@
 #!/bin/bash
-# The Debian package's life in a root of its own: installed, upgraded, removed and purged by dpkg while its server runs; and
-# lintian's opinion of it. A stand-in plays systemctl's part for the one unit.
-# usage: test_package.sh BUILD_DIR SOURCE_DIR
+# The Debian packages in a root of their own: installed, upgraded, removed and purged by dpkg while the server runs; and checked by
+# lintian. A stand-in plays systemctl's part for the one unit.
+# usage: test_package.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute
 if [ "$(id -u)" -ne 0 ]; then
@@ -15,11 +15,10 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; cat dpkg.txt calls 2>/dev/null >&2; exit 1; }
 
-cpack --config "$build/CPackConfig.cmake" -B "$work" -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip >cpack.txt 2>&1 || fail "$(cat cpack.txt)"
-package=$(echo trocar_*.deb)
+package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb)
 [ "$(dpkg-deb --field "$package" Version)" = "$(dpkg-parsechangelog -l "$source/scripts/packaging/changelog" -S Version)" ] ||
     fail "scripts/packaging/changelog is of another version: $package"
-lintian --allow-root --fail-on error,warning "$package" || fail "lintian"
+lintian --allow-root --fail-on error,warning "$package" "$python_package" || fail "lintian"
 
 # systemctl: start, stop and try-restart are done to the server in the root, and noted.
 mkdir -p bin root/run/systemd/system root/etc root/var/lib/dpkg/{info,updates} root/var/cache/private
@@ -50,6 +49,11 @@ package --install "$package"
 [ -z "$(links)" ] || fail "the server is enabled unasked: $(links)"
 package --install "$package"
 ! [ -e pid ] || fail "an upgrade starts the server"
+
+package --install "$python_package"
+[ -n "$(find root/usr/lib/python3 -name '__init__.*.pyc')" ] || fail "the Python package is not compiled"
+package --purge python3-trocar
+[ -z "$(find root -path '*python3*trocar*')" ] || fail "left of the Python package: $(find root -path '*python3*trocar*')"
 
 /usr/bin/systemctl --root="$root" enable trocar-server 2>systemctl.txt || fail "$(cat systemctl.txt)"
 [ -n "$(links)" ] || fail "not enabled"

@@ -12,6 +12,7 @@
 #include "chromium.h"
 #include "exchange.h"
 #include "subscriber.h"
+#include "events.h"
 #include "json.h"
 #include "options.h"
 #include "output.h"
@@ -163,15 +164,18 @@ static const struct argp parser = {
 
 /* ---- what the web asks ---- */
 
-static void write_status(const view *v, FILE *out) {
+static void write_status(const view *v, json *j) {
     const trocar_status_t *s = v->feed.status;
+    unsigned bit;
+    const char *word;
     if (!s) return;
-    fprintf(out, ",\"scene\":");
-    json_string(s->scene, out);
-    fprintf(out, ",\"message\":");
-    json_string(s->message, out);
-    fprintf(out, ",\"owned\":%s,\"flags\":%d", s->owner == 0 ? "\"nobody\"" : s->owner == v->pilot.session ? "\"here\"" : "\"elsewhere\"",
-            s->flags);
+    json_text(j, "scene", s->scene);
+    json_text(j, "message", s->message);
+    json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.session ? "here" : "elsewhere");
+    json_open(j, "flags", '[');
+    for (int i = 0; flag_at(i, &bit, &word); i++)
+        if ((unsigned)s->flags & bit) json_text(j, NULL, word);
+    json_close(j, ']');
 }
 
 /* The browser's part of the state and the server's: see page/src/link.js. */
@@ -183,17 +187,19 @@ static char *describe(void *context, bool drives, bool driven) {
     if (!out) return NULL;
     bool alive = v->lcm && subscriber_alive(&v->feed);
     double now = v->lcm ? subscriber_time(&v->feed) : v->timeline.now;
-    fprintf(out, "{\"now\":%.6f,\"alive\":%s,\"drives\":%s,\"driven\":%s", now, alive ? "true" : "false",
-            drives ? "true" : "false", driven ? "true" : "false");
+    json j = {.out = out};
+    json_open(&j, NULL, '{');
+    json_number(&j, "now", now);
+    json_bool(&j, "alive", alive);
+    json_bool(&j, "drives", drives);
+    json_bool(&j, "driven", driven);
     if (alive) {
-        fprintf(out, ",\"rate\":%g,\"shown\":%s", v->feed.timing.rate_hz, v->feed.contacts ? "true" : "false");
-        write_status(v, out);
+        json_number(&j, "rate", v->feed.timing.rate_hz);
+        json_bool(&j, "shown", v->feed.contacts);
+        write_status(v, &j);
     }
-    if (*v->cut.text) {
-        fprintf(out, ",\"message\":");
-        json_string(v->cut.text, out);
-    }
-    fprintf(out, "}");
+    if (*v->cut.text) json_text(&j, "message", v->cut.text);
+    json_close(&j, '}');
     fclose(out);
     return text;
 }

@@ -53,27 +53,30 @@ void section_end(byte_buffer *b, size_t begun) {
 
 /* ---- scene ---- */
 
-static void write_regions(FILE *out, const scene *s, const mesh *m) {
-    fprintf(out, "\"regions\":[");
+static void write_regions(json *j, const scene *s, const mesh *m) {
+    json_open(j, "regions", '[');
     for (int r = 0; r < s->simulation.region_count; r++) {
         const region_config *region = &s->simulation.regions[r];
-        fprintf(out, "%s{\"name\":", r ? "," : "");
-        json_string(region->name, out);
-        fprintf(out, ",\"group\":%d,\"youngsModulus\":%g,\"bone\":%s}", mesh_find_group(m, region->name, 3),
-                region->material.youngs_modulus, isinf(region->material.cutting_force) ? "true" : "false");
+        json_open(j, NULL, '{');
+        json_text(j, "name", region->name);
+        json_integer(j, "group", mesh_find_group(m, region->name, 3));
+        json_number(j, "youngsModulus", region->material.youngs_modulus);
+        json_bool(j, "bone", isinf(region->material.cutting_force));
+        json_close(j, '}');
     }
-    fprintf(out, "],");
+    json_close(j, ']');
 }
 
-static void write_membranes(FILE *out, const scene *s, const mesh *m) {
-    fprintf(out, "\"membranes\":[");
+static void write_membranes(json *j, const scene *s, const mesh *m) {
+    json_open(j, "membranes", '[');
     for (int i = 0; i < s->simulation.membrane_count; i++) {
-        fprintf(out, "%s{\"name\":", i ? "," : "");
-        json_string(s->simulation.membranes[i].name, out);
-        fprintf(out, ",\"group\":%d,\"bone\":%s}", mesh_find_group(m, s->simulation.membranes[i].name, 2),
-                isinf(s->simulation.membranes[i].puncture_force) ? "true" : "false");
+        json_open(j, NULL, '{');
+        json_text(j, "name", s->simulation.membranes[i].name);
+        json_integer(j, "group", mesh_find_group(m, s->simulation.membranes[i].name, 2));
+        json_bool(j, "bone", isinf(s->simulation.membranes[i].puncture_force));
+        json_close(j, '}');
     }
-    fprintf(out, "],");
+    json_close(j, ']');
 }
 
 static void append_description(byte_buffer *b, const scene *s, const mesh *m, pose home, bool live) {
@@ -82,14 +85,21 @@ static void append_description(byte_buffer *b, const scene *s, const mesh *m, po
     FILE *out = open_memstream(&text, &length);
     b->failed |= out == NULL;
     if (b->failed) return;
-    fprintf(out, "{\"path\":");
-    json_string(s->path, out);
-    fprintf(out, ",\"live\":%s,\"rate\":%g,\"needle\":{\"length\":%g,\"diameter\":%g},\"home\":[%g,%g,%g],", live ? "true" : "false",
-            s->rate_hz, s->simulation.needle.length, s->simulation.needle.outer_diameter, home.position.x, home.position.y,
-            home.position.z);
-    write_regions(out, s, m);
-    write_membranes(out, s, m);
-    fprintf(out, "\"nodes\":%d,\"tets\":%d}", m->node_count, m->tet_count);
+    json j = {.out = out};
+    json_open(&j, NULL, '{');
+    json_text(&j, "path", s->path);
+    json_bool(&j, "live", live);
+    json_number(&j, "rate", s->rate_hz);
+    json_open(&j, "needle", '{');
+    json_number(&j, "length", s->simulation.needle.length);
+    json_number(&j, "diameter", s->simulation.needle.outer_diameter);
+    json_close(&j, '}');
+    json_numbers(&j, "home", (double[]){home.position.x, home.position.y, home.position.z}, 3);
+    write_regions(&j, s, m);
+    write_membranes(&j, s, m);
+    json_integer(&j, "nodes", m->node_count);
+    json_integer(&j, "tets", m->tet_count);
+    json_close(&j, '}');
     fclose(out);
     uint32_t count[2] = {(uint32_t)length, 0};
     bytes_append(b, count, sizeof count);

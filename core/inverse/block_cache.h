@@ -3,15 +3,13 @@
 #define TROCAR_BLOCK_CACHE_H
 
 #include <stdbool.h>
-#include <stdint.h>
+
+#include "inverse/lru.h"
 
 enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
 
 typedef struct {
-    int *place;              /* node_count: where a node is, or -1 */
-    int node[BLOCK_CACHE_NODES];        /* whose place it is, or -1 */
-    uint64_t used[BLOCK_CACHE_NODES];   /* time of last use */
-    uint64_t time;
+    lru nodes;               /* BLOCK_CACHE_NODES slots: places in the squares below */
     bool *known;             /* BLOCK_CACHE_NODES square, symmetric */
     double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3, row-major; those on and above the diagonal */
 } block_cache;

@@ -17,13 +17,9 @@ typedef struct {
 typedef struct {
     inverse shared;
     sparse_columns *half;
-    int slot_count;          /* half-solves that fit into the cache */
+    lru slots;               /* of nodes' half-solves in the cache */
     size_t slot_size;        /* numbers in the longest one */
-    int *slot;               /* node_count: where a node's half-solve is, or -1 */
-    int *node;               /* slot_count: whose it is, or -1 */
-    uint64_t *used;          /* slot_count: time of last use */
-    uint64_t time;
-    double *halves;          /* slot_count x slot_size */
+    double *halves;          /* slots.slot_count x slot_size */
     mtx_t gather_lock;       /* of all above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
@@ -32,30 +28,13 @@ typedef struct {
 
 enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* what one product needs at once */
 
-static int oldest_slot(const sparse_inverse *s) {
-    int oldest = 0;
-    for (int i = 1; i < s->slot_count; i++)
-        if (s->used[i] < s->used[oldest]) oldest = i;
-    return oldest;
-}
-
-/* Gives the node a slot of the cache, taking it from the one not used for longest. */
-static double *claim(sparse_inverse *s, int node) {
-    int slot = oldest_slot(s);
-    if (s->node[slot] >= 0) s->slot[s->node[slot]] = -1;
-    s->node[slot] = node;
-    s->slot[node] = slot;
-    s->used[slot] = ++s->time;
-    return s->halves + (size_t)slot * s->slot_size;
-}
-
 /* Solves for up to HALF_BLOCK nodes that are not in the cache. */
 static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     int dofs[HALF_BLOCK];
     double *y[HALF_BLOCK];
     for (int i = 0; i < count; i++) {
         dofs[i] = s->shared.tissue->dof[nodes[i]];
-        y[i] = claim(s, nodes[i]);
+        y[i] = s->halves + (size_t)lru_claim(&s->slots, nodes[i]) * s->slot_size;
     }
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
@@ -64,10 +43,9 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
    stay together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
-    for (int i = 0; i < count; i++)
-        if (s->slot[nodes[i]] >= 0) s->used[s->slot[nodes[i]]] = ++s->time;
+    for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
     for (int i = 0; i < count; i++) {
-        bool asked = s->slot[nodes[i]] >= 0;
+        bool asked = s->slots.slot[nodes[i]] >= 0;
         for (int k = 0; k < found; k++) asked |= missing[k] == nodes[i];
         if (!asked) missing[found++] = nodes[i];
         if (found == HALF_BLOCK) solve_halves(s, found, missing), found = 0;
@@ -93,7 +71,7 @@ static block_side movable(const tissue *t, int count, const int *nodes) {
 }
 
 static void point_to_halves(sparse_inverse *s, block_side *side) {
-    for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slot[side->node[i]] * s->slot_size;
+    for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slots.slot[side->node[i]] * s->slot_size;
 }
 
 /* At most PRODUCT_BLOCK rows and columns. */
@@ -205,9 +183,7 @@ static void sparse_release(inverse *inv) {
     mtx_destroy(&s->gather_lock);
     solver_free(&s->field_solver);
     sparse_columns_free(s->half);
-    free(s->slot);
-    free(s->node);
-    free(s->used);
+    lru_free(&s->slots);
     free(s->halves);
     free(s->block);
     free(s->tile);
@@ -220,17 +196,10 @@ static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;
     s->slot_size = 3 * (size_t)sparse_columns_longest(s->half);
     slots = (size_t)fmin(fmax(bytes / (8.0 * (double)s->slot_size), LEAST_SLOTS), fmax((double)nodes, LEAST_SLOTS));
-    s->slot_count = (int)slots;
-    s->slot = malloc(nodes * sizeof *s->slot);
-    s->node = malloc(slots * sizeof *s->node);
-    s->used = calloc(slots, sizeof *s->used);
     s->halves = malloc(slots * s->slot_size * sizeof *s->halves);
     s->block = malloc(sizeof(double[9 * PRODUCT_BLOCK * PRODUCT_BLOCK]));
     s->tile = malloc(sizeof(double[9 * PRODUCT_BLOCK * PRODUCT_BLOCK]));
-    if (!s->slot || !s->node || !s->used || !s->halves || !s->block || !s->tile || !block_cache_create(&s->blocks, (int)nodes)) return false;
-    for (size_t i = 0; i < nodes; i++) s->slot[i] = -1;
-    for (size_t i = 0; i < slots; i++) s->node[i] = -1;
-    return true;
+    return lru_create(&s->slots, nodes, slots) && s->halves && s->block && s->tile && block_cache_create(&s->blocks, (int)nodes);
 }
 
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why) {

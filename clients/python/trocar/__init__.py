@@ -16,6 +16,7 @@ A pose is seven numbers: position x, y, z (m) and orientation w, x, y, z (unit q
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntFlag
 from os import PathLike, fspath
 from typing import Any, NamedTuple, Sequence
 
@@ -44,10 +45,8 @@ def _check(status: int, why: Any) -> None:
         raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
 
 
-class Event:
-    """Bits of `Output.events` (see trocar.h)."""
-
-    TOUCHED, PUNCTURED, ADDED, REMOVED, EXITED, REENTERED, WITHDRAWN, LATE, FULL, UNSTABLE, KEPT = (1 << bit for bit in range(11))
+Event = IntFlag("Event", {name.removeprefix("TROCAR_EVENT_"): getattr(lib, name) for name in dir(lib) if name.startswith("TROCAR_EVENT_")})
+Event.__doc__ = "Bits of `Output.events`: TOUCHED, PUNCTURED and so on, as in trocar.h."
 
 
 class Output(NamedTuple):

@@ -95,10 +95,8 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
-
-function noticeOf({ flags = 0, scene: served = '', message = '' }) {
-  const words = FLAGS.filter(([bit]) => flags & bit).map(([, text]) => text)
+function noticeOf({ flags = [], scene: served = '', message = '' }) {
+  const words = flags.filter((flag) => flag !== 'ramping').map((flag) => flag.replaceAll('_', ' '))
   if (message) words.push(scene?.live ? `server: ${message}` : message)
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')

@@ -1,0 +1,17 @@
+#!/bin/bash
+# docs/reference is what scripts/reference makes of the scene table and of trocar.lcm, and it is complete.
+# usage: test_reference.sh BUILD_DIR SOURCE_DIR
+set -euo pipefail
+build=$1 source=$2 # absolute
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+"$source/scripts/reference" "$build" "$work"
+diff -r "$source/docs/reference" "$work" || { echo "FAILED: docs/reference is out of date: run scripts/reference" >&2; exit 1; }
+# Every key of a commented scene, every field and constant, counted in another way.
+lcm=$source/lcmtypes/trocar.lcm
+[ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
+for key in $(sed -nE 's/^ *([a-z_]+):.*/\1/p' "$source/tests/fuzz/corpus/scene/every_key.yaml" | sort -u); do
+    grep -qE "^\| .*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
+done
+echo passed

@@ -164,7 +164,7 @@ static void unnamed_physical_groups_are_named_by_their_tags(void **state) {
     free(unnamed);
 }
 
-static void faults_in_the_content_are_named(void **state) {
+static void errors_in_the_content_are_named(void **state) {
     (void)state;
     assert_change_refused(MSH2, "3 2 2 3 2 2 3 5", "3 2 2 3 2 1 2 7", "\"capsule\"");
     assert_change_refused(MSH2, "3 2 2 3 2 2 3 5", "3 2 2 3 2 2 3 4", "\"capsule\"");
@@ -187,7 +187,7 @@ static void more_groups_than_a_bit_mask_holds_are_refused(void **state) {
     assert_refused("many.msh", text, (size_t)used, "more than 32");
 }
 
-static void files_that_are_no_mesh_are_refused(void **state) {
+static void non_mesh_files_are_refused(void **state) {
     (void)state;
     report why = {""};
     mesh m;
@@ -237,9 +237,9 @@ int main(void) {
         cmocka_unit_test(msh_2_and_4_keep_names_and_the_order_of_nodes),
         cmocka_unit_test(vtk_is_one_region_of_tissue),
         cmocka_unit_test(unnamed_physical_groups_are_named_by_their_tags),
-        cmocka_unit_test(faults_in_the_content_are_named),
+        cmocka_unit_test(errors_in_the_content_are_named),
         cmocka_unit_test(more_groups_than_a_bit_mask_holds_are_refused),
-        cmocka_unit_test(files_that_are_no_mesh_are_refused),
+        cmocka_unit_test(non_mesh_files_are_refused),
         cmocka_unit_test(the_prostate_has_its_regions_and_surfaces),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);

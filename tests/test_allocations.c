@@ -13,7 +13,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static void every_function_of_the_allocator_counts(void **unused) {
+static void all_allocator_functions_are_counted(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
     int64_t before = allocations_now();
@@ -33,7 +33,7 @@ static void every_function_of_the_allocator_counts(void **unused) {
     assert_int_equal(allocations_now() - before, 11);
 }
 
-static void calls_of_shared_libraries_count_too(void **unused) {
+static void calls_from_shared_libraries_are_counted(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
     int64_t before = allocations_now();
@@ -51,7 +51,7 @@ static void *allocate_a_lot(void *counted) {
     return NULL;
 }
 
-static void each_thread_counts_its_own(void **unused) {
+static void counts_are_per_thread(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
     pthread_t thread;
@@ -65,9 +65,9 @@ static void each_thread_counts_its_own(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_function_of_the_allocator_counts),
-        cmocka_unit_test(calls_of_shared_libraries_count_too),
-        cmocka_unit_test(each_thread_counts_its_own),
+        cmocka_unit_test(all_allocator_functions_are_counted),
+        cmocka_unit_test(calls_from_shared_libraries_are_counted),
+        cmocka_unit_test(counts_are_per_thread),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

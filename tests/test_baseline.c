@@ -10,7 +10,7 @@
 #include "baseline.h"
 
 /* No core does more than 64 floating-point operations a cycle, nor 6e9 cycles a second: faster would be no product. */
-static void takes_the_time_of_a_product(void **state) {
+static void measures_the_time_of_a_matrix_product(void **state) {
     (void)state;
     histogram time;
     baseline_measure(&time);
@@ -18,7 +18,7 @@ static void takes_the_time_of_a_product(void **state) {
     assert_true(histogram_quantile(&time, 0.5) > operations / (64 * 6e9));
 }
 
-static void leaves_one_thread(void **state) {
+static void restores_one_thread(void **state) {
     (void)state;
     histogram time;
     openblas_set_num_threads(2);
@@ -28,7 +28,7 @@ static void leaves_one_thread(void **state) {
 }
 
 /* Half of the products took the median or longer, all within the time that passed. */
-static void times_fit_in_what_passed(void **state) {
+static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     histogram time;
     int64_t start = monotonic_ns();
@@ -39,9 +39,9 @@ static void times_fit_in_what_passed(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(takes_the_time_of_a_product),
-        cmocka_unit_test(leaves_one_thread),
-        cmocka_unit_test(times_fit_in_what_passed),
+        cmocka_unit_test(measures_the_time_of_a_matrix_product),
+        cmocka_unit_test(restores_one_thread),
+        cmocka_unit_test(times_do_not_exceed_elapsed_time),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

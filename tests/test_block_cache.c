@@ -10,7 +10,7 @@
 
 enum { NODES = 3 * BLOCK_CACHE_NODES, LD = 5 };
 
-static void a_block_is_known_from_both_sides(void **state) {
+static void blocks_are_symmetric(void **state) {
     (void)state;
     block_cache c = {0};
     int rows[2] = {7, 2999}, columns[2] = {400, 7};
@@ -29,7 +29,7 @@ static void a_block_is_known_from_both_sides(void **state) {
     block_cache_free(&c);
 }
 
-static void the_nodes_of_long_ago_are_forgotten(void **state) {
+static void least_recently_used_nodes_are_evicted(void **state) {
     (void)state;
     block_cache c = {0};
     static int many[NODES];
@@ -54,8 +54,8 @@ static void the_nodes_of_long_ago_are_forgotten(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_block_is_known_from_both_sides),
-        cmocka_unit_test(the_nodes_of_long_ago_are_forgotten),
+        cmocka_unit_test(blocks_are_symmetric),
+        cmocka_unit_test(least_recently_used_nodes_are_evicted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

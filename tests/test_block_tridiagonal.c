@@ -63,7 +63,7 @@ static double largest(const double *x, int count) {
     return size;
 }
 
-static void solutions_are_those_of_the_whole_matrix(void **unused) {
+static void solutions_match_the_full_matrix(void **unused) {
     (void)unused;
     block_tridiagonal *chain = malloc(sizeof *chain);
     dense *whole = malloc(sizeof *whole);
@@ -81,7 +81,7 @@ static void solutions_are_those_of_the_whole_matrix(void **unused) {
     free(chain);
 }
 
-static void heads_of_the_inverse_are_those_of_the_whole_matrix(void **unused) {
+static void head_blocks_match_the_full_inverse(void **unused) {
     (void)unused;
     enum { COUNT = 6, FIRST = 2, LD = TRIDIAGONAL_HEAD * COUNT };
     block_tridiagonal *chain = malloc(sizeof *chain);
@@ -108,8 +108,8 @@ static void heads_of_the_inverse_are_those_of_the_whole_matrix(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(solutions_are_those_of_the_whole_matrix),
-        cmocka_unit_test(heads_of_the_inverse_are_those_of_the_whole_matrix),
+        cmocka_unit_test(solutions_match_the_full_matrix),
+        cmocka_unit_test(head_blocks_match_the_full_inverse),
     };
     srand(1);
     return cmocka_run_group_tests(tests, NULL, NULL);

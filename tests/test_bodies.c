@@ -60,7 +60,7 @@ static lockstep *two_bodies(double gap) {
 
 /* Cutting and friction of what lies in tissue are felt, and nothing of the gap. A gap that the first body's bulging surface closes
    is as none. */
-static void the_next_body_is_felt(void **unused) {
+static void second_body_exerts_force(void **unused) {
     (void)unused;
     static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
     static passage p;
@@ -84,7 +84,7 @@ static void the_next_body_is_felt(void **unused) {
 }
 
 /* A needle that a start finds in both bodies is in both: the friction of both holds it. */
-static void a_start_finds_the_needle_in_both(void **unused) {
+static void engaging_inside_two_bodies(void **unused) {
     (void)unused;
     lockstep *l = two_bodies(0.005);
     pose in = start_at(0.0031, -0.0027);
@@ -111,7 +111,7 @@ static void matching_faces_are_joined(void **unused) {
     assert_string_equal(one.remarks.text, "");
     blocks_write_mesh(path, parts, 2, 2, 1.0);
     assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
-    assert_non_null(strstr(both.remarks.text, "42 nodes"));
+    assert_non_null(strstr(both.remarks.text, "merged 42 duplicate nodes"));
     assert_int_equal(both.node_count, one.node_count);
     assert_int_equal(both.boundary_count, one.boundary_count);
     for (int g = 0; g < one.group_count; g++) assert_int_equal(both.groups[g].node_count, one.groups[g].node_count);
@@ -121,13 +121,13 @@ static void matching_faces_are_joined(void **unused) {
     blocks_write_mesh(path, parts, 2, 2, 1.0);
     assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
     assert_int_equal(both.node_count, 7 * 6 * 3 + 6 * 6 * 4);
-    assert_non_null(strstr(both.remarks.text, "12 nodes lie where others do"));
+    assert_non_null(strstr(both.remarks.text, "12 nodes coincide with others"));
     mesh_free(&both);
 }
 
 /* ---- units -------------------------------------------------------------------------------------------------------------- */
 
-static void the_mesh_may_be_in_another_unit(void **unused) {
+static void mesh_unit_is_applied(void **unused) {
     (void)unused;
     block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {5, 4, 5}, 2, 1, 2, true};
     static const double units[] = {1.0, 1e-2, 1e-3};
@@ -153,7 +153,7 @@ static void the_mesh_may_be_in_another_unit(void **unused) {
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
     lockstep *l = lockstep_create(&c, start_at(0, 0));
-    assert_non_null(strstr(l->simulation.mesh.remarks.text, "far smaller"));
+    assert_non_null(strstr(l->simulation.mesh.remarks.text, "much smaller"));
     lockstep_free(l);
 }
 
@@ -183,7 +183,7 @@ static double worst_step(double stiffness, unsigned *seen) {
     return worst;
 }
 
-static void no_jump_out_of_stiff_tissue(void **unused) {
+static void force_is_continuous_when_leaving_stiff_tissue(void **unused) {
     (void)unused;
     block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {8, 7, 9}, 3, 1, 2, true};
     blocks_write_mesh(path, &body, 1, 2, 1.0);
@@ -232,7 +232,7 @@ static side_passage along_side_face(double inside, double bevel_slope) {
 
 /* On the face itself, or a little inside it, the tip is not in and out by turns. It may leave the tissue once, and come back once as the
    needle is drawn out; one that steers into the tissue does not leave it. */
-static void the_force_holds_along_a_side_face(void **unused) {
+static void force_is_constant_along_a_side_face(void **unused) {
     (void)unused;
     static const double insides[] = {0.0, 1e-7, 1e-6, 1e-5, 1e-4}, slopes[] = {0.0, 0.1, -0.1};
     block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {6, 5, 6}, 2, 1, 2, true};
@@ -250,7 +250,7 @@ static void the_force_holds_along_a_side_face(void **unused) {
 }
 
 /* A needle that slides over the skin's edge is off, and is not caught again by the corner that its axis still cuts. */
-static void over_the_edge_once(void **unused) {
+static void edge_is_crossed_once(void **unused) {
     (void)unused;
     enum { TICKS = 800 };
     block body = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.09), {6, 5, 6}, 2, 1, 2, true};
@@ -275,13 +275,13 @@ static void over_the_edge_once(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_next_body_is_felt),
-        cmocka_unit_test(a_start_finds_the_needle_in_both),
+        cmocka_unit_test(second_body_exerts_force),
+        cmocka_unit_test(engaging_inside_two_bodies),
         cmocka_unit_test(matching_faces_are_joined),
-        cmocka_unit_test(the_mesh_may_be_in_another_unit),
-        cmocka_unit_test(no_jump_out_of_stiff_tissue),
-        cmocka_unit_test(the_force_holds_along_a_side_face),
-        cmocka_unit_test(over_the_edge_once),
+        cmocka_unit_test(mesh_unit_is_applied),
+        cmocka_unit_test(force_is_continuous_when_leaving_stiff_tissue),
+        cmocka_unit_test(force_is_constant_along_a_side_face),
+        cmocka_unit_test(edge_is_crossed_once),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

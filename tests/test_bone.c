@@ -85,7 +85,7 @@ static void arch_stops_the_tip_at_any_speed(void **unused) {
     }
 }
 
-static void beside_the_arch_nothing_stops_the_tip(void **unused) {
+static void tip_passes_beside_the_arch(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);
     outcome o = push(&c, v3(0.005, 0.003, 0), 0.1);
@@ -94,7 +94,7 @@ static void beside_the_arch_nothing_stops_the_tip(void **unused) {
 }
 
 /* A straight line to the place that the steered tip comes to is barred. */
-static void bevelled_needle_gets_round_the_arch(void **unused) {
+static void bevelled_needle_steers_around_the_arch(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);
     c.needle.bevel_slope = 0.15;
@@ -111,8 +111,8 @@ static void bevelled_needle_gets_round_the_arch(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(arch_stops_the_tip_at_any_speed),
-        cmocka_unit_test(beside_the_arch_nothing_stops_the_tip),
-        cmocka_unit_test(bevelled_needle_gets_round_the_arch),
+        cmocka_unit_test(tip_passes_beside_the_arch),
+        cmocka_unit_test(bevelled_needle_steers_around_the_arch),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -54,7 +54,7 @@ static comparison compare(const fixture *f, double tolerance) {
     return c;
 }
 
-static void equal_wrenches_agree_exactly(void **state) {
+static void equal_wrenches_match_exactly(void **state) {
     comparison c = compare(*state, 0);
     assert_int_equal(c.compared, COUNT / 5);
     assert_int_equal(c.differing, 0);
@@ -62,7 +62,7 @@ static void equal_wrenches_agree_exactly(void **state) {
 }
 
 /* fz rises by 0.1 N from one wrench to the next: 0.15 N off are 0.05 N outside of what lies beside it. */
-static void neighbours_count_and_the_first_difference_is_kept(void **state) {
+static void first_difference_is_kept(void **state) {
     fixture *f = *state;
     f->golden.wrenches[4].raw_force[2] -= 0.09;
     f->golden.wrenches[7].raw_force[2] -= 0.15;
@@ -80,7 +80,7 @@ static void neighbours_count_and_the_first_difference_is_kept(void **state) {
 }
 
 /* Of 20 golden wrenches the third is off by more than its peak, the last by 2 % of it. */
-static void quantiles_and_the_end_are_told(void **state) {
+static void quantiles_and_end_are_reported(void **state) {
     fixture *f = *state;
     f->golden.wrenches[2].raw_torque[0] += 5e-3;
     f->golden.wrenches[19].raw_torque[0] -= 0.02 * 6e-3;
@@ -95,7 +95,7 @@ static void quantiles_and_the_end_are_told(void **state) {
 }
 
 /* Components that are nearly zero are held to a share of 0.1 N and 2 mN m. */
-static void small_components_have_a_least_peak(void **state) {
+static void small_components_use_a_minimum_peak(void **state) {
     fixture *f = *state;
     f->golden.wrenches[3].raw_force[0] = 0.9e-3;
     f->golden.wrenches[3].raw_torque[0] += 18e-6;
@@ -106,7 +106,7 @@ static void small_components_have_a_least_peak(void **state) {
     assert_int_equal(c.first.component, 3);
 }
 
-static void what_is_not_a_number_differs(void **state) {
+static void non_finite_values_differ(void **state) {
     fixture *f = *state;
     f->replayed[50].raw_force[1] = NAN;
     comparison c = compare(f, 1);
@@ -114,7 +114,7 @@ static void what_is_not_a_number_differs(void **state) {
     assert_int_equal(c.first.golden, 10);
 }
 
-static void rendered_wrenches_do_not_count(void **state) {
+static void rendered_wrenches_are_not_compared(void **state) {
     fixture *f = *state;
     f->golden.wrenches[3].force[0] = 5;
     assert_int_equal(compare(f, 0).differing, 0);
@@ -134,7 +134,7 @@ static void wrenches_of_another_recording_are_refused(void **state) {
     assert_non_null(strstr(why.text, "no wrench answers"));
 }
 
-static void print_says_what_differs_where(void **state) {
+static void print_reports_the_difference(void **state) {
     fixture *f = *state;
     f->golden.wrenches[7].raw_force[2] -= 0.15;
     comparison c = compare(f, 1e-4);
@@ -152,7 +152,7 @@ static void print_says_what_differs_where(void **state) {
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
-static void wrenches_of_a_second_server_are_left_out(void **state) {
+static void wrenches_of_a_second_server_are_ignored(void **state) {
     fixture *f = *state;
     f->golden.wrenches[6].server = 12;
     f->golden.wrenches[6].raw_force[2] = 50;
@@ -164,15 +164,15 @@ static void wrenches_of_a_second_server_are_left_out(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(wrenches_of_a_second_server_are_left_out, set_up, tear_down),
-        TEST(equal_wrenches_agree_exactly),
-        TEST(neighbours_count_and_the_first_difference_is_kept),
-        TEST(quantiles_and_the_end_are_told),
-        TEST(small_components_have_a_least_peak),
-        TEST(what_is_not_a_number_differs),
-        TEST(rendered_wrenches_do_not_count),
+        cmocka_unit_test_setup_teardown(wrenches_of_a_second_server_are_ignored, set_up, tear_down),
+        TEST(equal_wrenches_match_exactly),
+        TEST(first_difference_is_kept),
+        TEST(quantiles_and_end_are_reported),
+        TEST(small_components_use_a_minimum_peak),
+        TEST(non_finite_values_differ),
+        TEST(rendered_wrenches_are_not_compared),
         TEST(wrenches_of_another_recording_are_refused),
-        TEST(print_says_what_differs_where),
+        TEST(print_reports_the_difference),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

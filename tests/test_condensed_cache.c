@@ -38,7 +38,7 @@ static void put_files(void) {
     }
 }
 
-static void the_least_recently_used_go_first(void **state) {
+static void least_recently_used_files_are_removed_first(void **state) {
     (void)state;
     static const struct { int kept; double bytes; bool there[FILES]; } cases[] = {
         {0, 4000, {1, 1, 1, 1, 1}}, {0, 3999, {1, 0, 1, 1, 1}}, {0, 2000, {1, 0, 1, 0, 1}}, {0, 1999, {1, 0, 0, 0, 1}},
@@ -74,6 +74,6 @@ static int destroy(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(the_least_recently_used_go_first)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(least_recently_used_files_are_removed_first)};
     return cmocka_run_group_tests(tests, create, destroy);
 }

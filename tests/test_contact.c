@@ -146,7 +146,7 @@ static void solutions_equal_projected_gauss_seidel(void **state) {
     }
 }
 
-static void any_start_leads_to_the_same_solution(void **state) {
+static void solution_does_not_depend_on_the_start(void **state) {
     (void)state;
     double first[MOST];
     for (int n = 0; n < 40; n++) {
@@ -183,7 +183,7 @@ static void infinite_bounds_stick_like_a_linear_system(void **state) {
     for (int i = 0; i < 20; i++) assert_true(solved.state[i] == STICK && solved.slip[i] == 0.0);
 }
 
-static void without_friction_nothing_pulls_along_the_needle(void **state) {
+static void no_axial_force_without_friction(void **state) {
     (void)state;
     make_compliance(&given, 20, 20, 0.05);
     make_friction(&given);
@@ -195,7 +195,7 @@ static void without_friction_nothing_pulls_along_the_needle(void **state) {
 
 /* One contact, all by hand: A = [2 0 1; 0 4 0; 1 0 3], sideways gaps 2 and 4, so that closing them leaves along the
    needle the compliance 3 - 1/2 and the gap g - 1. */
-static void one_contact_by_hand(void **state) {
+static void single_contact_matches_closed_form(void **state) {
     (void)state;
     static const double a[3][3] = {{2, 0, 1}, {0, 4, 0}, {1, 0, 3}};
     static const struct { double gap, viscosity, force, slip; friction_state friction; } cases[] = {
@@ -231,7 +231,7 @@ static int negative_eigenvalues(int size) {
 
 /* A needle alone past its buckling load: its stiffness is negative in one sideways mode v, its compliance
    (1 - v v^T) - v v^T / 0.3 there; the tissue is stiff enough to hold both together. */
-static void a_buckled_needle_in_tissue_that_holds_it(void **state) {
+static void buckled_needle_supported_by_tissue(void **state) {
     (void)state;
     for (int n = 0; n < 40; n++) {
         int count = 2 + n % 15;
@@ -255,7 +255,7 @@ static void a_buckled_needle_in_tissue_that_holds_it(void **state) {
 }
 
 /* On the way to buckling a contact's own sideways block passes through zero while the whole stays regular. */
-static void a_contact_whose_own_block_is_singular(void **state) {
+static void contact_with_singular_diagonal_block(void **state) {
     (void)state;
     for (int n = 0; n < 400; n++) {
         double weak = (n % 2 ? 1.0 : -1.0) * pow(10.0, -n / 20.0), angle = uniform(0, M_PI), c = cos(angle), s = sin(angle);
@@ -300,12 +300,12 @@ int main(void) {
         cmocka_unit_test(random_problems_satisfy_their_conditions),
         cmocka_unit_test(the_largest_problem_is_solved),
         cmocka_unit_test(solutions_equal_projected_gauss_seidel),
-        cmocka_unit_test(any_start_leads_to_the_same_solution),
+        cmocka_unit_test(solution_does_not_depend_on_the_start),
         cmocka_unit_test(infinite_bounds_stick_like_a_linear_system),
-        cmocka_unit_test(without_friction_nothing_pulls_along_the_needle),
-        cmocka_unit_test(one_contact_by_hand),
-        cmocka_unit_test(a_buckled_needle_in_tissue_that_holds_it),
-        cmocka_unit_test(a_contact_whose_own_block_is_singular),
+        cmocka_unit_test(no_axial_force_without_friction),
+        cmocka_unit_test(single_contact_matches_closed_form),
+        cmocka_unit_test(buckled_needle_supported_by_tissue),
+        cmocka_unit_test(contact_with_singular_diagonal_block),
         cmocka_unit_test(singular_and_unstable_problems_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -46,7 +46,7 @@ static void expect(const dashboard *d, const char *word, const char *text, bool 
     if (!strstr(line->text, text) || line->alarm != alarm) fail_msg("'%s'%s, not '%s'", line->text, line->alarm ? " (alarm)" : "", text);
 }
 
-static void shows_numbers_in_units_for_people(void **state) {
+static void numbers_have_readable_units(void **state) {
     (void)state;
     dashboard d = sample();
     expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
@@ -58,7 +58,7 @@ static void shows_numbers_in_units_for_people(void **state) {
 }
 
 /* Misses from before it looked are told, without an alarm; new ones and all that must be zero alarm. */
-static void alarms_are_raised_for_what_must_not_be(void **state) {
+static void faults_raise_alarms(void **state) {
     (void)state;
     dashboard d = sample();
     expect(&d, "loop", "missed 7, allocations 0", false);
@@ -83,7 +83,7 @@ static void alarms_are_raised_for_what_must_not_be(void **state) {
     expect(&d, "last fault", "the worker failed", true);
 }
 
-static void a_server_that_starts_anew_is_judged_anew(void **state) {
+static void alarms_are_reset_when_the_server_restarts(void **state) {
     (void)state;
     dashboard d = sample();
     trocar_loop_timing_t restarted = {.ticks = 100, .misses = 9};
@@ -91,7 +91,7 @@ static void a_server_that_starts_anew_is_judged_anew(void **state) {
     expect(&d, "loop", "missed 9", false);
 }
 
-static void of_two_servers_the_first_is_shown(void **state) {
+static void first_of_two_servers_is_shown(void **state) {
     (void)state;
     dashboard d = sample();
     trocar_loop_timing_t other = {.server = 77, .ticks = 1};
@@ -105,7 +105,7 @@ static void of_two_servers_the_first_is_shown(void **state) {
     expect(&d, "trocar", "other.yaml, 0 Hz, tick 1", false);
 }
 
-static void silence_and_strangers_are_told(void **state) {
+static void silence_and_invalid_messages_are_reported(void **state) {
     (void)state;
     dashboard d = {0};
     assert_int_equal(dashboard_draw(&d, 10, 30, lines), 1);
@@ -118,7 +118,7 @@ static void silence_and_strangers_are_told(void **state) {
 }
 
 /* 99 and 100 stand full height, 1 a third of it; bin 10 is at column 11 behind the axis, compute's bin 4 at 42. */
-static void histograms_add_up_and_are_logarithmic(void **state) {
+static void histograms_accumulate_on_logarithmic_axes(void **state) {
     (void)state;
     dashboard d = sample();
     int count = dashboard_draw(&d, 10.1, 25, lines), rows = 0, full = 0, low = 0;
@@ -137,7 +137,7 @@ static void histograms_add_up_and_are_logarithmic(void **state) {
     assert_true(d.lateness[10] == 0 && d.compute[4] == 0);
 }
 
-static void any_height_will_do(void **state) {
+static void works_at_any_height(void **state) {
     (void)state;
     dashboard d = sample();
     for (int height = 0; height < 100; height++) {
@@ -149,13 +149,13 @@ static void any_height_will_do(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(shows_numbers_in_units_for_people),
-        cmocka_unit_test(alarms_are_raised_for_what_must_not_be),
-        cmocka_unit_test(a_server_that_starts_anew_is_judged_anew),
-        cmocka_unit_test(of_two_servers_the_first_is_shown),
-        cmocka_unit_test(silence_and_strangers_are_told),
-        cmocka_unit_test(histograms_add_up_and_are_logarithmic),
-        cmocka_unit_test(any_height_will_do),
+        cmocka_unit_test(numbers_have_readable_units),
+        cmocka_unit_test(faults_raise_alarms),
+        cmocka_unit_test(alarms_are_reset_when_the_server_restarts),
+        cmocka_unit_test(first_of_two_servers_is_shown),
+        cmocka_unit_test(silence_and_invalid_messages_are_reported),
+        cmocka_unit_test(histograms_accumulate_on_logarithmic_axes),
+        cmocka_unit_test(works_at_any_height),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -81,7 +81,7 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
 
 /* A base on a spring is where a rigid one would feel the same wrench: held there, tick by tick, it does, but for the
    tick in which a contact takes part, which finds one base where it was, the other where it will be. */
-static void a_base_on_a_spring_feels_what_a_rigid_one_there_feels(void **state) {
+static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
     lockstep *sprung = lockstep_create(&config, lockstep_start()), *rigid = lockstep_create(&config, lockstep_start());
@@ -105,7 +105,7 @@ static void a_base_on_a_spring_feels_what_a_rigid_one_there_feels(void **state) 
 
 /* Pushed against skin that never gives way, 2 mm aside, until the load is Euler's: the needle bows. Each wrench on the way is one that
    its bending carries, and none jumps. Once it has let go, there is no wrench. */
-static void a_needle_that_bows_is_in_equilibrium(void **unused) {
+static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 60e3;
@@ -144,8 +144,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tissue_is_in_equilibrium_with_the_base),
         cmocka_unit_test(needle_is_in_equilibrium_with_its_bending),
-        cmocka_unit_test(a_base_on_a_spring_feels_what_a_rigid_one_there_feels),
-        cmocka_unit_test(a_needle_that_bows_is_in_equilibrium),
+        cmocka_unit_test(spring_coupled_base_matches_rigid_base),
+        cmocka_unit_test(bowed_needle_is_in_equilibrium),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-static void events_become_words(void **state) {
+static void events_are_formatted_as_words(void **state) {
     (void)state;
     char text[64];
     events_text(TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_ADDED, "capsule", text, sizeof text);
@@ -21,7 +21,7 @@ static void events_become_words(void **state) {
     assert_string_equal(text, "withdrawn");
 }
 
-static void every_bit_has_a_word(void **state) {
+static void every_event_bit_has_a_name(void **state) {
     (void)state;
     char text[256];
     for (unsigned bit = TROCAR_EVENT_TOUCHED; bit <= TROCAR_EVENT_KEPT; bit <<= 1) {
@@ -30,7 +30,7 @@ static void every_bit_has_a_word(void **state) {
     }
 }
 
-static void long_text_is_cut(void **state) {
+static void long_text_is_truncated(void **state) {
     (void)state;
     char text[16];
     memset(text, 'x', sizeof text);
@@ -62,8 +62,8 @@ static void flags_become_words(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(events_become_words),
-        cmocka_unit_test(every_bit_has_a_word),
+        cmocka_unit_test(events_are_formatted_as_words),
+        cmocka_unit_test(every_event_bit_has_a_name),
         cmocka_unit_test(long_text_is_cut),
         cmocka_unit_test(messages_and_library_mean_the_same_bits),
         cmocka_unit_test(flags_become_words),

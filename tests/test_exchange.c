@@ -15,7 +15,7 @@ static bool readable(int descriptor) {
     return poll(&p, 1, 0) == 1;
 }
 
-static void all_is_empty_at_first(void **unused) {
+static void initially_empty(void **unused) {
     (void)unused;
     exchange x;
     report why;
@@ -32,7 +32,7 @@ static void all_is_empty_at_first(void **unused) {
     exchange_free(&x); /* twice does no harm */
 }
 
-static void wakes_before_the_wait_count(void **unused) {
+static void wakes_before_the_wait_are_kept(void **unused) {
     (void)unused;
     exchange x;
     report why;
@@ -45,6 +45,6 @@ static void wakes_before_the_wait_count(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(all_is_empty_at_first), cmocka_unit_test(wakes_before_the_wait_count)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(initially_empty), cmocka_unit_test(wakes_before_the_wait_are_kept)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -98,7 +98,7 @@ static bool readable(int descriptor) {
     return poll(&p, 1, 0) == 1;
 }
 
-static void before_the_first_pose_a_zero_wrench_goes_out(void **state) {
+static void zero_wrench_before_the_first_pose(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w;
     assert_true(tick(f, &w));
@@ -109,7 +109,7 @@ static void before_the_first_pose_a_zero_wrench_goes_out(void **state) {
     assert_true(readable(f->exchange.io_wake));
 }
 
-static void a_wrench_echoes_the_pose_that_it_answers(void **state) {
+static void wrench_echoes_its_pose(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w;
     put_pose(f, 1, 41, -0.205);
@@ -133,7 +133,7 @@ static trocar_needle_wrench_t move(fixture *f, uint64_t engagement, double from,
 
 static trocar_needle_wrench_t push(fixture *f, double mm) { return move(f, 1, 0, mm); }
 
-static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
+static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
     assert_true(w.force[2] < -0.3);                        /* against the push */
@@ -148,7 +148,7 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
 }
 
-static void the_age_is_that_of_the_oldest_open_request(void **state) {
+static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
     fixture *f = *state;
     push(f, 10);
     uint64_t posted = f->haptic.posted;
@@ -174,7 +174,7 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's stays visible */
 }
 
-static void a_full_ring_drops_and_counts(void **state) {
+static void wrenches_dropped_by_a_full_ring_are_counted(void **state) {
     fixture *f = *state;
     size_t capacity = f->exchange.wrenches.capacity;
     for (size_t i = 0; i < capacity + 7; i++) tick(f, NULL);
@@ -192,7 +192,7 @@ static void winding_down_ends_the_loop_at_zero(void **state) {
 }
 
 /* A new engagement far away: no needle is dragged there, no force jumps. */
-static void a_new_engagement_starts_outside(void **state) {
+static void new_engagement_starts_outside(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
     put_pose(f, 2, 100000, -0.5);
@@ -218,7 +218,7 @@ static void survive(fixture *f, const char *name, size_t place, double bad, doub
     if (!healthy) fail_msg("%s = %g: %g N, undisturbed %g N, flags %d", name, bad, norm(w.force), force, w.flags);
 }
 
-static void a_number_that_is_none_does_not_stay(void **state) {
+static void recovers_from_non_finite_values(void **state) {
     fixture *f = *state;
 #define PLACE(name) {#name, offsetof(insertion_state, name)}
     static const struct { const char *name; size_t place; } places[] = {
@@ -237,7 +237,7 @@ static void a_number_that_is_none_does_not_stay(void **state) {
     f->haptic.limits.max_stiffness = rigid;
 }
 
-static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **state) {
+static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     fixture *f = *state;
     int64_t round_trip;
     for (int i = 0; i < 5; i++) tick(f, NULL);
@@ -256,7 +256,7 @@ static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **s
 }
 
 /* The stages are the parts of a tick: together they last no longer than it does. */
-static void the_stages_add_up_to_the_tick(void **state) {
+static void stage_times_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);
     int64_t before = monotonic_ns();
@@ -272,17 +272,17 @@ static void the_stages_add_up_to_the_tick(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(before_the_first_pose_a_zero_wrench_goes_out, begin, end),
-        cmocka_unit_test_setup_teardown(a_wrench_echoes_the_pose_that_it_answers, begin, end),
-        cmocka_unit_test_setup_teardown(the_needle_is_pushed_back_and_the_worker_asked, begin, end),
-        cmocka_unit_test_setup_teardown(the_age_is_that_of_the_oldest_open_request, begin, end),
+        cmocka_unit_test_setup_teardown(zero_wrench_before_the_first_pose, begin, end),
+        cmocka_unit_test_setup_teardown(wrench_echoes_its_pose, begin, end),
+        cmocka_unit_test_setup_teardown(insertion_gives_force_and_requests_to_the_worker, begin, end),
+        cmocka_unit_test_setup_teardown(snapshot_age_is_that_of_the_oldest_pending_request, begin, end),
         cmocka_unit_test_setup_teardown(silence_ramps_to_zero_and_is_flagged, begin, end),
-        cmocka_unit_test_setup_teardown(a_full_ring_drops_and_counts, begin, end),
+        cmocka_unit_test_setup_teardown(wrenches_dropped_by_a_full_ring_are_counted, begin, end),
         cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),
-        cmocka_unit_test_setup_teardown(a_new_engagement_starts_outside, begin, end),
-        cmocka_unit_test_setup_teardown(a_number_that_is_none_does_not_stay, begin, end),
-        cmocka_unit_test_setup_teardown(a_round_trip_ends_with_the_first_pose_that_names_the_wrench, begin, end),
-        cmocka_unit_test_setup_teardown(the_stages_add_up_to_the_tick, begin, end),
+        cmocka_unit_test_setup_teardown(new_engagement_starts_outside, begin, end),
+        cmocka_unit_test_setup_teardown(recovers_from_non_finite_values, begin, end),
+        cmocka_unit_test_setup_teardown(round_trip_ends_with_the_first_acknowledging_pose, begin, end),
+        cmocka_unit_test_setup_teardown(stage_times_add_up_to_the_tick, begin, end),
     };
     return cmocka_run_group_tests(tests, open_scene, close_scene);
 }

@@ -39,7 +39,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
 }
 
 /* Puncture at the forces of the scene: the base feels them on top of the shaft's friction. */
-static void membranes_give_way_at_their_forces(void **unused) {
+static void membranes_puncture_at_their_forces(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -64,7 +64,7 @@ static void push_through_skin(lockstep *l) {
 }
 
 /* The base is held from the puncture on. Without friction of the shaft nothing can make the force rise, however deep the dent was. */
-static void force_falls_after_the_skin(void **unused) {
+static void force_drops_after_the_skin(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -109,7 +109,7 @@ static void tissue_springs_back_slower_than_waves(void **unused) {
 }
 
 /* Pressed on the skin at an angle to its normal: within the cone of friction the tip stays where it is, outside it slides. */
-static void skin_is_gripped_about_its_normal(void **unused) {
+static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
     c.membranes[0].puncture_force = 50.0;
@@ -170,7 +170,7 @@ static void forces_do_not_depend_on_the_passes(void **unused) {
     free(converged);
 }
 
-static void no_jump_away_from_punctures(void **unused) {
+static void force_is_continuous_away_from_punctures(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *r = figure8_run(&c, 1000, 1);
@@ -192,7 +192,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
 }
 
 /* Contact nodes on faces, as in the paper: other places, so that forces are near those inside elements, but not the same. */
-static void contacts_on_faces_feel_alike(void **unused) {
+static void contacts_on_faces_give_similar_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *inside = figure8_run(&c, 1000, 1);
@@ -218,7 +218,7 @@ static int count_moved(const refinement *r) {
 }
 
 /* Nodes of the mesh are moved to the needle, but not those of the anatomy, where one is added; all are back when it is out. */
-static void nodes_are_moved_and_come_back(void **unused) {
+static void moved_nodes_are_restored(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     c.insertion.placement = PLACE_MOVED;
@@ -262,7 +262,7 @@ static void nodes_are_moved_and_come_back(void **unused) {
 }
 
 /* Whoever updates the inverse; and near those of nodes added on the same faces: other meshes. */
-static void moved_nodes_feel_alike(void **unused) {
+static void moved_nodes_give_similar_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     c.insertion.placement = PLACE_ON_FACES;
@@ -283,7 +283,7 @@ static void moved_nodes_feel_alike(void **unused) {
     free(woodbury);
 }
 
-static void moved_nodes_need_a_method_and_strains_that_take_them(void **unused) {
+static void moved_nodes_need_suitable_method_and_strain(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     simulation s;
@@ -297,7 +297,7 @@ static void moved_nodes_need_a_method_and_strains_that_take_them(void **unused) 
 }
 
 /* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
-static void a_late_worker_does_little_harm(void **unused) {
+static void late_worker_has_little_effect(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *prompt = figure8_run(&c, 1000, 1), *late = figure8_run(&c, 1000, 20);
@@ -323,7 +323,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     lockstep_free(l);
 }
 
-static void withdrawn_needle_is_free_and_goes_in_again_alike(void **unused) {
+static void reinsertion_repeats_the_first_insertion(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -373,7 +373,7 @@ static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
 }
 
 /* Aimed exactly at nodes, along edges and faces of the mesh. */
-static void degenerate_aims_break_nothing(void **unused) {
+static void degenerate_paths_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -406,7 +406,7 @@ static void degenerate_aims_break_nothing(void **unused) {
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
 /* Hands do anything: the forces stay finite and bounded, and the needle always comes out clean. */
-static void random_hands_break_nothing(void **unused) {
+static void random_motions_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     c.needle.bevel_slope = 0.03;
@@ -455,7 +455,7 @@ static void buckled_needle_recovers(void **unused) {
 }
 
 /* Pressed on the skin, dragged over it, lifted, at a tilt: however it comes free, going in is felt. */
-static void no_needle_goes_in_unfelt(void **unused) {
+static void every_insertion_gives_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -478,7 +478,7 @@ static void no_needle_goes_in_unfelt(void **unused) {
 }
 
 /* A tick after a long stall is one tick, not a burst: bounded effort. */
-static void long_tick_takes_few_steps(void **unused) {
+static void long_tick_needs_few_steps(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -513,7 +513,7 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
 }
 
 /* State and snapshot are plain data: saved, gone on, restored, gone on again: the same bits. */
-static void restored_state_goes_on_to_the_bit(void **unused) {
+static void restored_state_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -537,28 +537,28 @@ static void restored_state_goes_on_to_the_bit(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(axial_force_is_cutting_plus_friction_times_depth),
-        cmocka_unit_test(membranes_give_way_at_their_forces),
-        cmocka_unit_test(force_falls_after_the_skin),
+        cmocka_unit_test(membranes_puncture_at_their_forces),
+        cmocka_unit_test(force_drops_after_the_skin),
         cmocka_unit_test(tissue_springs_back_slower_than_waves),
-        cmocka_unit_test(skin_is_gripped_about_its_normal),
+        cmocka_unit_test(tip_friction_on_the_skin_is_about_its_normal),
         cmocka_unit_test(forces_do_not_depend_on_the_rate),
         cmocka_unit_test(forces_do_not_depend_on_the_passes),
-        cmocka_unit_test(no_jump_away_from_punctures),
+        cmocka_unit_test(force_is_continuous_away_from_punctures),
         cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
-        cmocka_unit_test(contacts_on_faces_feel_alike),
-        cmocka_unit_test(nodes_are_moved_and_come_back), cmocka_unit_test(moved_nodes_feel_alike),
-        cmocka_unit_test(moved_nodes_need_a_method_and_strains_that_take_them),
-        cmocka_unit_test(a_late_worker_does_little_harm),
+        cmocka_unit_test(contacts_on_faces_give_similar_forces),
+        cmocka_unit_test(moved_nodes_are_restored), cmocka_unit_test(moved_nodes_give_similar_forces),
+        cmocka_unit_test(moved_nodes_need_suitable_method_and_strain),
+        cmocka_unit_test(late_worker_has_little_effect),
         cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
-        cmocka_unit_test(withdrawn_needle_is_free_and_goes_in_again_alike),
+        cmocka_unit_test(reinsertion_repeats_the_first_insertion),
         cmocka_unit_test(needle_leaves_on_the_far_side_and_comes_back),
-        cmocka_unit_test(degenerate_aims_break_nothing),
-        cmocka_unit_test(random_hands_break_nothing),
+        cmocka_unit_test(degenerate_paths_are_handled),
+        cmocka_unit_test(random_motions_are_handled),
         cmocka_unit_test(buckled_needle_recovers),
-        cmocka_unit_test(no_needle_goes_in_unfelt),
-        cmocka_unit_test(long_tick_takes_few_steps),
+        cmocka_unit_test(every_insertion_gives_force),
+        cmocka_unit_test(long_tick_needs_few_steps),
         cmocka_unit_test(needle_found_in_the_tissue_is_engaged_without_force),
-        cmocka_unit_test(restored_state_goes_on_to_the_bit),
+        cmocka_unit_test(restored_state_continues_bit_identically),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

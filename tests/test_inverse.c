@@ -29,7 +29,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-static void stiffness_times_inverse_gives_the_force_back(void **state) {
+static void stiffness_times_inverse_is_identity(void **state) {
     (void)state;
     tissue *t = &body.tissue;
     cholmod_dense *u = cholmod_zeros(t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -52,7 +52,7 @@ static void stiffness_times_inverse_gives_the_force_back(void **state) {
     cholmod_free_dense(&f, &t->common);
 }
 
-static void force_and_displacement_may_be_one_array(void **state) {
+static void force_and_displacement_may_alias(void **state) {
     (void)state;
     vec3 force[CUBE_NODES], apart[CUBE_NODES];
     for (int i = 0; i < CUBE_NODES; i++) force[i] = cube_random_vector(1.0);
@@ -61,7 +61,7 @@ static void force_and_displacement_may_be_one_array(void **state) {
     assert_memory_equal(force, apart, sizeof force);
 }
 
-static void gathered_blocks_are_answers_to_unit_forces(void **state) {
+static void gathered_blocks_are_responses_to_unit_forces(void **state) {
     (void)state;
     int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* 7 and 3 are fixed; in any order, twice as well */
     enum { LD = 11 };
@@ -79,7 +79,7 @@ static void gathered_blocks_are_answers_to_unit_forces(void **state) {
     }
 }
 
-static void all_blocks_equal_those_of_lapack(void **state) {
+static void all_blocks_match_lapack(void **state) {
     (void)state;
     static const refinement none;
     reference expected;
@@ -97,7 +97,7 @@ static void all_blocks_equal_those_of_lapack(void **state) {
     reference_free(&expected);
 }
 
-static void the_dense_matrix_is_numbered_as_the_tissue(void **state) {
+static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     (void)state;
     const double *dense = inverse_dense(body.inverse);
     int node = 77, other = 101;
@@ -111,7 +111,7 @@ static void the_dense_matrix_is_numbered_as_the_tissue(void **state) {
 }
 
 /* Rows on demand against the whole matrix: one by one, together, and through whole fields. */
-static void sparse_rows_equal_the_dense_ones(void **state) {
+static void sparse_rows_match_dense_rows(void **state) {
     (void)state;
     report why;
     inverse *sparse;
@@ -136,7 +136,7 @@ static void sparse_rows_equal_the_dense_ones(void **state) {
 }
 
 /* A cache of the least size, on a mesh of some times as many nodes: gathers throw out what earlier ones have solved for. */
-static void a_full_cache_forgets_without_harm(void **state) {
+static void full_cache_gives_correct_results(void **state) {
     (void)state;
     enum { SIDE = 40, LD = 3 * SIDE };
     report why;
@@ -173,7 +173,7 @@ static int allocations_left;
 static void *scarce_malloc(size_t size) { return allocations_left-- > 0 ? malloc(size) : NULL; }
 
 /* CHOLMOD gets no more memory after so many allocations: the owner is refused, or works. */
-static void without_memory_the_sparse_owner_is_refused(void **state) {
+static void sparse_inverse_reports_lack_of_memory(void **state) {
     (void)state;
     struct SuiteSparse_config_struct *config = dlsym(RTLD_DEFAULT, "SuiteSparse_config");
     assert_non_null(config);
@@ -205,14 +205,14 @@ static void without_memory_the_sparse_owner_is_refused(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(without_memory_the_sparse_owner_is_refused),
-        cmocka_unit_test(stiffness_times_inverse_gives_the_force_back),
-        cmocka_unit_test(force_and_displacement_may_be_one_array),
-        cmocka_unit_test(gathered_blocks_are_answers_to_unit_forces),
-        cmocka_unit_test(all_blocks_equal_those_of_lapack),
-        cmocka_unit_test(the_dense_matrix_is_numbered_as_the_tissue),
-        cmocka_unit_test(sparse_rows_equal_the_dense_ones),
-        cmocka_unit_test(a_full_cache_forgets_without_harm),
+        cmocka_unit_test(sparse_inverse_reports_lack_of_memory),
+        cmocka_unit_test(stiffness_times_inverse_is_identity),
+        cmocka_unit_test(force_and_displacement_may_alias),
+        cmocka_unit_test(gathered_blocks_are_responses_to_unit_forces),
+        cmocka_unit_test(all_blocks_match_lapack),
+        cmocka_unit_test(dense_matrix_uses_the_numbering_of_the_tissue),
+        cmocka_unit_test(sparse_rows_match_dense_rows),
+        cmocka_unit_test(full_cache_gives_correct_results),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -72,7 +72,7 @@ static void assert_blocks(condensed *c, int count, const int *nodes) {
 
 static bool says(const condensed *c, const char *words) { return strstr(c->notice.text, words) != NULL; }
 
-static void blocks_are_those_of_the_dense_inverse(void **state) {
+static void blocks_match_the_dense_inverse(void **state) {
     (void)state;
     condensed c;
     start(&c, 1.0);
@@ -83,7 +83,7 @@ static void blocks_are_those_of_the_dense_inverse(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-static void a_file_that_is_read_counts_as_used(void **state) {
+static void reading_a_file_updates_its_time_of_use(void **state) {
     (void)state;
     condensed c;
     struct stat s;
@@ -99,7 +99,7 @@ static void a_file_that_is_read_counts_as_used(void **state) {
 }
 
 /* From the file, without a factor; one is made for what lies outside and for whole fields. */
-static void a_second_start_needs_no_factor(void **state) {
+static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
     start(&c, 1.0);
@@ -122,7 +122,7 @@ static void a_second_start_needs_no_factor(void **state) {
 }
 
 /* Outside, a factor is needed. Where none can be made, nobody is told of a body that does not move there. */
-static void what_cannot_be_made_is_refused(void **state) {
+static void failed_factorisation_is_reported(void **state) {
     (void)state;
     condensed c;
     start(&c, 1.0);
@@ -136,12 +136,12 @@ static void what_cannot_be_made_is_refused(void **state) {
     for (int i = 0; i < 2; i++) {
         report why = {""};
         assert_int_equal(inverse_gather(c.inverse, 1, &inside, 1, &outside, block, 3, &why), TROCAR_BAD_INPUT);
-        assert_non_null(strstr(why.text, "do not hold the whole body"));
+        assert_non_null(strstr(why.text, "do not constrain the whole body"));
         assert_true(block[0] == 7.0);
     }
     report why = {""};
     assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "do not hold the whole body"));
+    assert_non_null(strstr(why.text, "do not constrain the whole body"));
     assert_null(c.tissue.factor);
     assert_blocks(&c, REGION, region);
     vec3 field[CUBE_NODES];
@@ -152,7 +152,7 @@ static void what_cannot_be_made_is_refused(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-static void the_factor_can_be_made_before_it_is_needed(void **state) {
+static void factorisation_can_be_prepared(void **state) {
     (void)state;
     condensed c;
     report why;
@@ -186,7 +186,7 @@ static void damage(const char *path, double place, bool cut) {
     fclose(file);
 }
 
-static void a_damaged_file_is_found_out_and_replaced(void **state) {
+static void damaged_file_is_detected_and_replaced(void **state) {
     (void)state;
     static const struct { double place; bool cut; } cases[] = {{0.0, true}, {0.5, true}, {0.99, true}, {0.0, false}, {0.5, false}, {0.9, false}};
     condensed c;
@@ -205,7 +205,7 @@ static void a_damaged_file_is_found_out_and_replaced(void **state) {
     }
 }
 
-static void another_tissue_has_another_file(void **state) {
+static void different_tissues_use_different_files(void **state) {
     (void)state;
     condensed soft, stiff;
     start(&soft, 1.0);
@@ -222,7 +222,7 @@ static void another_tissue_has_another_file(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
-static void a_region_that_cannot_move_is_refused(void **state) {
+static void fully_fixed_region_is_refused(void **state) {
     (void)state;
     tissue t;
     inverse *inv;
@@ -242,7 +242,7 @@ static void note_progress(const char *what, double fraction, void *context) {
     progress_last = fraction;
 }
 
-static void progress_is_told_and_an_unwritable_place_does_no_harm(void **state) {
+static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state) {
     (void)state;
     condensed c;
     report why;
@@ -258,15 +258,15 @@ static void progress_is_told_and_an_unwritable_place_does_no_harm(void **state) 
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(blocks_are_those_of_the_dense_inverse),
-        cmocka_unit_test(a_file_that_is_read_counts_as_used),
-        cmocka_unit_test(a_second_start_needs_no_factor),
-        cmocka_unit_test(what_cannot_be_made_is_refused),
-        cmocka_unit_test(the_factor_can_be_made_before_it_is_needed),
-        cmocka_unit_test(a_damaged_file_is_found_out_and_replaced),
-        cmocka_unit_test(another_tissue_has_another_file),
-        cmocka_unit_test(a_region_that_cannot_move_is_refused),
-        cmocka_unit_test(progress_is_told_and_an_unwritable_place_does_no_harm),
+        cmocka_unit_test(blocks_match_the_dense_inverse),
+        cmocka_unit_test(reading_a_file_updates_its_time_of_use),
+        cmocka_unit_test(second_start_needs_no_factorisation),
+        cmocka_unit_test(failed_factorisation_is_reported),
+        cmocka_unit_test(factorisation_can_be_prepared),
+        cmocka_unit_test(damaged_file_is_detected_and_replaced),
+        cmocka_unit_test(different_tissues_use_different_files),
+        cmocka_unit_test(fully_fixed_region_is_refused),
+        cmocka_unit_test(progress_is_reported_and_unwritable_cache_is_tolerated),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -66,7 +66,7 @@ static bool readable(int descriptor) {
     return poll(&p, 1, 0) == 1;
 }
 
-static void one_round_takes_all_poses_and_keeps_the_newest(void **state) {
+static void one_round_reads_all_poses_and_keeps_the_newest(void **state) {
     fixture *f = *state;
     for (int64_t seq = 1; seq <= 5; seq++) send_pose(f, seq);
     assert_int_equal(io_round(&f->io), TROCAR_OK);
@@ -79,7 +79,7 @@ static void one_round_takes_all_poses_and_keeps_the_newest(void **state) {
     assert_int_equal(in->counts[POSE_ACCEPTED], 5);
 }
 
-static void foreign_bytes_are_counted_and_do_no_harm(void **state) {
+static void invalid_messages_are_counted(void **state) {
     fixture *f = *state;
     unsigned char noise[1500];
     memset(noise, 0xa5, sizeof noise);
@@ -94,7 +94,7 @@ static void foreign_bytes_are_counted_and_do_no_harm(void **state) {
     assert_false(readable(f->shutdown));
 }
 
-static void every_wrench_goes_out_in_order(void **state) {
+static void all_wrenches_are_sent_in_order(void **state) {
     fixture *f = *state;
     for (int i = 0; i < 20; i++) {
         trocar_needle_wrench_t w = {.tick = i, .pose_seq = 100 + i, .force = {1, 2, 3.5}, .raw_torque = {0, 0, -1}, .flags = 5};
@@ -127,7 +127,7 @@ static void a_shutdown_wakes_the_server(void **state) {
     assert_true(readable(f->shutdown));
 }
 
-static void a_bad_url_is_named(void **unused) {
+static void bad_url_is_reported(void **unused) {
     (void)unused;
     exchange x;
     io o;
@@ -144,12 +144,12 @@ static void a_bad_url_is_named(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(one_round_takes_all_poses_and_keeps_the_newest, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(foreign_bytes_are_counted_and_do_no_harm, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(every_wrench_goes_out_in_order, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(one_round_reads_all_poses_and_keeps_the_newest, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(invalid_messages_are_counted, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(all_wrenches_are_sent_in_order, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_release_reaches_the_loop, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_shutdown_wakes_the_server, open_fixture, close_fixture),
-        cmocka_unit_test(a_bad_url_is_named),
+        cmocka_unit_test(bad_url_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -52,7 +52,7 @@ static void expect(packet p, const packet_wishes *wishes, packet_verdict verdict
 
 static void expect_fragment(fragment f, packet_verdict verdict) { expect(packet_of(f), &anything, verdict); }
 
-static void whole_packets_need_a_channel_that_ends(void **unused) {
+static void short_packets_need_a_terminated_channel(void **unused) {
     (void)unused;
     char longest[65];
     memset(longest, 'x', 64);
@@ -77,7 +77,7 @@ static void fragments_of_lcm_pass(void **unused) {
     expect_fragment((fragment){150000, first + 65487, 2, 3, NULL, 150000 - first - 65487}, PACKET_GOOD);
 }
 
-static void fragments_that_do_not_add_up_are_malformed(void **unused) {
+static void inconsistent_fragments_are_malformed(void **unused) {
     (void)unused;
     const char *c = "TROCAR_POSE";
     static const fragment good = {1000, 500, 1, 2, NULL, 500};
@@ -99,7 +99,7 @@ static void fragments_that_do_not_add_up_are_malformed(void **unused) {
     for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than its header */
 }
 
-static void a_program_gets_what_it_wants(void **unused) {
+static void program_receives_its_channels_only(void **unused) {
     (void)unused;
     expect(whole("TROCAR_POSE", 100), &poses, PACKET_GOOD);
     expect(whole("LCM_SELF_TEST", 13), &poses, PACKET_GOOD);
@@ -176,7 +176,7 @@ static ssize_t received(int sender, int receiver, packet p) {
     return recvmsg(receiver, &message, 0);
 }
 
-static void sockets_pass_all_but_bad_packets_of_lcm(void **unused) {
+static void only_malformed_lcm_packets_are_dropped(void **unused) {
     (void)unused;
     packet good = whole("ANY", 50), bad = packet_of((fragment){1000, 0xffffff00, 1, 2, NULL, 0x200}), other = {.size = 30};
     int sender, pair[2], receiver = udp_pair(&sender);
@@ -198,12 +198,12 @@ static void sockets_pass_all_but_bad_packets_of_lcm(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(whole_packets_need_a_channel_that_ends),
+        cmocka_unit_test(short_packets_need_a_terminated_channel),
         cmocka_unit_test(fragments_of_lcm_pass),
-        cmocka_unit_test(fragments_that_do_not_add_up_are_malformed),
-        cmocka_unit_test(a_program_gets_what_it_wants),
+        cmocka_unit_test(inconsistent_fragments_are_malformed),
+        cmocka_unit_test(program_receives_its_channels_only),
         cmocka_unit_test(random_fragments),
-        cmocka_unit_test(sockets_pass_all_but_bad_packets_of_lcm),
+        cmocka_unit_test(only_malformed_lcm_packets_are_dropped),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -41,7 +41,7 @@ static void assert_same(lateral_axial a, lateral_axial b, double relative) {
 /* All Kuhn tets of a cell of edge c have the volume c^3 / 6. */
 static double uniform_size(void) { return cbrt(6.0 * sqrt(2.0) * pow(CUBE_EDGE / CUBE_CELLS, 3) / 6.0); }
 
-static void uniform_tissue_follows_kelvin(void **state) {
+static void uniform_tissue_matches_kelvin(void **state) {
     (void)state;
     create(0.0, true);
     double e = body.materials[0].youngs_modulus, nu = body.materials[0].poisson_ratio, mu = e / (2.0 * (1.0 + nu));
@@ -57,7 +57,7 @@ static void uniform_tissue_follows_kelvin(void **state) {
 }
 
 /* Where the mesh resolves the needle's surface by itself, little is left; never a negative value. */
-static void fine_meshes_need_little(void **state) {
+static void correction_is_small_on_fine_meshes(void **state) {
     (void)state;
     create(0.0, true);
     model.settings.resolution = 0.4 * RADIUS / uniform_size();
@@ -71,7 +71,7 @@ static void fine_meshes_need_little(void **state) {
 
 /* Force per metre on a disc of 0.635 mm in E = 20 kPa, nu = 0.45, by finite elements that resolve it
    (tests/verification/resolved_needle.json: tip_disc and skin_disc): at the end of a hole, and bonded to a surface. */
-static void tip_alone_follows_the_resolved_disc(void **state) {
+static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);
     for (int g = 0; g < 2; g++) body.materials[g].youngs_modulus = 20e3, body.materials[g].poisson_ratio = 0.45;
@@ -87,7 +87,7 @@ static void tip_alone_follows_the_resolved_disc(void **state) {
     destroy();
 }
 
-static void faces_are_crossed_without_a_jump(void **state) {
+static void continuous_across_faces(void **state) {
     (void)state;
     create(0.1, false);
     for (int t = 0; t < body.mesh.tet_count; t++)
@@ -112,7 +112,7 @@ static bool has_corner(int tet, int node) {
 }
 
 /* Every tet around an edge says the same at a point of the edge, and every tet around a node at the node. */
-static void edges_and_nodes_have_one_value(void **state) {
+static void unique_values_at_edges_and_nodes(void **state) {
     (void)state;
     create(0.1, false);
     for (int n = 0; n < 200; n++) {
@@ -134,11 +134,11 @@ static void edges_and_nodes_have_one_value(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(uniform_tissue_follows_kelvin),
-        cmocka_unit_test(fine_meshes_need_little),
-        cmocka_unit_test(tip_alone_follows_the_resolved_disc),
-        cmocka_unit_test(faces_are_crossed_without_a_jump),
-        cmocka_unit_test(edges_and_nodes_have_one_value),
+        cmocka_unit_test(uniform_tissue_matches_kelvin),
+        cmocka_unit_test(correction_is_small_on_fine_meshes),
+        cmocka_unit_test(single_tip_matches_resolved_disc),
+        cmocka_unit_test(continuous_across_faces),
+        cmocka_unit_test(unique_values_at_edges_and_nodes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

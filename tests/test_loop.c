@@ -158,7 +158,7 @@ static void rig_free(rig *r) {
     free(r);
 }
 
-static void nothing_is_allocated_and_no_page_faults(void **unused) {
+static void no_allocations_and_no_page_faults(void **unused) {
     (void)unused;
     rig *r = rig_create(0, 2 * RATE);
     report why;
@@ -188,7 +188,7 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(missed_periods_are_skipped_and_counted),
-        cmocka_unit_test(nothing_is_allocated_and_no_page_faults),
+        cmocka_unit_test(no_allocations_and_no_page_faults),
         cmocka_unit_test(a_slow_worker_never_stalls_the_loop),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -122,7 +122,7 @@ static bool in_box(vec3 x) { return x.x >= 0 && x.x <= BOX.x && x.y >= 0 && x.y 
 
 /* ---- structure ---- */
 
-static void tets_have_positive_volume_that_fills_the_box(void **state) {
+static void tets_have_positive_volume_and_fill_the_box(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -157,7 +157,7 @@ static void neighbours_are_mutual_and_share_three_nodes(void **state) {
 }
 
 /* Divergence theorem: the outward boundary encloses the box's volume, and its area vectors cancel. */
-static void boundary_runs_counter_clockwise_seen_from_outside(void **state) {
+static void boundary_is_counter_clockwise_from_outside(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -195,7 +195,7 @@ static void named_faces_are_marked_on_both_sides(void **state) {
     mesh_free(&m);
 }
 
-static void node_size_is_the_edge_of_the_ideal_tet(void **state) {
+static void node_size_is_the_edge_of_the_regular_tet(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -215,7 +215,7 @@ static void gradients_reproduce_a_linear_field(void **state) {
     assert_true(v3_norm(v3_sub(sum, slope)) < 1e-14);
 }
 
-static void weights_give_the_point_back(void **state) {
+static void weights_reproduce_the_point(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -240,7 +240,7 @@ static bool holds(const mesh *m, int t, vec3 x) {
     return true;
 }
 
-static void locate_finds_the_tet_that_holds_the_point(void **state) {
+static void locate_finds_the_containing_tet(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -290,7 +290,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
 /* ---- rays ---- */
 
 /* A walk from face to face through the box: the parts add up to where the line leaves the box. */
-static void exits_lead_through_the_box(void **state) {
+static void exit_walk_traverses_the_box(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -315,7 +315,7 @@ static void exits_lead_through_the_box(void **state) {
     mesh_free(&m);
 }
 
-static void a_start_outside_a_face_counts_as_on_it(void **state) {
+static void start_slightly_outside_a_face_is_treated_as_on_it(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -337,7 +337,7 @@ static double enters_box(vec3 a, vec3 b) {
     return enter <= leave && enter >= 0 && enter <= 1 ? enter : INFINITY;
 }
 
-static void segments_enter_where_the_box_begins(void **state) {
+static void segments_enter_at_the_surface_of_the_box(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -360,7 +360,7 @@ static void segments_enter_where_the_box_begins(void **state) {
 }
 
 /* Straight at every node, edge and diagonal of the skin: shared by several triangles, and yet no ray slips through. */
-static void no_ray_slips_between_triangles(void **state) {
+static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -376,7 +376,7 @@ static void no_ray_slips_between_triangles(void **state) {
     mesh_free(&m);
 }
 
-static void a_tip_that_rests_on_the_skin_enters_in_the_next_step(void **state) {
+static void tip_resting_on_the_skin_enters_in_the_next_step(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
@@ -437,20 +437,20 @@ static void a_surface_off_the_faces_is_refused(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(tets_have_positive_volume_that_fills_the_box),
+        cmocka_unit_test(tets_have_positive_volume_and_fill_the_box),
         cmocka_unit_test(neighbours_are_mutual_and_share_three_nodes),
-        cmocka_unit_test(boundary_runs_counter_clockwise_seen_from_outside),
+        cmocka_unit_test(boundary_is_counter_clockwise_from_outside),
         cmocka_unit_test(named_faces_are_marked_on_both_sides),
-        cmocka_unit_test(node_size_is_the_edge_of_the_ideal_tet),
+        cmocka_unit_test(node_size_is_the_edge_of_the_regular_tet),
         cmocka_unit_test(gradients_reproduce_a_linear_field),
-        cmocka_unit_test(weights_give_the_point_back),
-        cmocka_unit_test(locate_finds_the_tet_that_holds_the_point),
+        cmocka_unit_test(weights_reproduce_the_point),
+        cmocka_unit_test(locate_finds_the_containing_tet),
         cmocka_unit_test(locate_finds_the_far_side_of_a_slot),
-        cmocka_unit_test(exits_lead_through_the_box),
-        cmocka_unit_test(a_start_outside_a_face_counts_as_on_it),
-        cmocka_unit_test(segments_enter_where_the_box_begins),
-        cmocka_unit_test(no_ray_slips_between_triangles),
-        cmocka_unit_test(a_tip_that_rests_on_the_skin_enters_in_the_next_step),
+        cmocka_unit_test(exit_walk_traverses_the_box),
+        cmocka_unit_test(start_slightly_outside_a_face_is_treated_as_on_it),
+        cmocka_unit_test(segments_enter_at_the_surface_of_the_box),
+        cmocka_unit_test(no_ray_passes_between_triangles),
+        cmocka_unit_test(tip_resting_on_the_skin_enters_in_the_next_step),
         cmocka_unit_test(bad_meshes_are_refused),
         cmocka_unit_test(a_surface_off_the_faces_is_refused),
     };

@@ -164,13 +164,13 @@ static void unnamed_physical_groups_are_named_by_their_tags(void **state) {
     free(unnamed);
 }
 
-static void faults_in_the_content_are_named(void **state) {
+static void errors_in_the_content_are_named(void **state) {
     (void)state;
     assert_change_refused(MSH2, "3 2 2 3 2 2 3 5", "3 2 2 3 2 1 2 7", "\"capsule\"");
     assert_change_refused(MSH2, "3 2 2 3 2 2 3 5", "3 2 2 3 2 2 3 4", "\"capsule\"");
     assert_change_refused(MSH2, "4 1 1 2 3 5", "4 1 1 2 3 2", "no volume");
     assert_change_refused(MSH2, "\"gland\"\n3 5", "\"volume_5\"\n3 6", "two physical volumes");
-    assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 4 2 0 2 2 3 5 7", "in no physical volume");
+    assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 4 2 0 2 2 3 5 7", "not in a physical volume");
     assert_change_refused(MSH4, "2 0 0 0 1 1 1 1 5 0", "2 0 0 0 1 1 1 2 4 5 0", "leave it in one");
     assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 7 2 5 2 1 2 3 5 7", "only linear tetrahedra");
     assert_change_refused(MSH2, "7 1 1 1", "7 1 1 nan", "changed.msh");
@@ -187,7 +187,7 @@ static void more_groups_than_a_bit_mask_holds_are_refused(void **state) {
     assert_refused("many.msh", text, (size_t)used, "more than 32");
 }
 
-static void files_that_are_no_mesh_are_refused(void **state) {
+static void non_mesh_files_are_refused(void **state) {
     (void)state;
     report why = {""};
     mesh m;
@@ -237,9 +237,9 @@ int main(void) {
         cmocka_unit_test(msh_2_and_4_keep_names_and_the_order_of_nodes),
         cmocka_unit_test(vtk_is_one_region_of_tissue),
         cmocka_unit_test(unnamed_physical_groups_are_named_by_their_tags),
-        cmocka_unit_test(faults_in_the_content_are_named),
+        cmocka_unit_test(errors_in_the_content_are_named),
         cmocka_unit_test(more_groups_than_a_bit_mask_holds_are_refused),
-        cmocka_unit_test(files_that_are_no_mesh_are_refused),
+        cmocka_unit_test(non_mesh_files_are_refused),
         cmocka_unit_test(the_prostate_has_its_regions_and_surfaces),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);

@@ -28,14 +28,14 @@ static size_t pack_contacts(void) {
     return (size_t)trocar_contacts_t_encode(bytes, 0, sizeof bytes, &m);
 }
 
-static void contacts_fit_at_their_own_length_only(void **unused) {
+static void contacts_must_have_their_exact_size(void **unused) {
     (void)unused;
     size_t size = pack_contacts();
     assert_true(contacts_fit(bytes, size));
     for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !contacts_fit(bytes, wrong));
 }
 
-static void contacts_with_another_count_do_not_fit(void **unused) {
+static void contacts_with_wrong_counts_are_rejected(void **unused) {
     (void)unused;
     size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8;
     for (size_t byte = joint_count_at; byte < joint_count_at + 4; byte++)
@@ -46,7 +46,7 @@ static void contacts_with_another_count_do_not_fit(void **unused) {
         }
 }
 
-static void a_deformation_fits_the_mesh_only(void **unused) {
+static void deformation_must_match_the_mesh(void **unused) {
     (void)unused;
     static float displacements[NODES][3], *rows[NODES];
     for (int i = 0; i < NODES; i++) rows[i] = displacements[i];
@@ -57,7 +57,7 @@ static void a_deformation_fits_the_mesh_only(void **unused) {
 }
 
 /* LCM's own decoder would read on behind a string that nothing closes. */
-static void strings_must_be_closed(void **unused) {
+static void strings_must_be_terminated(void **unused) {
     (void)unused;
     trocar_status_t m = {.host = "lab", .scene = "a.yaml", .inverse = "", .message = "late"};
     size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
@@ -74,10 +74,10 @@ static void strings_must_be_closed(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(contacts_fit_at_their_own_length_only),
-        cmocka_unit_test(contacts_with_another_count_do_not_fit),
-        cmocka_unit_test(a_deformation_fits_the_mesh_only),
-        cmocka_unit_test(strings_must_be_closed),
+        cmocka_unit_test(contacts_must_have_their_exact_size),
+        cmocka_unit_test(contacts_with_wrong_counts_are_rejected),
+        cmocka_unit_test(deformation_must_match_the_mesh),
+        cmocka_unit_test(strings_must_be_terminated),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

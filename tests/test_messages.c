@@ -6,7 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static void a_wrench_is_told_in_full(void **unused) {
+static void wrench_message_is_complete(void **unused) {
     (void)unused;
     insertion_wrench w = {.force = {1, 2, 3}, .torque = {4, 5, 6}, .depth = 0.07, .contacts = 8, .events = EVENT_ADDED | EVENT_PUNCTURED, .membrane = 1};
     trocar_needle_wrench_t m = wrench_message(&w);
@@ -34,7 +34,7 @@ static void flags_follow_from_events(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_wrench_is_told_in_full),
+        cmocka_unit_test(wrench_message_is_complete),
         cmocka_unit_test(flags_follow_from_events),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

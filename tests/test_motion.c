@@ -25,13 +25,13 @@ static void figure8_follows_the_paper(void **state) {
 }
 
 /* The needle, 200 mm long, is at the skin at z = 0 after 1 mm: between 0.1 and 0.2 s, near the 0.1 s reported. */
-static void figure8_reaches_the_skin_soon(void **state) {
+static void figure8_reaches_the_skin_early(void **state) {
     (void)state;
     assert_true(at("figure8", 0.10).z + 0.2 < 0);
     assert_true(at("figure8", 0.20).z + 0.2 > 0);
 }
 
-static void fraction_covers_the_leg_symmetrically(void **state) {
+static void leg_fraction_is_symmetric(void **state) {
     (void)state;
     assert_true(motion_fraction(1, 2, 0.5) == 0 && motion_fraction(1, 2, 2.5) == 1);
     for (double t = 1; t <= 2; t += 0.01)
@@ -40,7 +40,7 @@ static void fraction_covers_the_leg_symmetrically(void **state) {
 }
 
 /* Second differences stay below the accelerations of the legs, 5.8 way / time^2, summed: no step in position or velocity. */
-static void all_scripts_are_smooth_and_come_home(void **state) {
+static void all_scripts_are_smooth_and_return(void **state) {
     (void)state;
     static const double dt = 1e-3, fastest = 0.2, most_acceleration = 4;  /* m/s, m/s^2 */
     for (int i = 0; motion_at(i); i++) {
@@ -75,9 +75,9 @@ static void unknown_script_is_not_found(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(figure8_follows_the_paper),
-        cmocka_unit_test(figure8_reaches_the_skin_soon),
-        cmocka_unit_test(fraction_covers_the_leg_symmetrically),
-        cmocka_unit_test(all_scripts_are_smooth_and_come_home),
+        cmocka_unit_test(figure8_reaches_the_skin_early),
+        cmocka_unit_test(leg_fraction_is_symmetric),
+        cmocka_unit_test(all_scripts_are_smooth_and_return),
         cmocka_unit_test(roll_turns_about_the_needles_axis),
         cmocka_unit_test(unknown_script_is_not_found),
     };

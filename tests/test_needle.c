@@ -50,7 +50,7 @@ static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
     }
 }
 
-static void the_model_asked_for_is_made(void **unused) {
+static void requested_model_is_created(void **unused) {
     (void)unused;
     needle_model rod = needle_made(NEEDLE_ROD, 20), tets = needle_made(NEEDLE_TETRAHEDRA, 20);
     assert_ptr_equal(rod.kind, &needle_kind_rod);
@@ -77,7 +77,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(centreline_is_smooth),
         cmocka_unit_test(centreline_of_a_needle_at_rest_is_straight),
-        cmocka_unit_test(the_model_asked_for_is_made),
+        cmocka_unit_test(requested_model_is_created),
         cmocka_unit_test(bad_parameters_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

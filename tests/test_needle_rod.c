@@ -10,7 +10,7 @@ static needle_model make(int segments) { return needle_made(NEEDLE_ROD, segments
 
 static vec3 tip(const needle_model *model, const needle_state *state) { return needle_tip_of(model, state); }
 
-static void small_deflection_is_that_of_a_cantilever(void **unused) {
+static void small_deflection_matches_a_cantilever(void **unused) {
     (void)unused;
     needle_model model = make(40);
     needle_state state;
@@ -44,7 +44,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
 }
 
 /* Under an axial load below Euler's pi^2 EI / (4 L^2) the sideways compliance is tan(kL)/(k P) - L/P. */
-static void axial_load_softens_as_a_beam_column(void **unused) {
+static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
     needle_model model = make(60);
     needle_state state;
@@ -64,7 +64,7 @@ static void axial_load_softens_as_a_beam_column(void **unused) {
 }
 
 /* A needle free at its tip buckles in both directions at each of (2 n - 1)^2 times Euler's load. */
-static void ways_to_buckle_are_eulers(void **unused) {
+static void buckling_modes_match_euler(void **unused) {
     (void)unused;
     needle_model model = make(60);
     needle_state state;
@@ -102,7 +102,7 @@ static void newton_converges_quadratically(void **unused) {
     free(tangent);
 }
 
-static void turned_base_gives_turned_shape(void **unused) {
+static void rotated_base_gives_rotated_shape(void **unused) {
     (void)unused;
     needle_model model = make(40);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -142,10 +142,10 @@ static void roll_of_the_base_reaches_the_tip(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(small_deflection_is_that_of_a_cantilever), cmocka_unit_test(large_deflection_follows_the_elastica),
-        cmocka_unit_test(ways_to_buckle_are_eulers),
-        cmocka_unit_test(axial_load_softens_as_a_beam_column),      cmocka_unit_test(newton_converges_quadratically),
-        cmocka_unit_test(turned_base_gives_turned_shape),           cmocka_unit_test(roll_of_the_base_reaches_the_tip),
+        cmocka_unit_test(small_deflection_matches_a_cantilever), cmocka_unit_test(large_deflection_follows_the_elastica),
+        cmocka_unit_test(buckling_modes_match_euler),
+        cmocka_unit_test(axial_load_softens_like_a_beam_column),      cmocka_unit_test(newton_converges_quadratically),
+        cmocka_unit_test(rotated_base_gives_rotated_shape),           cmocka_unit_test(roll_of_the_base_reaches_the_tip),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -23,7 +23,7 @@ static vec3 bent_tip(const needle_model *model, double angle, double force, need
     return v3(v3_dot(tip, along), v3_dot(tip, across), tip.z);
 }
 
-static void it_bends_alike_in_all_directions(void **unused) {
+static void bending_is_isotropic(void **unused) {
     (void)unused;
     enum { DIRECTIONS = 9 }; /* over a right angle: a quarter turn is a symmetry of the mesh */
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -42,7 +42,7 @@ static void it_bends_alike_in_all_directions(void **unused) {
     free(tangent);
 }
 
-static void small_loads_deflect_it_as_a_cantilever(void **unused) {
+static void small_deflection_matches_a_cantilever(void **unused) {
     (void)unused;
     needle_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++) {
@@ -73,7 +73,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
 }
 
 /* As the rod's test: below Euler's load, close to it and beyond, where the tangent is indefinite. */
-static void axial_load_softens_it_as_a_beam_column(void **unused) {
+static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
     needle_model model = make(40);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -175,7 +175,7 @@ static void newton_converges_quadratically(void **unused) {
     free(tangent);
 }
 
-static void turned_base_gives_turned_shape(void **unused) {
+static void rotated_base_gives_rotated_shape(void **unused) {
     (void)unused;
     needle_model model = make(20);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -236,7 +236,7 @@ static double difference(double (*a)[6], double (*b)[6], int from, int to) {
     return sqrt(off / size);
 }
 
-static void insertion_forces_are_those_of_the_rod(void **unused) {
+static void insertion_forces_match_the_rod(void **unused) {
     (void)unused;
     double (*rod)[6] = calloc(TICKS, sizeof *rod), (*tets)[6] = calloc(TICKS, sizeof *tets);
     double rod_at[2] = {0}, tets_at[2] = {0};
@@ -252,16 +252,16 @@ static void insertion_forces_are_those_of_the_rod(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_bends_alike_in_all_directions),
-        cmocka_unit_test(small_loads_deflect_it_as_a_cantilever),
+        cmocka_unit_test(bending_is_isotropic),
+        cmocka_unit_test(small_deflection_matches_a_cantilever),
         cmocka_unit_test(large_deflection_follows_the_elastica),
-        cmocka_unit_test(axial_load_softens_it_as_a_beam_column),
+        cmocka_unit_test(axial_load_softens_like_a_beam_column),
         cmocka_unit_test(rigid_motions_give_no_force),
         cmocka_unit_test(forces_are_the_gradient_of_the_energy),
         cmocka_unit_test(newton_converges_quadratically),
-        cmocka_unit_test(turned_base_gives_turned_shape),
+        cmocka_unit_test(rotated_base_gives_rotated_shape),
         cmocka_unit_test(free_needle_follows_its_base),
-        cmocka_unit_test(insertion_forces_are_those_of_the_rod),
+        cmocka_unit_test(insertion_forces_match_the_rod),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

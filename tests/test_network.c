@@ -19,21 +19,21 @@ static void expect(const char *url, trocar_status expected, const char *named) {
     else assert_null(lcm);
 }
 
-static void a_provider_that_lcm_does_not_have_is_bad_input(void **unused) {
+static void unknown_lcm_provider_is_bad_input(void **unused) {
     (void)unused;
     expect("nonsense://", TROCAR_BAD_INPUT, "nonsense://");
     expect("mpudpm://239.255.76.67:7667", TROCAR_BAD_INPUT, "mpudpm://"); /* LCM has it, but not safely */
     expect("239.255.76.67:7667", TROCAR_BAD_INPUT, "udpm://GROUP:PORT");
 }
 
-static void a_network_that_is_not_there_is_not(void **unused) {
+static void missing_network_is_a_system_error(void **unused) {
     (void)unused;
     expect("udpm://nowhere:7667", TROCAR_SYSTEM, "nowhere");
     expect("udpm://nowhere:7667", TROCAR_SYSTEM, "ip route add nowhere/32 dev lo");
     expect("memq://", TROCAR_OK, NULL);
 }
 
-static void without_a_url_the_environment_counts(void **unused) {
+static void environment_sets_the_default_url(void **unused) {
     (void)unused;
     setenv("LCM_DEFAULT_URL", "nonsense://", 1);
     expect(NULL, TROCAR_BAD_INPUT, "nonsense://");
@@ -45,9 +45,9 @@ static void without_a_url_the_environment_counts(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_provider_that_lcm_does_not_have_is_bad_input),
-        cmocka_unit_test(a_network_that_is_not_there_is_not),
-        cmocka_unit_test(without_a_url_the_environment_counts),
+        cmocka_unit_test(unknown_lcm_provider_is_bad_input),
+        cmocka_unit_test(missing_network_is_a_system_error),
+        cmocka_unit_test(environment_sets_the_default_url),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

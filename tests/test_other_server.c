@@ -22,7 +22,7 @@ static size_t status_of(int64_t server) {
     return (size_t)size;
 }
 
-static void another_one_is_noticed_and_named(void **unused) {
+static void other_server_is_detected_and_named(void **unused) {
     (void)unused;
     other_server o = {0};
     other_server_hear(&o, OWN, bytes, status_of(OWN), SECOND);
@@ -37,7 +37,7 @@ static void another_one_is_noticed_and_named(void **unused) {
     assert_false(other_server_present(&o, 3 * SECOND));
 }
 
-static void what_is_no_status_is_passed_over(void **unused) {
+static void invalid_status_messages_are_ignored(void **unused) {
     (void)unused;
     other_server o = {0};
     size_t size = status_of(OTHER);
@@ -49,8 +49,8 @@ static void what_is_no_status_is_passed_over(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(another_one_is_noticed_and_named),
-        cmocka_unit_test(what_is_no_status_is_passed_over),
+        cmocka_unit_test(other_server_is_detected_and_named),
+        cmocka_unit_test(invalid_status_messages_are_ignored),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -53,7 +53,7 @@ static void leaves_nothing_when_abandoned(void **state) {
 }
 
 /* Run as root with --csv /dev/null, a rename would replace the machine's device by a file. */
-static void writes_into_a_special_file_in_place(void **state) {
+static void special_files_are_written_in_place(void **state) {
     (void)state;
     report why;
     output o;
@@ -76,7 +76,7 @@ static void writes_into_a_special_file_in_place(void **state) {
     unlink(path);
 }
 
-static void says_when_the_disk_is_full(void **state) {
+static void full_disk_is_reported(void **state) {
     (void)state;
     report why;
     output o = {.path = "/dev/full", .temporary = "/nowhere/x", .file = fopen("/dev/full", "w")};
@@ -85,7 +85,7 @@ static void says_when_the_disk_is_full(void **state) {
     assert_non_null(strstr(why.text, "/dev/full"));
 }
 
-static void refuses_a_place_that_cannot_be_written(void **state) {
+static void unwritable_path_is_refused(void **state) {
     (void)state;
     report why;
     output o;
@@ -98,9 +98,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(appears_when_committed),
         cmocka_unit_test(leaves_nothing_when_abandoned),
-        cmocka_unit_test(writes_into_a_special_file_in_place),
-        cmocka_unit_test(says_when_the_disk_is_full),
-        cmocka_unit_test(refuses_a_place_that_cannot_be_written),
+        cmocka_unit_test(special_files_are_written_in_place),
+        cmocka_unit_test(full_disk_is_reported),
+        cmocka_unit_test(unwritable_path_is_refused),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

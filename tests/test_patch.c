@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-static void a_patch_is_the_difference_of_two_meshes(void **state) {
+static void patch_equals_the_difference_of_two_meshes(void **state) {
     (void)state;
     memset(&request, 0, sizeof request);
     while (request.wanted.count < 24) {
@@ -120,7 +120,7 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     tissue_free(&t);
 }
 
-static void linear_fields_are_those_of_the_refined_mesh(void **state) {
+static void linear_fields_match_the_refined_mesh(void **state) {
     (void)state;
     check_linear_fields(STRAIN_BY_ELEMENT, 3);
     check_linear_fields(STRAIN_BY_NODE, 2); /* nothing moves there */
@@ -129,8 +129,8 @@ static void linear_fields_are_those_of_the_refined_mesh(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_patch_is_the_difference_of_two_meshes),
-        cmocka_unit_test(linear_fields_are_those_of_the_refined_mesh),
+        cmocka_unit_test(patch_equals_the_difference_of_two_meshes),
+        cmocka_unit_test(linear_fields_match_the_refined_mesh),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -15,7 +15,7 @@
 
 #include "check.h"
 
-static void the_golden_trace_comes_out_as_it_is_kept(void **unused) {
+static void golden_trace_is_reproduced(void **unused) {
     (void)unused;
     scene s;
     report why, cut;
@@ -50,7 +50,7 @@ static double time_of_picture(const byte_buffer *encoded) {
 }
 
 /* The wrench kept of that tick, not of a neighbour a picture or a sample away. */
-static void one_moment_is_that_of_its_tick(void **unused) {
+static void moment_matches_its_tick(void **unused) {
     (void)unused;
     scene s;
     report why, cut;
@@ -72,7 +72,7 @@ static void one_moment_is_that_of_its_tick(void **unused) {
     wrench_log_free(&golden);
 }
 
-static void a_moment_after_the_log_is_said(void **unused) {
+static void moment_after_the_end_is_refused(void **unused) {
     (void)unused;
     scene s;
     report why, cut;
@@ -85,7 +85,7 @@ static void a_moment_after_the_log_is_said(void **unused) {
 }
 
 /* A recording of which a quarter is there, the last event in part. */
-static void a_log_cut_short_plays_to_its_end(void **unused) {
+static void truncated_log_plays_to_its_last_event(void **unused) {
     (void)unused;
     static unsigned char bytes[1 << 18];
     char path[] = "/tmp/trocar-test-playback-XXXXXX";
@@ -111,7 +111,7 @@ static void a_log_cut_short_plays_to_its_end(void **unused) {
     unlink(path);
 }
 
-static void a_missing_log_is_said(void **unused) {
+static void missing_log_is_reported(void **unused) {
     (void)unused;
     scene s;
     report why, cut;
@@ -125,11 +125,11 @@ static void a_missing_log_is_said(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_golden_trace_comes_out_as_it_is_kept),
-        cmocka_unit_test(one_moment_is_that_of_its_tick),
-        cmocka_unit_test(a_moment_after_the_log_is_said),
-        cmocka_unit_test(a_log_cut_short_plays_to_its_end),
-        cmocka_unit_test(a_missing_log_is_said),
+        cmocka_unit_test(golden_trace_is_reproduced),
+        cmocka_unit_test(moment_matches_its_tick),
+        cmocka_unit_test(moment_after_the_end_is_refused),
+        cmocka_unit_test(truncated_log_plays_to_its_last_event),
+        cmocka_unit_test(missing_log_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

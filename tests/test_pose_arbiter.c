@@ -49,7 +49,7 @@ static pose_arbiter fresh(void) {
     return in;
 }
 
-static void a_good_pose_arrives_as_it_was_sent(void **unused) {
+static void valid_pose_arrives_unchanged(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     trocar_needle_pose_t m = {.utime = 77, .session = -5, .seq = 3, .position = {1, 2, 3},
@@ -65,7 +65,7 @@ static void a_good_pose_arrives_as_it_was_sent(void **unused) {
 }
 
 /* Every length but the right one, every flipped bit of the fingerprint, and noise. */
-static void bytes_that_are_no_pose_are_counted(void **unused) {
+static void invalid_pose_messages_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     trocar_needle_pose_t m = message(1, 1, 0);
@@ -121,7 +121,7 @@ static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
     assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* its number was not used up */
 }
 
-static void sequence_numbers_only_grow(void **unused) {
+static void sequence_numbers_must_increase(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     assert_int_equal(take_pose(&in, 1, 10, 0, 0), POSE_ACCEPTED);
@@ -130,7 +130,7 @@ static void sequence_numbers_only_grow(void **unused) {
     assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* lost ones do not matter */
 }
 
-static void a_second_session_is_refused_until_the_first_is_silent(void **unused) {
+static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
@@ -159,7 +159,7 @@ static void a_release_frees_the_needle_at_once(void **unused) {
     assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
 }
 
-static void a_reset_begins_anew_with_the_next_pose(void **unused) {
+static void reset_engages_again_with_the_next_pose(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
@@ -193,7 +193,7 @@ static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
 }
 
 /* Counted where a later pose of the owner comes, also one that is refused; not twice, and not from one client to the next. */
-static void poses_that_never_came_are_counted(void **unused) {
+static void lost_poses_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1000, 0, 0);
@@ -213,7 +213,7 @@ static void poses_that_never_came_are_counted(void **unused) {
 }
 
 /* The network may hold poses back and deliver them together; the mean speed counts. */
-static void bunched_poses_are_no_jump_but_a_fast_stream_is(void **unused) {
+static void bunched_poses_are_accepted_but_fast_motion_is_a_jump(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     int64_t seq = 1;
@@ -229,7 +229,7 @@ static void bunched_poses_are_no_jump_but_a_fast_stream_is(void **unused) {
 }
 
 /* After hold and ramp the wrench is zero: wherever the device is now, it is heard again. */
-static void a_jump_is_taken_after_the_wrench_has_gone(void **unused) {
+static void jump_is_accepted_after_the_wrench_has_ramped_out(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
@@ -239,19 +239,19 @@ static void a_jump_is_taken_after_the_wrench_has_gone(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_good_pose_arrives_as_it_was_sent),
-        cmocka_unit_test(bytes_that_are_no_pose_are_counted),
+        cmocka_unit_test(valid_pose_arrives_unchanged),
+        cmocka_unit_test(invalid_pose_messages_are_counted),
         cmocka_unit_test(random_payloads_never_pass_unchecked),
         cmocka_unit_test(nan_and_bad_quaternions_leave_the_last_pose),
-        cmocka_unit_test(sequence_numbers_only_grow),
-        cmocka_unit_test(a_second_session_is_refused_until_the_first_is_silent),
+        cmocka_unit_test(sequence_numbers_must_increase),
+        cmocka_unit_test(second_session_is_refused_until_the_first_is_silent),
         cmocka_unit_test(a_release_frees_the_needle_at_once),
-        cmocka_unit_test(a_reset_begins_anew_with_the_next_pose),
+        cmocka_unit_test(reset_engages_again_with_the_next_pose),
         cmocka_unit_test(only_a_valid_shutdown_shuts_down),
         cmocka_unit_test(jumps_are_rejected_while_the_needle_is_followed),
-        cmocka_unit_test(poses_that_never_came_are_counted),
-        cmocka_unit_test(bunched_poses_are_no_jump_but_a_fast_stream_is),
-        cmocka_unit_test(a_jump_is_taken_after_the_wrench_has_gone),
+        cmocka_unit_test(lost_poses_are_counted),
+        cmocka_unit_test(bunched_poses_are_accepted_but_fast_motion_is_a_jump),
+        cmocka_unit_test(jump_is_accepted_after_the_wrench_has_ramped_out),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -80,7 +80,7 @@ static void tell(fixture *f, order_kind kind, double forward) {
     publisher_tell(&f->pilot, &(publisher_order){.kind = kind, .base = {{0.01, 0, -0.19}, {1, 0, 0, 0}}, .command = {.forward = forward}});
 }
 
-static void it_is_silent_until_it_takes_the_needle(void **unused) {
+static void sends_nothing_before_taking_the_needle(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_STEER, 1);
@@ -97,7 +97,7 @@ static void it_is_silent_until_it_takes_the_needle(void **unused) {
 }
 
 /* A browser that hangs sends nothing more: the needle stops within 0.25 s and its ramp, and is held there. */
-static void it_stops_when_the_orders_stop(void **unused) {
+static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
@@ -114,7 +114,7 @@ static void it_stops_when_the_orders_stop(void **unused) {
 
 /* Nobody feels where the needle goes: after 0.1 s without a wrench it rests and no pose is sent. A server that is heard again
    gets the needle where it was when the poses ended; one that is not, never. */
-static void it_sends_nothing_while_no_server_is_heard(void **unused) {
+static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
@@ -142,7 +142,7 @@ static void it_sends_nothing_while_no_server_is_heard(void **unused) {
     close_fixture(f);
 }
 
-static void it_gives_the_needle_back(void **unused) {
+static void releases_the_needle(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_RELEASE, 0);
@@ -163,7 +163,7 @@ static void it_gives_the_needle_back(void **unused) {
     close_fixture(f);
 }
 
-static void a_reset_begins_at_home(void **unused) {
+static void reset_starts_at_home(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
@@ -176,7 +176,7 @@ static void a_reset_begins_at_home(void **unused) {
 }
 
 /* The thread wakes for an order, publishes on its own clock, and ends when told. */
-static void the_thread_takes_orders(void **unused) {
+static void thread_executes_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     pthread_t thread;
@@ -195,12 +195,12 @@ static void the_thread_takes_orders(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_is_silent_until_it_takes_the_needle),
-        cmocka_unit_test(it_stops_when_the_orders_stop),
-        cmocka_unit_test(it_sends_nothing_while_no_server_is_heard),
-        cmocka_unit_test(it_gives_the_needle_back),
-        cmocka_unit_test(a_reset_begins_at_home),
-        cmocka_unit_test(the_thread_takes_orders),
+        cmocka_unit_test(sends_nothing_before_taking_the_needle),
+        cmocka_unit_test(needle_stops_without_orders),
+        cmocka_unit_test(sends_nothing_without_a_server),
+        cmocka_unit_test(releases_the_needle),
+        cmocka_unit_test(reset_starts_at_home),
+        cmocka_unit_test(thread_executes_orders),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -75,7 +75,7 @@ static void reads_what_was_written(void **state) {
 enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 176, PAIR = POSE_EVENT + WRENCH_EVENT };
 
 /* Every length but whole events is refused; none may crash or allocate wildly. */
-static void refuses_a_log_cut_anywhere(void **state) {
+static void refuses_truncated_logs(void **state) {
     (void)state;
     write_log(2, -1, NULL);
     for (long length = 2 * PAIR - 1; length > 0; length--) {
@@ -90,7 +90,7 @@ static void refuses_a_log_cut_anywhere(void **state) {
 }
 
 /* Of a recording that was cut short, or is still being written, all whole events are read. */
-static void reads_up_to_a_cut(void **state) {
+static void reads_truncated_logs_up_to_the_last_event(void **state) {
     (void)state;
     write_log(2, -1, NULL);
     for (long length = 2 * PAIR; length > 0; length--) {
@@ -169,7 +169,7 @@ static void repeat_number(trocar_needle_pose_t *p) { p->seq -= 1; }
 static void change_number_and_time(trocar_needle_pose_t *p) { p->seq -= 2, p->utime -= 2000; }
 
 /* Datagrams that the network repeats or delivers late are refused by the server; so are they here. */
-static void leaves_out_what_came_twice_or_late(void **state) {
+static void ignores_duplicate_and_late_poses(void **state) {
     (void)state;
     void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
     for (int i = 0; i < 2; i++) {
@@ -184,7 +184,7 @@ static void leaves_out_what_came_twice_or_late(void **state) {
     }
 }
 
-static void a_log_of_other_types_is_told_apart_from_a_damaged_one(void **state) {
+static void distinguishes_other_types_from_damage(void **state) {
     (void)state;
     write_log(2, -1, NULL);
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
@@ -196,7 +196,7 @@ static void a_log_of_other_types_is_told_apart_from_a_damaged_one(void **state) 
     expect_bad("event 0", "damaged");
 }
 
-static void reads_wrenches_that_answer_a_pose(void **state) {
+static void reads_wrenches_of_poses(void **state) {
     (void)state;
     report why;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
@@ -213,7 +213,7 @@ static void reads_wrenches_that_answer_a_pose(void **state) {
 
 }
 
-static void wrenches_that_are_not_finite_are_left_out_and_counted(void **state) {
+static void non_finite_wrenches_are_skipped_and_counted(void **state) {
     (void)state;
     report why;
     wrench_log log;
@@ -230,7 +230,7 @@ static void wrenches_that_are_not_finite_are_left_out_and_counted(void **state) 
     wrench_log_free(&log);
 }
 
-static void a_status_names_the_owner_of_the_inverse(void **state) {
+static void status_names_the_inverse(void **state) {
     (void)state;
     report why;
     wrench_log log;
@@ -262,7 +262,7 @@ static void logs_without_servers_can_still_be_read(void **state) {
     wrench_log_free(&log);
 }
 
-static void leaves_other_sessions_out(void **state) {
+static void ignores_other_sessions(void **state) {
     (void)state;
     report why;
     pose_log log;
@@ -273,7 +273,7 @@ static void leaves_other_sessions_out(void **state) {
     pose_log_free(&log);
 }
 
-static void poses_survive_the_message(void **state) {
+static void poses_round_trip_through_the_message(void **state) {
     (void)state;
     pose p = {{1, 2, 3}, {0.5, -0.5, 0.5, 0.5}};
     trocar_needle_pose_t message = message_of_pose(p, 0, 0, 0);
@@ -288,19 +288,19 @@ static void poses_survive_the_message(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(reads_what_was_written),
-        cmocka_unit_test(refuses_a_log_cut_anywhere),
-        cmocka_unit_test(reads_up_to_a_cut),
+        cmocka_unit_test(refuses_truncated_logs),
+        cmocka_unit_test(reads_truncated_logs_up_to_the_last_event),
         cmocka_unit_test(refuses_damage_and_names_the_place),
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),
-        cmocka_unit_test(leaves_out_what_came_twice_or_late),
-        cmocka_unit_test(a_log_of_other_types_is_told_apart_from_a_damaged_one),
-        cmocka_unit_test(reads_wrenches_that_answer_a_pose),
-        cmocka_unit_test(wrenches_that_are_not_finite_are_left_out_and_counted),
-        cmocka_unit_test(a_status_names_the_owner_of_the_inverse),
+        cmocka_unit_test(ignores_duplicate_and_late_poses),
+        cmocka_unit_test(distinguishes_other_types_from_damage),
+        cmocka_unit_test(reads_wrenches_of_poses),
+        cmocka_unit_test(non_finite_wrenches_are_skipped_and_counted),
+        cmocka_unit_test(status_names_the_inverse),
         cmocka_unit_test(logs_without_servers_can_still_be_read),
-        cmocka_unit_test(leaves_other_sessions_out),
-        cmocka_unit_test(poses_survive_the_message),
+        cmocka_unit_test(ignores_other_sessions),
+        cmocka_unit_test(poses_round_trip_through_the_message),
     };
     return cmocka_run_group_tests(tests, make_file, remove_file);
 }

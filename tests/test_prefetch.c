@@ -20,7 +20,7 @@ static bool asked_for(const remesh_request *request, int node) {
     return false;
 }
 
-static void nothing_is_known_before_the_first_answer(void **unused) {
+static void nothing_is_known_before_the_first_snapshot(void **unused) {
     (void)unused;
     compliance_snapshot *empty = calloc(1, sizeof *empty);
     int corners[4] = {0, 1, 2, 3};
@@ -32,7 +32,7 @@ static void nothing_is_known_before_the_first_answer(void **unused) {
 }
 
 /* A point between nominal nodes: rows of K^-1 weighted as the displacement is. */
-static void a_point_weighs_the_rows_of_its_corners(void **unused) {
+static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
     const mesh *m = &l->simulation.mesh;
@@ -58,7 +58,7 @@ static void a_point_weighs_the_rows_of_its_corners(void **unused) {
     lockstep_free(l);
 }
 
-static void contacts_count_as_known_by_their_ids(void **unused) {
+static void contacts_are_identified_by_their_ids(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.04);
     refinement other = l->state.refined;
@@ -70,7 +70,7 @@ static void contacts_count_as_known_by_their_ids(void **unused) {
 }
 
 /* The elements that a straight needle reaches within the prefetch distance are asked for before it is there. */
-static void the_path_ahead_is_asked_for(void **unused) {
+static void path_ahead_is_requested(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
     const mesh *m = &l->simulation.mesh;
@@ -83,7 +83,7 @@ static void the_path_ahead_is_asked_for(void **unused) {
     lockstep_free(l);
 }
 
-static void the_skin_is_asked_for_before_it_is_touched(void **unused) {
+static void skin_is_requested_before_contact(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     pose start = lockstep_start();
@@ -95,7 +95,7 @@ static void the_skin_is_asked_for_before_it_is_touched(void **unused) {
     lockstep_free(l);
 }
 
-static void the_line_is_known_before_the_skin_and_follows_the_needle(void **unused) {
+static void line_is_prefetched_before_the_skin_and_follows_the_needle(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     pose start = lockstep_start();
@@ -118,7 +118,7 @@ static void the_line_is_known_before_the_skin_and_follows_the_needle(void **unus
     lockstep_free(l);
 }
 
-static void a_needle_at_rest_asks_for_nothing_new(void **unused) {
+static void needle_at_rest_requests_nothing_new(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
     lockstep_move(l, v3(0, 0, 0), 0.2, 1e-3);
@@ -130,10 +130,10 @@ static void a_needle_at_rest_asks_for_nothing_new(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(nothing_is_known_before_the_first_answer), cmocka_unit_test(a_point_weighs_the_rows_of_its_corners),
-        cmocka_unit_test(contacts_count_as_known_by_their_ids),     cmocka_unit_test(the_path_ahead_is_asked_for),
-        cmocka_unit_test(the_skin_is_asked_for_before_it_is_touched), cmocka_unit_test(a_needle_at_rest_asks_for_nothing_new),
-        cmocka_unit_test(the_line_is_known_before_the_skin_and_follows_the_needle),
+        cmocka_unit_test(nothing_is_known_before_the_first_snapshot), cmocka_unit_test(point_interpolates_the_rows_of_its_corners),
+        cmocka_unit_test(contacts_are_identified_by_their_ids),     cmocka_unit_test(path_ahead_is_requested),
+        cmocka_unit_test(skin_is_requested_before_contact), cmocka_unit_test(needle_at_rest_requests_nothing_new),
+        cmocka_unit_test(line_is_prefetched_before_the_skin_and_follows_the_needle),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,7 @@
 #include <unistd.h>
 #include <cmocka.h>
 
-static void a_file_gets_a_line_each_tenth(void **state) {
+static void file_gets_one_line_per_tenth(void **state) {
     (void)state;
     char text[512] = "";
     FILE *file = tmpfile();
@@ -27,6 +27,6 @@ static void a_file_gets_a_line_each_tenth(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_file_gets_a_line_each_tenth)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(file_gets_one_line_per_tenth)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

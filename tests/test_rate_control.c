@@ -23,7 +23,7 @@ static void run(rate_control_state *d, const rate_control_limits *l, rate_contro
 }
 
 /* A ramp to the full speed, then speed times time: v (t - ramp / 2), to half a step. */
-static void it_moves_as_commanded_along_the_axis(void **unused) {
+static void moves_along_the_axis_as_commanded(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
     rate_control_state d = begin();
@@ -64,7 +64,7 @@ static void no_command_exceeds_a_limit(void **unused) {
     }
 }
 
-static void it_tilts_about_the_worlds_axes_and_rolls_about_its_own(void **unused) {
+static void tilts_about_world_axes_and_rolls_about_its_own(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
     rate_control_state d = begin();
@@ -79,7 +79,7 @@ static void it_tilts_about_the_worlds_axes_and_rolls_about_its_own(void **unused
 }
 
 /* Taken over where another device has left it, beyond the space: it may only come back. */
-static void a_start_outside_may_only_come_back(void **unused) {
+static void from_outside_it_can_only_move_back(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
     pose far = HOME;
@@ -94,10 +94,10 @@ static void a_start_outside_may_only_come_back(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_moves_as_commanded_along_the_axis),
+        cmocka_unit_test(moves_along_the_axis_as_commanded),
         cmocka_unit_test(no_command_exceeds_a_limit),
-        cmocka_unit_test(it_tilts_about_the_worlds_axes_and_rolls_about_its_own),
-        cmocka_unit_test(a_start_outside_may_only_come_back),
+        cmocka_unit_test(tilts_about_world_axes_and_rolls_about_its_own),
+        cmocka_unit_test(from_outside_it_can_only_move_back),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

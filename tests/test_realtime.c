@@ -81,7 +81,7 @@ static void *set_priority(void *policy) {
     return granted ? policy : NULL;
 }
 
-static void priority_is_set_or_the_limit_named(void **unused) {
+static void priority_is_set_or_the_limit_is_reported(void **unused) {
     (void)unused;
     int policy = -1;
     pthread_t thread;
@@ -91,7 +91,7 @@ static void priority_is_set_or_the_limit_named(void **unused) {
     assert_int_equal(policy, granted != NULL ? SCHED_FIFO : SCHED_OTHER);
 }
 
-static void checking_leaves_the_thread_alone(void **unused) {
+static void checking_does_not_change_the_thread(void **unused) {
     (void)unused;
     report why;
     realtime_check_permission(PRIORITY_HAPTIC, &why);
@@ -110,7 +110,7 @@ static void *check_as_a_service(void *skipped) {
     return sched_getscheduler(0) == (SCHED_FIFO | SCHED_RESET_ON_FORK) ? NULL : "the flag is gone";
 }
 
-static void a_flag_that_cannot_be_cleared_is_kept(void **unused) {
+static void uncleared_flag_is_kept(void **unused) {
     (void)unused;
     pthread_t thread;
     void *complaint;
@@ -125,7 +125,7 @@ static void *check_without_permission(void *why) {
     return lose_realtime() ? (void *)(intptr_t)realtime_check_permission(PRIORITY_HAPTIC, why) : NULL;
 }
 
-static void a_lack_of_permission_has_a_status_of_its_own(void **unused) {
+static void missing_permission_has_its_own_status(void **unused) {
     (void)unused;
     report why = {""};
     pthread_t thread;
@@ -146,7 +146,7 @@ static long locked_kilobytes(void) {
     return kilobytes;
 }
 
-static void memory_is_locked_or_the_limit_named(void **unused) {
+static void memory_is_locked_or_the_limit_is_reported(void **unused) {
     (void)unused;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     skip(); /* they turn mlockall into nothing */
@@ -157,7 +157,7 @@ static void memory_is_locked_or_the_limit_named(void **unused) {
     munlockall();
 }
 
-static void processors_are_kept_awake_or_it_is_said_why(void **unused) {
+static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     (void)unused;
     report why = {""};
     int32_t allowed = -1;
@@ -188,7 +188,7 @@ static void *hurry_and_start_a_thread(void *hurried) {
     return policy;
 }
 
-static void hurry_is_not_inherited(void **unused) {
+static void timer_slack_is_not_inherited(void **unused) {
     (void)unused;
     int hurried = -1;
     pthread_t thread;
@@ -203,13 +203,13 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(denormals_become_zero),
         cmocka_unit_test(a_touched_stack_does_not_fault),
-        cmocka_unit_test(priority_is_set_or_the_limit_named),
-        cmocka_unit_test(checking_leaves_the_thread_alone),
-        cmocka_unit_test(a_flag_that_cannot_be_cleared_is_kept),
-        cmocka_unit_test(memory_is_locked_or_the_limit_named),
-        cmocka_unit_test(processors_are_kept_awake_or_it_is_said_why),
-        cmocka_unit_test(hurry_is_not_inherited),
-        cmocka_unit_test(a_lack_of_permission_has_a_status_of_its_own), /* last: it lowers a limit for good */
+        cmocka_unit_test(priority_is_set_or_the_limit_is_reported),
+        cmocka_unit_test(checking_does_not_change_the_thread),
+        cmocka_unit_test(uncleared_flag_is_kept),
+        cmocka_unit_test(memory_is_locked_or_the_limit_is_reported),
+        cmocka_unit_test(idle_states_are_disabled_or_the_reason_is_reported),
+        cmocka_unit_test(timer_slack_is_not_inherited),
+        cmocka_unit_test(missing_permission_has_its_own_status), /* last: it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -62,7 +62,7 @@ static void summary_finds_punctures_and_jumps(void **state) {
     recording_free(&r);
 }
 
-static void what_came_before_the_start_does_not_count(void **state) {
+static void wrenches_before_the_start_are_ignored(void **state) {
     (void)state;
     recording r = conversation();
     r.start = 0.1;
@@ -74,7 +74,7 @@ static void what_came_before_the_start_does_not_count(void **state) {
     recording_free(&r);
 }
 
-static void foreign_and_impossible_wrenches_are_passed_over(void **state) {
+static void invalid_wrenches_are_ignored(void **state) {
     (void)state;
     recording r = conversation();
     int before = r.received_count;
@@ -103,7 +103,7 @@ static int count_of(const char *line, char c) {
     return count;
 }
 
-static void csv_has_a_row_a_wrench_and_as_many_cells_as_names(void **state) {
+static void csv_has_one_row_per_wrench_and_one_cell_per_column(void **state) {
     (void)state;
     recording r = conversation();
     char *text = text_of(&r, recording_write_csv);
@@ -121,7 +121,7 @@ static void write_summary(const recording *r, FILE *out) {
     summary_write_json(&s, out);
 }
 
-static void an_empty_summary_is_still_json(void **state) {
+static void empty_summary_is_valid_json(void **state) {
     (void)state;
     recording r = {.session = 5};
     char *text = text_of(&r, write_summary);
@@ -134,10 +134,10 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(summary_counts_and_ranks),
         cmocka_unit_test(summary_finds_punctures_and_jumps),
-        cmocka_unit_test(what_came_before_the_start_does_not_count),
-        cmocka_unit_test(foreign_and_impossible_wrenches_are_passed_over),
-        cmocka_unit_test(csv_has_a_row_a_wrench_and_as_many_cells_as_names),
-        cmocka_unit_test(an_empty_summary_is_still_json),
+        cmocka_unit_test(wrenches_before_the_start_are_ignored),
+        cmocka_unit_test(invalid_wrenches_are_ignored),
+        cmocka_unit_test(csv_has_one_row_per_wrench_and_one_cell_per_column),
+        cmocka_unit_test(empty_summary_is_valid_json),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -43,7 +43,7 @@ static void check_displacement(const refinement *r, const reference *expected) {
     for (int i = 0; i < nodes; i++) assert_close_vector(u[i], v3(sum[3 * i], sum[3 * i + 1], sum[3 * i + 2]), 1e-9 * largest);
 }
 
-static void displacements_equal_a_solve_from_scratch(void **state) {
+static void displacements_match_a_direct_solve(void **state) {
     (void)state;
     static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes in each element, elements; then, in every second case, on faces */
     for (int c = 0; c < 4; c++) {
@@ -58,7 +58,7 @@ static void displacements_equal_a_solve_from_scratch(void **state) {
 }
 
 /* The surplus is what a node moves with its leaf's corners held: the inverse of its own stiffness. */
-static void surplus_is_the_inverse_of_the_nodes_own_stiffness(void **state) {
+static void surplus_is_the_inverse_of_the_nodal_stiffness(void **state) {
     (void)state;
     for (int n = 0; n < 50; n++) {
         refinement r = {0};
@@ -92,8 +92,8 @@ static void surplus_vanishes_on_faces(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(displacements_equal_a_solve_from_scratch),
-        cmocka_unit_test(surplus_is_the_inverse_of_the_nodes_own_stiffness),
+        cmocka_unit_test(displacements_match_a_direct_solve),
+        cmocka_unit_test(surplus_is_the_inverse_of_the_nodal_stiffness),
         cmocka_unit_test(surplus_vanishes_on_faces),
     };
     return cmocka_run_group_tests(tests, create, destroy);

@@ -54,7 +54,7 @@ static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, 
     }
 }
 
-static void a_leaf_holds_its_point(void **state) {
+static void leaf_contains_its_point(void **state) {
     (void)state;
     refinement r = {0};
     cube_refine(&body, &r, 12, 4);
@@ -65,7 +65,7 @@ static void a_leaf_holds_its_point(void **state) {
     for (int q = 0; q < r.count; q++) assert_leaf_holds(&r, r.count, r.nodes[q].tet, r.nodes[q].position, 1e-13);
 }
 
-static void an_added_node_is_the_point_that_was_asked_for(void **state) {
+static void added_node_is_at_the_requested_point(void **state) {
     (void)state;
     refinement r = {0};
     for (int n = 0; n < 20; n++) {
@@ -79,7 +79,7 @@ static void an_added_node_is_the_point_that_was_asked_for(void **state) {
 }
 
 /* On vertices, edges and faces, twice each: shifted inside by a fraction of the leaf, so that nothing is flat. */
-static void nodes_on_corners_edges_and_faces_break_nothing(void **state) {
+static void nodes_on_corners_edges_and_faces_are_handled(void **state) {
     (void)state;
     refinement r = {0};
     static const double at[5][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0, 0, 1, 0}, {0.3, 0.3, 0.4, 0}, {0, 0.5, 0, 0.5}};
@@ -93,7 +93,7 @@ static void nodes_on_corners_edges_and_faces_break_nothing(void **state) {
     for (int n = 0; n < 1000; n++) assert_leaf_holds(&r, r.count, 200, cube_point(&body, 200, 0.0), 1e-6);
 }
 
-static void a_full_refinement_takes_no_more(void **state) {
+static void full_refinement_rejects_nodes(void **state) {
     (void)state;
     refinement r = {0};
     cube_refine(&body, &r, 16, 4);
@@ -110,7 +110,7 @@ static double volume_of(const refined_mesh *m, int tet) {
     return v3_dot(v3_cross(a, b), d) / 6.0;
 }
 
-static void children_fill_their_parent(void **state) {
+static void children_partition_their_parent(void **state) {
     (void)state;
     refinement r = {0};
     refined_mesh out;
@@ -133,11 +133,11 @@ static void children_fill_their_parent(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_leaf_holds_its_point),
-        cmocka_unit_test(an_added_node_is_the_point_that_was_asked_for),
-        cmocka_unit_test(nodes_on_corners_edges_and_faces_break_nothing),
-        cmocka_unit_test(a_full_refinement_takes_no_more),
-        cmocka_unit_test(children_fill_their_parent),
+        cmocka_unit_test(leaf_contains_its_point),
+        cmocka_unit_test(added_node_is_at_the_requested_point),
+        cmocka_unit_test(nodes_on_corners_edges_and_faces_are_handled),
+        cmocka_unit_test(full_refinement_rejects_nodes),
+        cmocka_unit_test(children_partition_their_parent),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -21,7 +21,7 @@ static void scatter(vec3 *points) {
     }
 }
 
-static void known_motions_come_back(void **unused) {
+static void known_motions_are_recovered(void **unused) {
     (void)unused;
     const vec3 shift = v3(0.003, -0.002, 0.005);
     const vec3 turns[] = {v3(0, 0, 0), v3(1e-5, 0, 0), v3(0.1, -0.2, 0.05), v3(0, 0.24, 0), v3(0, 0, 3.0), v3(-1.5, 0.7, 0.9)};
@@ -53,7 +53,7 @@ static void strain_is_not_a_rotation(void **unused) {
     assert_true(fabs(turn.y - 0.01) < 1e-5 && fabs(turn.x) < 1e-12 && fabs(turn.z) < 1e-12);
 }
 
-static void points_of_one_plane_have_no_rotation(void **unused) {
+static void coplanar_points_have_no_rotation(void **unused) {
     (void)unused;
     vec3 from[4] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}}, displacement[4];
     for (int i = 0; i < 4; i++) displacement[i] = v3(0, 0, 0.1 * i);
@@ -90,7 +90,7 @@ static vec3 check_shift(lockstep *l, region_motion *motion) {
 }
 
 /* Pushed in, the gland goes with the needle; pulled back, it comes back and past its place; swept aside, it follows. */
-static void gland_goes_with_the_needle(void **unused) {
+static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
@@ -152,7 +152,7 @@ static double largest(twist t) { return fmax(t.high, -t.low); }
 
 /* Within what was seen in patients, one way for a needle on the left and the other way on the right; more for one further out, in
    softer surroundings, and with more friction. An arch that holds the tissue keeps the gland back. */
-static void needles_twist_the_gland(void **unused) {
+static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     twist left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});
     twist right = insert_and_draw_back("18 mm right", (twist_case){0.018, 1, 1, false});
@@ -172,11 +172,11 @@ static void needles_twist_the_gland(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(known_motions_come_back),
+        cmocka_unit_test(known_motions_are_recovered),
         cmocka_unit_test(strain_is_not_a_rotation),
-        cmocka_unit_test(points_of_one_plane_have_no_rotation),
-        cmocka_unit_test(gland_goes_with_the_needle),
-        cmocka_unit_test(needles_twist_the_gland),
+        cmocka_unit_test(coplanar_points_have_no_rotation),
+        cmocka_unit_test(gland_is_displaced_by_the_needle),
+        cmocka_unit_test(needles_rotate_the_gland),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -31,7 +31,7 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
-static void a_corridor_ends_where_it_is_said(void **state) {
+static void corridor_ends_at_its_end_points(void **state) {
     (void)state;
     roi_config given = {.from = v3(0.005, 0.003, 0.01), .to = v3(0.005, 0.003, 0.07), .radius = 0.02};
     int *nodes, count;
@@ -66,7 +66,7 @@ static void regions_and_corridor_are_joined(void **state) {
     free(gland_only);
 }
 
-static void what_is_nowhere_is_refused(void **state) {
+static void empty_region_is_refused(void **state) {
     (void)state;
     int *nodes, count;
     report why;
@@ -76,7 +76,7 @@ static void what_is_nowhere_is_refused(void **state) {
     assert_int_equal(roi_find(&body, &outside, -1, &nodes, &count, &why), TROCAR_BAD_INPUT);
 }
 
-static void a_small_mesh_is_all_of_interest(void **state) {
+static void small_mesh_is_entirely_of_interest(void **state) {
     (void)state;
     roi_config nothing = {0};
     int *nodes, count;
@@ -88,7 +88,7 @@ static void a_small_mesh_is_all_of_interest(void **state) {
 }
 
 /* A box of more nodes than are usual, the skin at z = 0. */
-static void a_large_mesh_is_of_interest_around_the_line_through_its_skin(void **state) {
+static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };
     static const int kuhn[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
@@ -139,11 +139,11 @@ static void a_large_mesh_is_of_interest_around_the_line_through_its_skin(void **
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_corridor_ends_where_it_is_said),
+        cmocka_unit_test(corridor_ends_at_its_end_points),
         cmocka_unit_test(regions_and_corridor_are_joined),
-        cmocka_unit_test(what_is_nowhere_is_refused),
-        cmocka_unit_test(a_small_mesh_is_all_of_interest),
-        cmocka_unit_test(a_large_mesh_is_of_interest_around_the_line_through_its_skin),
+        cmocka_unit_test(empty_region_is_refused),
+        cmocka_unit_test(small_mesh_is_entirely_of_interest),
+        cmocka_unit_test(default_region_of_a_large_mesh_is_around_the_skin_normal),
     };
     return cmocka_run_group_tests(tests, read_body, free_body);
 }

@@ -2,7 +2,7 @@
 #include "remeshing.h"
 
 /* A replaced node has the same place in the list but another id: it must be taken out and put in again. */
-static void ids_tell_nodes_apart(void **state) {
+static void ids_are_unique(void **state) {
     (void)state;
     for (method = 0; method < REMESH_METHODS; method++) {
         remesher *r = start(method);
@@ -16,7 +16,7 @@ static void ids_tell_nodes_apart(void **state) {
     }
 }
 
-static void nodes_that_stay_keep_their_place(void **state) {
+static void remaining_nodes_keep_their_index(void **state) {
     (void)state;
     remesher *r = start(REMESH_NESTED);
     choose_window(40);
@@ -38,7 +38,7 @@ static void nodes_that_stay_keep_their_place(void **state) {
     remesher_free(r);
 }
 
-static void full_inverse_methods_need_the_dense_owner(void **state) {
+static void full_inverse_methods_need_the_dense_inverse(void **state) {
     (void)state;
     inverse *sparse;
     report why = {""};
@@ -67,7 +67,7 @@ static void check_with_all(void) {
     }
 }
 
-static void the_sparse_owner_serves_as_well(void **state) {
+static void sparse_inverse_gives_the_same_results(void **state) {
     (void)state;
     inverse *sparse;
     report why;
@@ -94,7 +94,7 @@ static void looking_ahead_changes_no_answer(void) {
     }
 }
 
-static void the_sparse_owner_looks_ahead(void **state) {
+static void sparse_inverse_prefetches(void **state) {
     (void)state;
     inverse *sparse;
     report why;
@@ -145,7 +145,7 @@ static void check_costly_nodes(void) {
     remesher_free(r);
 }
 
-static void costly_nodes_are_left_out_unless_needed(void **state) {
+static void costly_nodes_are_skipped_unless_needed(void **state) {
     (void)state;
     tissue t;
     inverse *condensed = lower_half(&t);
@@ -177,14 +177,14 @@ static void check_refusals(void) {
             add_node(kinds[k], element_of(false), point_in(element_of(false), 0.1));
             request.serial++;
             assert_int_equal(remesher_serve(r, &request, &snapshot, &why), TROCAR_BAD_INPUT);
-            assert_non_null(strstr(why.text, "do not hold the whole body"));
+            assert_non_null(strstr(why.text, "do not constrain the whole body"));
             request.wanted.count--;
             check(r);
             remesher_free(r);
         }
 }
 
-static void what_the_owner_cannot_give_is_refused(void **state) {
+static void errors_of_the_inverse_are_reported(void **state) {
     (void)state;
     tissue t;
     inverse *condensed = lower_half(&t);
@@ -197,13 +197,13 @@ static void what_the_owner_cannot_give_is_refused(void **state) {
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(ids_tell_nodes_apart),
-        cmocka_unit_test(nodes_that_stay_keep_their_place),
-        cmocka_unit_test(the_sparse_owner_serves_as_well),
-        cmocka_unit_test(the_sparse_owner_looks_ahead),
-        cmocka_unit_test(costly_nodes_are_left_out_unless_needed),
-        cmocka_unit_test(what_the_owner_cannot_give_is_refused),
-        cmocka_unit_test(full_inverse_methods_need_the_dense_owner),
+        cmocka_unit_test(ids_are_unique),
+        cmocka_unit_test(remaining_nodes_keep_their_index),
+        cmocka_unit_test(sparse_inverse_gives_the_same_results),
+        cmocka_unit_test(sparse_inverse_prefetches),
+        cmocka_unit_test(costly_nodes_are_skipped_unless_needed),
+        cmocka_unit_test(errors_of_the_inverse_are_reported),
+        cmocka_unit_test(full_inverse_methods_need_the_dense_inverse),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -47,7 +47,7 @@ static void check_spoilt(remesh_method wanted) {
     remesher_free(r);
 }
 
-static void nothing_is_left_of_a_failed_switch(void **state) {
+static void failed_switch_is_rolled_back(void **state) {
     (void)state;
     static void (*const checks[])(remesh_method) = {check_inverted, check_spoilt};
     for (int i = 0; i < 2; i++) {
@@ -58,6 +58,6 @@ static void nothing_is_left_of_a_failed_switch(void **state) {
 
 int main(void) {
     static const remesh_method methods[] = {REMESH_BCS, REMESH_BCS_BLOCKED};
-    const struct CMUnitTest tests[] = {cmocka_unit_test(nothing_is_left_of_a_failed_switch)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(failed_switch_is_rolled_back)};
     return run_remeshing_tests(methods, sizeof methods / sizeof *methods) + cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -1,7 +1,7 @@
 /* Nested addition inside elements and on faces. */
 #include "remeshing.h"
 
-static void nested_moves_no_nodes(void **state) {
+static void nested_refuses_moved_nodes(void **state) {
     (void)state;
     report why = {""};
     remesher *r = start(REMESH_NESTED);
@@ -14,7 +14,7 @@ static void nested_moves_no_nodes(void **state) {
 
 int main(void) {
     static const remesh_method methods[] = {REMESH_NESTED};
-    const struct CMUnitTest tests[] = {cmocka_unit_test(nested_moves_no_nodes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(nested_refuses_moved_nodes)};
     int failed = run_remeshing_tests(methods, sizeof methods / sizeof *methods);
     return failed + cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -23,7 +23,7 @@ static void every_method_is_timed(void **state) {
         }
 }
 
-static void time_limit_leaves_three_samples(void **state) {
+static void time_limit_allows_three_samples(void **state) {
     (void)state;
     report why;
     static remesh_timing result;
@@ -32,7 +32,7 @@ static void time_limit_leaves_three_samples(void **state) {
     assert_int_equal(result.samples, 3);
 }
 
-static void valences_are_those_of_the_mesh(void **state) {
+static void valences_match_the_mesh(void **state) {
     (void)state;
     int counts[MAX_PATCH + 1], sum = 0;
     remesh_timing_valences(tested, counts);
@@ -49,8 +49,8 @@ static void valences_are_those_of_the_mesh(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_method_is_timed),
-        cmocka_unit_test(time_limit_leaves_three_samples),
-        cmocka_unit_test(valences_are_those_of_the_mesh),
+        cmocka_unit_test(time_limit_allows_three_samples),
+        cmocka_unit_test(valences_match_the_mesh),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -39,7 +39,7 @@ static safety_limits engaged(const device_limits *limits, int64_t now, double mo
     return g;
 }
 
-static void bad_numbers_are_named(void **unused) {
+static void bad_numbers_are_reported(void **unused) {
     (void)unused;
     pose p = at(0);
     assert_int_equal(safety_check_pose(&p), POSE_ACCEPTED);
@@ -58,7 +58,7 @@ static void bad_numbers_are_named(void **unused) {
     assert_int_equal(safety_check_pose(&p), POSE_ACCEPTED);
 }
 
-static void travel_time_is_the_slower_of_moving_and_turning(void **unused) {
+static void travel_time_is_the_longer_of_translation_and_rotation(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(); /* 2 m/s, 20 rad/s */
     pose a = at(0), b = at(0.5);
@@ -120,7 +120,7 @@ static void stale_poses_hold_then_ramp_then_return(void **unused) {
     assert_true(force.x > 0.0 && force.x < 0.2);
 }
 
-static void a_return_from_far_away_begins_anew(void **unused) {
+static void return_from_far_away_engages_again(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
     safety_limits g = engaged(&limits, 0, 10.0);
@@ -131,7 +131,7 @@ static void a_return_from_far_away_begins_anew(void **unused) {
     assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
 }
 
-static void a_new_engagement_begins_anew_and_a_release_ramps_out(void **unused) {
+static void new_engagement_restarts_and_release_ramps_out(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
     safety_limits g = engaged(&limits, 0, 10.0);
@@ -148,7 +148,7 @@ static void a_new_engagement_begins_anew_and_a_release_ramps_out(void **unused) 
     assert_true(g.base.position.x == 5.0);
 }
 
-static void limits_keep_the_direction(void **unused) {
+static void limits_preserve_the_direction(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
     limits.max_force_rate = limits.max_torque_rate = 1e9;
@@ -160,7 +160,7 @@ static void limits_keep_the_direction(void **unused) {
 }
 
 /* Full force takes 3 ms; a device that renders no torque leaves its limits. */
-static void a_profile_sets_what_its_device_has(void **unused) {
+static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
     assert_false(device_use_profile("nonsense", &limits));
@@ -187,7 +187,7 @@ static bool read_device(const char *line, char name[64], double values[3]) {
     return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf |", name, &values[0], &values[1], &values[2]) == 4;
 }
 
-static void the_table_of_devices_is_true(void **unused) {
+static void documented_device_table_is_correct(void **unused) {
     (void)unused;
     char line[1024], name[64];
     double values[3];
@@ -225,7 +225,7 @@ static void slew_is_limited(void **unused) {
     assert_true(fabs(torque.y - 0.1) < 1e-12);
 }
 
-static void a_wrench_that_is_not_finite_never_leaves(void **unused) {
+static void non_finite_wrench_is_never_sent(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
     safety_limits g = engaged(&limits, 0, 3.0);
@@ -273,18 +273,18 @@ static void winding_down_comes_to_rest(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(bad_numbers_are_named),
-        cmocka_unit_test(travel_time_is_the_slower_of_moving_and_turning),
+        cmocka_unit_test(bad_numbers_are_reported),
+        cmocka_unit_test(travel_time_is_the_longer_of_translation_and_rotation),
         cmocka_unit_test(nothing_happens_before_the_first_pose),
         cmocka_unit_test(engaging_ramps_in_over_the_ramp_time),
         cmocka_unit_test(stale_poses_hold_then_ramp_then_return),
-        cmocka_unit_test(a_return_from_far_away_begins_anew),
-        cmocka_unit_test(a_new_engagement_begins_anew_and_a_release_ramps_out),
-        cmocka_unit_test(limits_keep_the_direction),
-        cmocka_unit_test(a_profile_sets_what_its_device_has),
-        cmocka_unit_test(the_table_of_devices_is_true),
+        cmocka_unit_test(return_from_far_away_engages_again),
+        cmocka_unit_test(new_engagement_restarts_and_release_ramps_out),
+        cmocka_unit_test(limits_preserve_the_direction),
+        cmocka_unit_test(profile_sets_the_limits_of_its_device),
+        cmocka_unit_test(documented_device_table_is_correct),
         cmocka_unit_test(slew_is_limited),
-        cmocka_unit_test(a_wrench_that_is_not_finite_never_leaves),
+        cmocka_unit_test(non_finite_wrench_is_never_sent),
         cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),
         cmocka_unit_test(winding_down_comes_to_rest),
     };

@@ -46,7 +46,7 @@ static void crossings_are_counted_and_answered(void **unused) {
 }
 
 /* In and out again: on the way out contact nodes go, and none of them is late. */
-static void crossings_on_the_way_out_do_not_count(void **unused) {
+static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
     scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, INVERSE_DENSE);
     const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, INVERSE_DENSE);
@@ -58,7 +58,7 @@ static void crossings_on_the_way_out_do_not_count(void **unused) {
 }
 
 /* Ticks of 0.2 us at 100 m/s: no answer can come in time. At 2 m/s some come. */
-static void a_worker_that_is_slower_than_the_needle_is_late(void **unused) {
+static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, INVERSE_SPARSE);
     check_counts(&none);
@@ -69,7 +69,7 @@ static void a_worker_that_is_slower_than_the_needle_is_late(void **unused) {
 }
 
 /* 3 mm a tick: some elements are crossed in one, and what is asked for in one is there two ticks later. */
-static void a_contact_node_that_comes_late_is_counted(void **unused) {
+static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
     const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, INVERSE_DENSE);
     check_counts(r);
@@ -81,9 +81,9 @@ static void a_contact_node_that_comes_late_is_counted(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(crossings_are_counted_and_answered),
-        cmocka_unit_test(crossings_on_the_way_out_do_not_count),
-        cmocka_unit_test(a_worker_that_is_slower_than_the_needle_is_late),
-        cmocka_unit_test(a_contact_node_that_comes_late_is_counted),
+        cmocka_unit_test(crossings_during_retraction_are_ignored),
+        cmocka_unit_test(worker_slower_than_the_needle_is_late),
+        cmocka_unit_test(late_contact_nodes_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

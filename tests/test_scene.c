@@ -85,7 +85,7 @@ static void assert_change_refused(const char *piece, const char *other, const ch
     assert_refused(changed, words);
 }
 
-static void every_value_arrives(void **state) {
+static void every_value_is_read(void **state) {
     (void)state;
     scene s;
     load_good(GOOD, &s);
@@ -133,7 +133,7 @@ static void a_device_brings_its_limits(void **state) {
     assert_true(s.device.max_force_rate != device_defaults().max_force_rate);
 }
 
-static void what_is_left_out_has_its_default(void **state) {
+static void omitted_keys_have_their_defaults(void **state) {
     (void)state;
     scene s;
     load_good("mesh: /elsewhere/a.msh\nregions: [{name: all, friction: {kinetic: 3}}]\nfixed: [bottom]\n", &s);
@@ -155,7 +155,7 @@ static void what_is_left_out_has_its_default(void **state) {
 /* One valid scene with these lines more; the line numbers start at 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
-static void owner_and_region_of_interest_arrive(void **state) {
+static void inverse_and_region_of_interest_are_read(void **state) {
     (void)state;
     static const char *const names[] = {"auto", "dense", "sparse", "condensed"};
     static const inverse_choice choices[] = {INVERSE_AUTO, INVERSE_DENSE, INVERSE_SPARSE, INVERSE_CONDENSED};
@@ -177,7 +177,7 @@ static void owner_and_region_of_interest_arrive(void **state) {
     assert_true(reach->from.y == -1.0 && reach->from.z == 2e-3 && reach->to.z == 0.1 && reach->radius == 0.02);
 }
 
-static void a_unit_of_the_mesh_arrives(void **state) {
+static void mesh_unit_is_read(void **state) {
     (void)state;
     static const struct { const char *line; double unit; } cases[] = {
         {"", 1.0}, {"mesh_unit: m\n", 1.0}, {"mesh_unit: cm\n", 1e-2}, {"mesh_unit: mm\n", 1e-3}, {"mesh_unit: 0.0254\n", 0.0254}};
@@ -237,7 +237,7 @@ static void broken_yaml_is_refused_with_its_line(void **state) {
     assert_change_refused("rate_hz: 500", "\trate_hz: 500", ":2: not valid YAML: ");
 }
 
-static void keys_that_are_not_of_the_schema_are_refused(void **state) {
+static void unknown_keys_are_refused(void **state) {
     (void)state;
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
@@ -247,7 +247,7 @@ static void keys_that_are_not_of_the_schema_are_refused(void **state) {
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
 }
 
-static void mandatory_keys_are_asked_for(void **state) {
+static void missing_mandatory_keys_are_reported(void **state) {
     (void)state;
     assert_change_refused("mesh: body.msh\n", "", ":1: missing key \"mesh\"");
     assert_change_refused("fixed: [back, below]\n", "", ":1: missing key \"fixed\"");
@@ -324,7 +324,7 @@ static void names_longer_than_the_mesh_can_hold_are_refused(void **state) {
     assert_refused(text, ":2: regions[0].name: ");
 }
 
-static void aliases_that_contain_themselves_do_no_harm(void **state) {
+static void recursive_aliases_are_handled(void **state) {
     (void)state;
     scene s;
     report why = {""};
@@ -332,7 +332,7 @@ static void aliases_that_contain_themselves_do_no_harm(void **state) {
     assert_int_equal(load_text("mesh: a\nregions: [{name: x, friction: &f {static: *f}}]\nfixed: [b]\n", &s, &why), TROCAR_BAD_INPUT);
 }
 
-static void the_figure_8_scene_is_good(void **state) {
+static void figure_8_scene_is_valid(void **state) {
     (void)state;
     scene s;
     report why = {""};
@@ -361,7 +361,7 @@ static void assert_same_values(const parameter *expected, const double values[3]
             fail_msg("PARAMETERS.md: %s: %g where %g is true", expected->key, values[k], expected->values[k]);
 }
 
-static void the_table_of_parameters_is_true(void **state) {
+static void documented_parameter_table_is_correct(void **state) {
     (void)state;
     scene bare, figure8;
     report why = {""};
@@ -412,22 +412,22 @@ static void the_table_of_parameters_is_true(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_value_arrives),
+        cmocka_unit_test(every_value_is_read),
         cmocka_unit_test(a_device_brings_its_limits),
-        cmocka_unit_test(what_is_left_out_has_its_default),
-        cmocka_unit_test(owner_and_region_of_interest_arrive),
-        cmocka_unit_test(a_unit_of_the_mesh_arrives),
+        cmocka_unit_test(omitted_keys_have_their_defaults),
+        cmocka_unit_test(inverse_and_region_of_interest_are_read),
+        cmocka_unit_test(mesh_unit_is_read),
         cmocka_unit_test(a_bad_region_of_interest_is_refused),
         cmocka_unit_test(unreadable_files_are_named),
         cmocka_unit_test(broken_yaml_is_refused_with_its_line),
-        cmocka_unit_test(keys_that_are_not_of_the_schema_are_refused),
-        cmocka_unit_test(mandatory_keys_are_asked_for),
+        cmocka_unit_test(unknown_keys_are_refused),
+        cmocka_unit_test(missing_mandatory_keys_are_reported),
         cmocka_unit_test(values_of_the_wrong_shape_are_refused),
         cmocka_unit_test(values_out_of_range_are_refused),
         cmocka_unit_test(names_longer_than_the_mesh_can_hold_are_refused),
-        cmocka_unit_test(aliases_that_contain_themselves_do_no_harm),
-        cmocka_unit_test(the_figure_8_scene_is_good),
-        cmocka_unit_test(the_table_of_parameters_is_true),
+        cmocka_unit_test(recursive_aliases_are_handled),
+        cmocka_unit_test(figure_8_scene_is_valid),
+        cmocka_unit_test(documented_parameter_table_is_correct),
     };
     return cmocka_run_group_tests(tests, make_directory, remove_directory);
 }

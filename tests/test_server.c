@@ -39,7 +39,7 @@ static char *described(const server *s, void (*describe)(const server *, FILE *)
     return text;
 }
 
-static void it_runs_and_stops_when_asked(void **unused) {
+static void runs_and_stops_on_request(void **unused) {
     (void)unused;
     server_options o = options();
     server *s;
@@ -80,7 +80,7 @@ static void the_rate_can_be_replaced(void **unused) {
     assert_non_null(strstr(why.text, "100 Hz"));
 }
 
-static void bad_input_is_named_and_nothing_starts(void **unused) {
+static void bad_input_is_reported_and_nothing_starts(void **unused) {
     (void)unused;
     server_options o = options();
     server *s;
@@ -110,7 +110,7 @@ static void *create_as_a_service(void *complaint) {
     return complaint;
 }
 
-static void a_service_without_privileges_gets_real_time(void **unused) {
+static void unprivileged_service_gets_real_time(void **unused) {
     (void)unused;
     pthread_t thread;
     void *tried;
@@ -134,7 +134,7 @@ static void *create_without_permission(void *why) {
 }
 
 /* A supervisor may try such a server many times: it must not read the mesh, which is missing here, each time. */
-static void a_lack_of_permission_is_noticed_before_the_mesh_is_read(void **unused) {
+static void missing_permission_is_reported_before_reading_the_mesh(void **unused) {
     (void)unused;
     pthread_t thread;
     void *wrong;
@@ -151,11 +151,11 @@ static void a_lack_of_permission_is_noticed_before_the_mesh_is_read(void **unuse
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(it_runs_and_stops_when_asked),
+        cmocka_unit_test(runs_and_stops_on_request),
         cmocka_unit_test(the_rate_can_be_replaced),
-        cmocka_unit_test(bad_input_is_named_and_nothing_starts),
-        cmocka_unit_test(a_service_without_privileges_gets_real_time),
-        cmocka_unit_test(a_lack_of_permission_is_noticed_before_the_mesh_is_read), /* last: it lowers a limit for good */
+        cmocka_unit_test(bad_input_is_reported_and_nothing_starts),
+        cmocka_unit_test(unprivileged_service_gets_real_time),
+        cmocka_unit_test(missing_permission_is_reported_before_reading_the_mesh), /* last: it lowers a limit for good */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static void the_first_one_is_followed_until_it_is_silent(void **unused) {
+static void first_server_is_followed_until_it_is_silent(void **unused) {
     (void)unused;
     server_choice c = {.patience = 0.1};
     assert_true(server_choice_follows(&c, 7, 1.00));
@@ -31,7 +31,7 @@ static void another_server_is_forgotten_after_a_second(void **unused) {
 }
 
 /* As lcm-logplayer sends the log of a replay. */
-static void a_replay_is_followed_too(void **unused) {
+static void replay_is_followed(void **unused) {
     (void)unused;
     server_choice c = {.patience = 0.1};
     assert_true(server_choice_follows(&c, 0, 1.0));
@@ -41,9 +41,9 @@ static void a_replay_is_followed_too(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_first_one_is_followed_until_it_is_silent),
+        cmocka_unit_test(first_server_is_followed_until_it_is_silent),
         cmocka_unit_test(another_server_is_forgotten_after_a_second),
-        cmocka_unit_test(a_replay_is_followed_too),
+        cmocka_unit_test(replay_is_followed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,7 +34,7 @@ static void assert_share(const insertion_state *s, int index, bool tip, double f
     assert_close(share.to, to, 1e-15);
 }
 
-static void shares_meet_half_way_and_reach_to_the_end(void **unused) {
+static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     (void)unused;
     insertion_state s = inserted();
     s.stratum_count = 1;
@@ -52,7 +52,7 @@ static void shares_meet_half_way_and_reach_to_the_end(void **unused) {
 
 /* Behind a tip that goes from one region into the next, the border moves from half way to where the regions meet, and no faster
    than the tip: no contact then stands for shaft in the other region. */
-static void shares_end_where_the_region_does(void **unused) {
+static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
     s.active = 1; /* a contact at 4 mm, the next region from 9 mm on */
@@ -82,7 +82,7 @@ static void friction_is_that_of_each_region(void **unused) {
 }
 
 /* Anti-plane shear: a line that bears q per length in a medium of shear modulus mu is q / (2 pi mu) ln(R / r) ahead of it. */
-static void the_shaft_is_ahead_by_what_its_friction_deforms(void **unused) {
+static void shaft_leads_by_the_deformation_due_to_friction(void **unused) {
     (void)unused;
     insertion_state s = inserted();
     double mu = 60e3 / 2.6, logarithm = 1.7;
@@ -105,10 +105,10 @@ static void the_shaft_is_ahead_by_what_its_friction_deforms(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(shares_meet_half_way_and_reach_to_the_end),
-        cmocka_unit_test(shares_end_where_the_region_does),
+        cmocka_unit_test(tributary_lengths_meet_half_way_and_reach_the_end),
+        cmocka_unit_test(tributary_lengths_end_at_region_boundaries),
         cmocka_unit_test(friction_is_that_of_each_region),
-        cmocka_unit_test(the_shaft_is_ahead_by_what_its_friction_deforms),
+        cmocka_unit_test(shaft_leads_by_the_deformation_due_to_friction),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -49,7 +49,7 @@ static lockstep *inserted(const simulation_config *config) {
     return l;
 }
 
-static void restored_simulation_goes_on_to_the_bit(void **unused) {
+static void restored_simulation_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     c.needle.bevel_slope = 0.05;
@@ -73,7 +73,7 @@ static void restored_simulation_goes_on_to_the_bit(void **unused) {
     lockstep_free(l);
 }
 
-static void restored_at_rest_starts_anew(void **unused) {
+static void restored_at_rest_engages_again(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -89,7 +89,7 @@ static void restored_at_rest_starts_anew(void **unused) {
 }
 
 /* To the bit with nested on an inverse that is at hand as numbers; else to rounding. */
-static void every_method_and_owner_goes_on(void **unused) {
+static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
@@ -124,7 +124,7 @@ static void every_method_and_owner_goes_on(void **unused) {
 }
 
 /* The same motion whoever owns the inverse; each owner says who it is. */
-static void every_owner_gives_the_same_forces(void **unused) {
+static void every_inverse_gives_the_same_forces(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
@@ -153,7 +153,7 @@ static void every_owner_gives_the_same_forces(void **unused) {
 }
 
 /* In a replay as in the server: one tick without force, and the insertion starts over where the needle is. */
-static void a_state_that_is_not_finite_starts_over(void **unused) {
+static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     lockstep *l = inserted(&c);
@@ -174,11 +174,11 @@ static void a_state_that_is_not_finite_starts_over(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_state_that_is_not_finite_starts_over),
-        cmocka_unit_test(restored_simulation_goes_on_to_the_bit),
-        cmocka_unit_test(restored_at_rest_starts_anew),
-        cmocka_unit_test(every_method_and_owner_goes_on),
-        cmocka_unit_test(every_owner_gives_the_same_forces),
+        cmocka_unit_test(non_finite_state_restarts),
+        cmocka_unit_test(restored_simulation_continues_bit_identically),
+        cmocka_unit_test(restored_at_rest_engages_again),
+        cmocka_unit_test(every_method_and_inverse_can_be_restored),
+        cmocka_unit_test(every_inverse_gives_the_same_forces),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

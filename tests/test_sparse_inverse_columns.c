@@ -82,7 +82,7 @@ static void products_are_blocks_of_the_inverse(void **state) {
     tissue_free(&t);
 }
 
-static void products_do_not_depend_on_which_nodes_come_last(void **state) {
+static void products_do_not_depend_on_the_elimination_order(void **state) {
     (void)state;
     tissue t;
     assemble_and_factor(LAST, &t);
@@ -90,7 +90,7 @@ static void products_do_not_depend_on_which_nodes_come_last(void **state) {
     tissue_free(&t);
 }
 
-static void ways_of_nodes_that_come_last_are_short(void **state) {
+static void paths_of_nodes_eliminated_last_are_short(void **state) {
     (void)state;
     tissue t;
     sparse_columns *h;
@@ -107,8 +107,8 @@ int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(products_are_blocks_of_the_inverse),
-        cmocka_unit_test(products_do_not_depend_on_which_nodes_come_last),
-        cmocka_unit_test(ways_of_nodes_that_come_last_are_short),
+        cmocka_unit_test(products_do_not_depend_on_the_elimination_order),
+        cmocka_unit_test(paths_of_nodes_eliminated_last_are_short),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -17,7 +17,7 @@ static double curvature_of(const steering_case *c) {
 }
 
 /* The fit itself, on a circle of known radius. */
-static void curvature_of_an_arc_is_found(void **unused) {
+static void curvature_of_an_arc_is_recovered(void **unused) {
     (void)unused;
     steering_track arc = {.count = 30};
     for (int i = 0; i < arc.count; i++) {
@@ -61,7 +61,7 @@ static void path_bends_away_from_the_bevels_face(void **unused) {
 
 /* Turned half round, a thin needle curves the other way at once; a stiff one, whose bending decays over some 35 mm, ends where
    superposition says. */
-static void half_turn_gives_an_s(void **unused) {
+static void half_turn_gives_an_s_shaped_track(void **unused) {
     (void)unused;
     steering_case cases[] = {steering_steel(0.1), steering_nitinol(0.05)};
     for (int i = 0; i < 2; i++) {
@@ -79,7 +79,7 @@ static void half_turn_gives_an_s(void **unused) {
     }
 }
 
-static void curvature_grows_with_the_bevels_slope(void **unused) {
+static void curvature_increases_with_the_bevel_slope(void **unused) {
     (void)unused;
     double last = 0.0;
     for (double slope = 0.025; slope < 0.11; slope *= 2) {
@@ -90,7 +90,7 @@ static void curvature_grows_with_the_bevels_slope(void **unused) {
     }
 }
 
-static void stiffer_needle_turns_less_and_stiffer_tissue_turns_more(void **unused) {
+static void curvature_depends_on_needle_and_tissue_stiffness(void **unused) {
     (void)unused;
     double last = INFINITY;
     for (double modulus = 50e9; modulus < 900e9; modulus *= 4) {
@@ -111,7 +111,7 @@ static void stiffer_needle_turns_less_and_stiffer_tissue_turns_more(void **unuse
 }
 
 /* Webster et al. 2006 report a radius of about 0.22 m for a nitinol wire of 0.7 mm in stiff gel; here a slope of 0.05. */
-static void thin_nitinol_turns_like_websters(void **unused) {
+static void thin_nitinol_matches_webster(void **unused) {
     (void)unused;
     steering_case c = steering_nitinol(0.05);
     double radius = 1.0 / curvature_of(&c);
@@ -120,13 +120,13 @@ static void thin_nitinol_turns_like_websters(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(curvature_of_an_arc_is_found),
+        cmocka_unit_test(curvature_of_an_arc_is_recovered),
         cmocka_unit_test(needle_without_bevel_goes_straight),
         cmocka_unit_test(path_bends_away_from_the_bevels_face),
-        cmocka_unit_test(half_turn_gives_an_s),
-        cmocka_unit_test(curvature_grows_with_the_bevels_slope),
-        cmocka_unit_test(stiffer_needle_turns_less_and_stiffer_tissue_turns_more),
-        cmocka_unit_test(thin_nitinol_turns_like_websters),
+        cmocka_unit_test(half_turn_gives_an_s_shaped_track),
+        cmocka_unit_test(curvature_increases_with_the_bevel_slope),
+        cmocka_unit_test(curvature_depends_on_needle_and_tissue_stiffness),
+        cmocka_unit_test(thin_nitinol_matches_webster),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

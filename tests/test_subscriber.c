@@ -60,7 +60,7 @@ static void handle_all(fixture *f) {
     while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
 }
 
-static void a_picture_is_complete_with_both_messages_of_its_tick(void **state) {
+static void picture_needs_both_messages_of_its_tick(void **state) {
     fixture *f = *state;
     trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
     handle_all(f);
@@ -104,7 +104,7 @@ static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
 }
 
 /* Nothing is kept of the server before: its needle may be deep, the new one's is not. */
-static void another_server_is_told_from_the_one_before(void **state) {
+static void change_of_server_is_detected(void **state) {
     fixture *f = *state;
     pose base;
     trocar_status_t said = {.server = 1, .owner = 5, .host = "", .scene = "old", .inverse = "", .message = ""};
@@ -121,7 +121,7 @@ static void another_server_is_told_from_the_one_before(void **state) {
     assert_true(f->feed.servers == 2 && !f->feed.status && !subscriber_base(&f->feed, &base));
 }
 
-static void of_two_servers_the_first_is_followed(void **state) {
+static void first_of_two_servers_is_followed(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t first = {.server = 1, .depth = 1}, second = {.server = 2, .depth = 2};
     trocar_loop_timing_t timing = {.server = 2, .rate_hz = 500};
@@ -159,11 +159,11 @@ static void damaged_messages_are_counted(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(a_picture_is_complete_with_both_messages_of_its_tick, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(picture_needs_both_messages_of_its_tick, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(another_server_is_told_from_the_one_before, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(of_two_servers_the_first_is_followed, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(change_of_server_is_detected, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(first_of_two_servers_is_followed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -129,7 +129,7 @@ static void receive(fixture *f) {
     trocar_contacts_t_unsubscribe(lcm, d);
 }
 
-static void all_four_messages_say_what_was_shown(void **state) {
+static void all_four_messages_contain_the_published_state(void **state) {
     fixture *f = *state;
     show_a_needle(f);
     show_the_rest(f);
@@ -200,7 +200,7 @@ static void the_contacts_lie_on_the_needle(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(all_four_messages_say_what_was_shown, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
     };

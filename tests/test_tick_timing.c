@@ -28,7 +28,7 @@ static timing_case five_contacts(timed_motion motion, int ticks) {
     return (timing_case){.start = lockstep_start(), .dt = 1e-3, .contacts = 5, .ticks = ticks, .motion = motion};
 }
 
-static void sweeps_with_the_contacts_asked_for(void **state) {
+static void sweeps_with_the_requested_contacts(void **state) {
     (void)state;
     report why;
     tick_timing row;
@@ -41,7 +41,7 @@ static void sweeps_with_the_contacts_asked_for(void **state) {
 }
 
 /* All ticks have the contacts asked for, though a needle that goes on for as many has more in the end. */
-static void advances_with_the_contacts_asked_for(void **state) {
+static void advances_with_the_requested_contacts(void **state) {
     (void)state;
     report why;
     tick_timing row;
@@ -59,7 +59,7 @@ static void advances_with_the_contacts_asked_for(void **state) {
 }
 
 /* At least half of the ticks took the median or longer, all within the time that passed. */
-static void times_fit_in_what_passed(void **state) {
+static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     report why;
     tick_timing row;
@@ -72,7 +72,7 @@ static void times_fit_in_what_passed(void **state) {
     assert_true(histogram_max(&row.time) <= passed);
 }
 
-static void says_how_many_contacts_there_are(void **state) {
+static void reports_the_number_of_contacts(void **state) {
     (void)state;
     report why;
     tick_timing row;
@@ -89,10 +89,10 @@ static void says_how_many_contacts_there_are(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(sweeps_with_the_contacts_asked_for),
-        cmocka_unit_test(advances_with_the_contacts_asked_for),
-        cmocka_unit_test(times_fit_in_what_passed),
-        cmocka_unit_test(says_how_many_contacts_there_are),
+        cmocka_unit_test(sweeps_with_the_requested_contacts),
+        cmocka_unit_test(advances_with_the_requested_contacts),
+        cmocka_unit_test(times_do_not_exceed_elapsed_time),
+        cmocka_unit_test(reports_the_number_of_contacts),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

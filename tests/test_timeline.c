@@ -105,7 +105,7 @@ static void a_slot_keeps_all_its_events(void **unused) {
     timeline_free(&t);
 }
 
-static void a_log_is_given_whole_in_pieces(void **unused) {
+static void log_is_read_completely_in_parts(void **unused) {
     (void)unused;
     timeline t;
     report why;
@@ -155,7 +155,7 @@ int main(void) {
         cmocka_unit_test(live_readers_get_the_newest_picture),
         cmocka_unit_test(the_last_minute_is_kept),
         cmocka_unit_test(a_slot_keeps_all_its_events),
-        cmocka_unit_test(a_log_is_given_whole_in_pieces),
+        cmocka_unit_test(log_is_read_completely_in_parts),
         cmocka_unit_test(a_long_log_keeps_its_beginning),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -62,7 +62,7 @@ static void extremes_are_kept(void **unused) {
     assert_int_equal(h.count, 2);
 }
 
-static void bins_hold_what_lies_between_their_edges(void **unused) {
+static void bins_contain_values_between_their_edges(void **unused) {
     (void)unused;
     static int64_t samples[SAMPLES];
     static histogram h;
@@ -118,7 +118,7 @@ static void usage_counts_page_faults(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(quantiles_agree_with_sorting), cmocka_unit_test(extremes_are_kept),
-        cmocka_unit_test(bins_hold_what_lies_between_their_edges),
+        cmocka_unit_test(bins_contain_values_between_their_edges),
         cmocka_unit_test(clearing_empties),        cmocka_unit_test(sleeps_until_the_time_given),
         cmocka_unit_test(usage_counts_page_faults),
     };

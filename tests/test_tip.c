@@ -53,7 +53,7 @@ static void skin_stops_it_until_punctured(void **unused) {
 }
 
 /* The capsule is an ellipsoid of half axes 24, 17, 20 mm around (0, 0, 55) mm, in flat facets. */
-static void capsule_stops_it_where_it_is(void **unused) {
+static void capsule_stops_the_tip_at_its_surface(void **unused) {
     (void)unused;
     lockstep *l = touching();
     break_through(l);
@@ -76,7 +76,7 @@ static insertion_wrench into_the_gland_after(lockstep *l, int layers) {
     return break_through(l);
 }
 
-static void layers_that_find_no_room_are_told(void **unused) {
+static void full_membrane_list_is_reported(void **unused) {
     (void)unused;
     lockstep *l = touching();
     assert_false(into_the_gland_after(l, MAX_STRATA - 1).events & EVENT_FULL);
@@ -88,7 +88,7 @@ static void layers_that_find_no_room_are_told(void **unused) {
     lockstep_free(l);
 }
 
-static void bone_is_never_entered(void **unused) {
+static void tip_never_enters_bone(void **unused) {
     (void)unused;
     lockstep *l = touching();
     int gland = mesh_find_group(&l->simulation.mesh, "prostate", 3);
@@ -102,7 +102,7 @@ static void bone_is_never_entered(void **unused) {
 }
 
 /* Nodes are left in order, no closer than the spacing, each on the track; the way back takes them up and ends outside. */
-static void there_and_back(void **unused) {
+static void insertion_and_retraction(void **unused) {
     (void)unused;
     lockstep *l = touching();
     break_through(l);
@@ -129,7 +129,7 @@ static void there_and_back(void **unused) {
     lockstep_free(l);
 }
 
-static void bevel_turns_the_cut_away_from_its_face(void **unused) {
+static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     (void)unused;
     lockstep *l = touching();
     l->simulation.needle.given.bevel_slope = 0.1;
@@ -141,10 +141,10 @@ static void bevel_turns_the_cut_away_from_its_face(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(skin_stops_it_until_punctured), cmocka_unit_test(capsule_stops_it_where_it_is),
-        cmocka_unit_test(layers_that_find_no_room_are_told),
-        cmocka_unit_test(bone_is_never_entered),         cmocka_unit_test(there_and_back),
-        cmocka_unit_test(bevel_turns_the_cut_away_from_its_face),
+        cmocka_unit_test(skin_stops_it_until_punctured), cmocka_unit_test(capsule_stops_the_tip_at_its_surface),
+        cmocka_unit_test(full_membrane_list_is_reported),
+        cmocka_unit_test(tip_never_enters_bone),         cmocka_unit_test(insertion_and_retraction),
+        cmocka_unit_test(bevel_deflects_the_cut_away_from_its_face),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

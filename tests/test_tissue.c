@@ -128,7 +128,7 @@ static void patch_test(void **state) {
     cube_free(&c);
 }
 
-static void bar_in_tension_grows_by_f_l_over_e_a(void **state) {
+static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     (void)state;
     cube c;
     double pull = 3.0, e = 10e3; /* N, Pa; nu = 0: the held end does not disturb the stress */
@@ -158,11 +158,11 @@ static void loose_bodies_are_refused(void **state) {
     assert_refused(&c, "no node is fixed");
     for (int i = 0; i < CUBE_NODES; i += 17) { /* turns about the node */
         c.fixed[i] = true;
-        assert_refused(&c, "do not hold");
+        assert_refused(&c, "do not constrain");
         for (int j = 3; j < CUBE_NODES; j += 29) { /* turns about the line through two */
             if (i == j) continue;
             c.fixed[j] = true;
-            assert_refused(&c, "do not hold");
+            assert_refused(&c, "do not constrain");
             c.fixed[j] = false;
         }
         c.fixed[i] = false;
@@ -193,7 +193,7 @@ static void pair_of(cube *one, cube *two, mesh *pair) {
     assert_int_equal(mesh_finish(pair, 0, NULL, NULL, "pair", &why), TROCAR_OK);
 }
 
-static void each_piece_must_be_held(void **state) {
+static void each_part_must_be_constrained(void **state) {
     (void)state;
     cube one, two;
     mesh pair;
@@ -219,9 +219,9 @@ int main(void) {
         cmocka_unit_test(linear_fields_store_the_energy_of_their_strain),
         cmocka_unit_test(element_equals_b_d_b),
         cmocka_unit_test(patch_test),
-        cmocka_unit_test(bar_in_tension_grows_by_f_l_over_e_a),
+        cmocka_unit_test(bar_in_tension_elongates_by_f_l_over_e_a),
         cmocka_unit_test(loose_bodies_are_refused),
-        cmocka_unit_test(each_piece_must_be_held),
+        cmocka_unit_test(each_part_must_be_constrained),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,7 +28,7 @@ static void *write_blocks(void *context) {
 }
 
 /* Each block read must be whole, never older than the one before, and the last one written must arrive. */
-static void newest_is_never_torn_and_never_goes_back(void **unused) {
+static void newest_value_is_never_torn_and_never_older(void **unused) {
     (void)unused;
     triple_buffer n;
     report why;
@@ -51,7 +51,7 @@ static void newest_is_never_torn_and_never_goes_back(void **unused) {
     triple_buffer_free(&n);
 }
 
-static void newest_wins_and_is_fresh_once(void **unused) {
+static void newest_value_is_fresh_once(void **unused) {
     (void)unused;
     triple_buffer n;
     report why;
@@ -96,7 +96,7 @@ static void *push_all(void *context) {
     return NULL;
 }
 
-static void ring_keeps_all_in_order(void **unused) {
+static void ring_preserves_all_values_in_order(void **unused) {
     (void)unused;
     spsc_ring r;
     report why;
@@ -134,10 +134,10 @@ static void ring_refuses_when_full_and_when_empty(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(newest_is_never_torn_and_never_goes_back),
-        cmocka_unit_test(newest_wins_and_is_fresh_once),
+        cmocka_unit_test(newest_value_is_never_torn_and_never_older),
+        cmocka_unit_test(newest_value_is_fresh_once),
         cmocka_unit_test(a_slot_that_is_read_does_not_change),
-        cmocka_unit_test(ring_keeps_all_in_order),
+        cmocka_unit_test(ring_preserves_all_values_in_order),
         cmocka_unit_test(ring_refuses_when_full_and_when_empty),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

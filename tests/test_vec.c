@@ -78,7 +78,7 @@ static void inverse_times_matrix_is_one(void **state) {
     }
 }
 
-static void quaternions_turn_as_rodrigues_says(void **state) {
+static void quaternion_rotation_matches_rodrigues(void **state) {
     (void)state;
     assert_close_vector(q_rotate(q_exp(v3(0, 0, M_PI / 2)), v3(1, 0, 0)), v3(0, 1, 0), 1e-15);
     for (int i = 0; i < 1000; i++) {
@@ -122,7 +122,7 @@ int main(void) {
         cmocka_unit_test(products_follow_the_right_hand),
         cmocka_unit_test(matrices_have_columns_and_rows),
         cmocka_unit_test(inverse_times_matrix_is_one),
-        cmocka_unit_test(quaternions_turn_as_rodrigues_says),
+        cmocka_unit_test(quaternion_rotation_matches_rodrigues),
         cmocka_unit_test(products_of_quaternions_are_products_of_matrices),
         cmocka_unit_test(logarithm_undoes_exponential),
     };

@@ -23,7 +23,7 @@ static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
 
 /* ---- the parts ---------------------------------------------------------------------------------------------------------- */
 
-static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **unused) {
+static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     (void)unused;
     static virtual_coupling p;
     pose_sample s = sample(0, 0, 0);
@@ -42,7 +42,7 @@ static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **u
     assert_int_equal(coupling_receive(&p, &s), 15 * MS);
 }
 
-static void energy_is_what_the_hand_does_against_the_wrench_it_felt(void **unused) {
+static void energy_is_the_work_of_the_hand_against_the_rendered_wrench(void **unused) {
     (void)unused;
     static virtual_coupling p;
     pose_sample s = sample(0, 0, 0);
@@ -61,7 +61,7 @@ static void energy_is_what_the_hand_does_against_the_wrench_it_felt(void **unuse
     assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
 }
 
-static void a_rigid_hold_changes_nothing(void **unused) {
+static void rigid_coupling_changes_nothing(void **unused) {
     (void)unused;
     static virtual_coupling p;
     pose_sample s = sample(0, 0.1, 0);
@@ -97,7 +97,7 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
 }
 
 /* Four ticks to a pose: a device that takes one wrench in four feels the same damper in each. */
-static void the_damper_lasts_from_pose_to_pose(void **unused) {
+static void damper_acts_between_poses(void **unused) {
     (void)unused;
     static virtual_coupling p;
     pose_sample s = sample(0, 0, 0);
@@ -356,11 +356,11 @@ static void stable_in_tissue_and_against_bone(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_round_trip_ends_with_the_first_pose_that_names_the_wrench),
-        cmocka_unit_test(energy_is_what_the_hand_does_against_the_wrench_it_felt),
-        cmocka_unit_test(a_rigid_hold_changes_nothing),
+        cmocka_unit_test(round_trip_ends_with_the_first_acknowledging_pose),
+        cmocka_unit_test(energy_is_the_work_of_the_hand_against_the_rendered_wrench),
+        cmocka_unit_test(rigid_coupling_changes_nothing),
         cmocka_unit_test(the_coupling_settles_at_its_stiffness),
-        cmocka_unit_test(the_damper_lasts_from_pose_to_pose),
+        cmocka_unit_test(damper_acts_between_poses),
         cmocka_unit_test(stable_against_a_spring_of_any_stiffness),
         cmocka_unit_test(stable_at_other_rates),
         cmocka_unit_test(unstable_without_the_coupling_or_with_a_slow_slew),

@@ -17,7 +17,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static void only_pages_from_here_may_connect(void **unused) {
+static void only_own_pages_may_connect(void **unused) {
     (void)unused;
     static const struct { const char *origin, *host, *address, *name; bool allowed; } cases[] = {
         {"http://127.0.0.1:8686", "127.0.0.1:8686", NULL, NULL, true},
@@ -46,7 +46,7 @@ static void only_pages_from_here_may_connect(void **unused) {
             fail_msg("origin \"%s\", host \"%s\"", cases[i].origin, cases[i].host);
 }
 
-static void a_page_that_is_not_built_is_said(void **unused) {
+static void missing_page_is_reported(void **unused) {
     (void)unused;
     web *w = NULL;
     report why;
@@ -80,7 +80,7 @@ static int remove_page(void **unused) {
     return remove(page) | rmdir(folder);
 }
 
-static void it_listens_on_one_address_only(void **unused) {
+static void listens_on_one_address_only(void **unused) {
     (void)unused;
     static const char *const addresses[] = {NULL, "127.0.0.3"};
     for (int i = 0; i < 2; i++) {
@@ -217,7 +217,7 @@ static void acknowledge(const client *c, int *seen) {
     for (; *seen < c->updates; ++*seen) say(c, BINARY, ACTION_ACKNOWLEDGE, WEB_ACTION_BYTES);
 }
 
-static void a_browser_that_hangs_holds_up_nobody_and_is_disconnected(void **unused) {
+static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     (void)unused;
     fixture f;
     static client clients[2];
@@ -247,7 +247,7 @@ static void a_browser_that_hangs_holds_up_nobody_and_is_disconnected(void **unus
 }
 
 /* Without a server, nobody takes the needle; when the server goes, it is let go of, and who drove must take it again. */
-static void the_needle_is_let_go_when_nobody_may_drive(void **unused) {
+static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     (void)unused;
     fixture f;
     static client c;
@@ -273,7 +273,7 @@ static void the_needle_is_let_go_when_nobody_may_drive(void **unused) {
 
 /* All places taken by sockets that say nothing: the next browser is told so, and has a place once they have hung. Sockets that
    never ask for anything keep nobody out. */
-static void silent_sockets_do_not_keep_others_out(void **unused) {
+static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
     enum { IDLE = 300 };
     fixture f;
@@ -315,7 +315,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     request(&f, &c, "evil.example", NULL, NULL);
     assert_int_equal(c.answer, 403);
     while (!c.closed) go_round(&f, &c, 1);
-    assert_non_null(memmem(c.got, c.length, "start trocar-view with --host", 29)); /* whoever meant well is told what to do */
+    assert_non_null(memmem(c.got, c.length, "with this name as --host", 24)); /* the message contains the remedy */
     close(c.socket);
     request(&f, &c, "127.0.0.1", NULL, NULL);
     assert_int_equal(c.answer, 200);
@@ -328,7 +328,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     close_fixture(&f);
 }
 
-static void what_is_no_message_of_the_page_ends_its_connection(void **unused) {
+static void invalid_message_closes_the_connection(void **unused) {
     (void)unused;
     static const struct { int opcode; uint32_t kind; size_t length; } wrong[] = {
         {BINARY, ACTION_ACKNOWLEDGE, 31}, {BINARY, ACTION_ACKNOWLEDGE, 33}, {TEXT, ACTION_ACKNOWLEDGE, 32},
@@ -347,14 +347,14 @@ static void what_is_no_message_of_the_page_ends_its_connection(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(only_pages_from_here_may_connect),
-        cmocka_unit_test(it_listens_on_one_address_only),
-        cmocka_unit_test(a_page_that_is_not_built_is_said),
-        cmocka_unit_test(a_browser_that_hangs_holds_up_nobody_and_is_disconnected),
-        cmocka_unit_test(the_needle_is_let_go_when_nobody_may_drive),
-        cmocka_unit_test(silent_sockets_do_not_keep_others_out),
+        cmocka_unit_test(only_own_pages_may_connect),
+        cmocka_unit_test(listens_on_one_address_only),
+        cmocka_unit_test(missing_page_is_reported),
+        cmocka_unit_test(hanging_browser_delays_nobody_and_is_disconnected),
+        cmocka_unit_test(needle_is_released_when_driving_is_not_allowed),
+        cmocka_unit_test(idle_connections_do_not_block_others),
         cmocka_unit_test(other_sites_are_refused_on_every_protocol),
-        cmocka_unit_test(what_is_no_message_of_the_page_ends_its_connection),
+        cmocka_unit_test(invalid_message_closes_the_connection),
     };
     return cmocka_run_group_tests(tests, make_page, remove_page);
 }

@@ -25,7 +25,7 @@ static void a_buffer_grows(void **unused) {
 }
 
 /* Appending after a failure must not move the data away from under the buffer. */
-static void a_buffer_without_memory_keeps_its_data_and_takes_no_more(void **unused) {
+static void buffer_without_memory_keeps_its_data(void **unused) {
     (void)unused;
     static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* never read: there is no memory for them */
     static const char more[1 << 16];
@@ -49,7 +49,7 @@ static void a_buffer_without_memory_keeps_its_data_and_takes_no_more(void **unus
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_buffer_grows),
-        cmocka_unit_test(a_buffer_without_memory_keeps_its_data_and_takes_no_more),
+        cmocka_unit_test(buffer_without_memory_keeps_its_data),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

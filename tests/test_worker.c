@@ -84,14 +84,14 @@ static void a_request_is_answered_and_timed(void **state) {
     assert_true(latency >= 20000000 && latency < 1000000000);
 }
 
-static void requests_that_are_overtaken_are_forgotten(void **state) {
+static void superseded_requests_are_dropped(void **state) {
     fixture *f = *state;
     for (uint64_t serial = 1; serial <= 50; serial++) ask(f, serial);
     assert_int_equal(answer(f, 50), 50);
     assert_true(atomic_load(&f->calls) <= 3);
 }
 
-static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
+static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     fixture *f = *state;
     ask(f, 1);
     assert_int_equal(answer(f, 1), 1);
@@ -105,7 +105,7 @@ static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
     assert_int_equal(answer(f, 2), 2);
 }
 
-static void idle_time_is_used_until_nothing_is_left(void **state) {
+static void idle_time_is_used_for_prefetching(void **state) {
     fixture *f = *state;
     ask(f, 1);
     int64_t end = monotonic_ns() + 2000000000;
@@ -128,16 +128,16 @@ static void a_request_interrupts_looking_ahead(void **state) {
     assert_int_equal(answer(f, 2), 2);
 }
 
-static void it_stops_without_a_request(void **state) { (void)state; } /* the teardown would hang */
+static void stops_without_a_request(void **state) { (void)state; } /* the teardown would hang */
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_request_is_answered_and_timed, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(requests_that_are_overtaken_are_forgotten, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(a_failure_keeps_the_last_snapshot_and_is_told, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(idle_time_is_used_until_nothing_is_left, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(superseded_requests_are_dropped, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(failure_keeps_the_last_snapshot_and_is_reported, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(idle_time_is_used_for_prefetching, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_request_interrupts_looking_ahead, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(it_stops_without_a_request, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(stops_without_a_request, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,7 +34,7 @@ static void values_are_found_by_their_paths(void **state) {
     yaml_close(&lines);
 }
 
-static void a_path_that_ends_early_gives_its_parent(void **state) {
+static void incomplete_path_gives_its_parent(void **state) {
     (void)state;
     static const struct { const char *path; int line; } cases[] = {
         {"list[1].inner.x", 8}, {"list[7].name", 3}, {"lost", 2}, {"first.x", 2}, {"first[0]", 2}, {"list[-1]", 3}, {"list.x", 3}};
@@ -53,7 +53,7 @@ static void assert_refused(const char *text, const char *words) {
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-static void what_is_not_yaml_is_refused_with_its_line(void **state) {
+static void invalid_yaml_is_refused_with_its_line(void **state) {
     (void)state;
     assert_refused("", "scene.yaml: empty");
     assert_refused("# only a comment\n", "scene.yaml: empty");
@@ -66,8 +66,8 @@ static void what_is_not_yaml_is_refused_with_its_line(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(values_are_found_by_their_paths),
-        cmocka_unit_test(a_path_that_ends_early_gives_its_parent),
-        cmocka_unit_test(what_is_not_yaml_is_refused_with_its_line),
+        cmocka_unit_test(incomplete_path_gives_its_parent),
+        cmocka_unit_test(invalid_yaml_is_refused_with_its_line),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,4 @@
-/* The needle, clamped in the hand at its base: a centreline of segments, with the elasticity of one of two models.
+/* The needle, clamped at its base: a centreline of segments, with one of two elastic models.
    Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle".
    - rod: geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints;
    - tetrahedra: solid of linear tetrahedra with quadratic strain, five nodes a section (needle_tets.c). */
@@ -12,7 +12,7 @@
 enum {
     NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
     NEEDLE_LD = 3 * (NEEDLE_MAX_SEGMENTS + 1),
-    NEEDLE_RIM = 4,                         /* nodes of a section of the tetrahedra around its centre node */
+    NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
     NEEDLE_SECTION = 1 + NEEDLE_RIM,
     NEEDLE_LAYER_TETS = 3 * NEEDLE_RIM,     /* tetrahedra between two sections */
 };
@@ -27,7 +27,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bevel_slope;      /* sideways cut per forward cut, away from the bevel's face (toward local -y) */
+    double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
     needle_choice kind;
 } needle_parameters;
@@ -42,8 +42,8 @@ typedef struct {
     layer_tet layers[2][NEEDLE_LAYER_TETS]; /* between sections k and k + 1, for even and odd k: mirror images */
     vec3 rim[NEEDLE_RIM];    /* m, from the centre of a section at rest */
     double volume;           /* m^3, of each tetrahedron */
-    double lambda, mu;       /* Pa, Lame's moduli after calibration */
-    double calibration;      /* factor on Young's modulus that gives the rod's deflection under a small load on the tip */
+    double lambda, mu;       /* Pa, Lame parameters after calibration */
+    double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals the rod's */
 } needle_solid;
 
 typedef struct {
@@ -60,7 +60,7 @@ typedef struct {
     pose base;
     quat frames[NEEDLE_MAX_SEGMENTS];      /* orientation of each segment; its axis is local +z */
     vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m; joints[0] is the base, the last one the tip */
-    vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; of the tetrahedra, whose centre nodes are the joints */
+    vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; tetrahedra only; the centre nodes are the joints */
 } needle_state;
 
 /* A point on the centreline: quadratic B-spline over three joints (linear at both ends), so that its tangent is
@@ -72,11 +72,11 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Tangent at the current shape (scratch of one pass). */
+/* Tangent at the current shape (scratch of one Newton iteration). */
 typedef struct {
-    int unstable;                               /* of the rod: ways in which it would give under these loads if nothing held it,
-                                                   negative eigenvalues of the tangent stiffness; 0 of the tetrahedra */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* joints' displacement if all forces vanished (linearised), m */
+    int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
+                                                   unsupported needle under these loads; tetrahedra: 0 */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints for zero load (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b] */
     union {
         struct {
@@ -86,8 +86,8 @@ typedef struct {
             double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint, rad/N */
         } rod;
         struct {
-            block_tridiagonal stiffness;                      /* of sections 1..segments, factored, N/m */
-            vec3 internal[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_SECTION]; /* force that holds each node in its place, N */
+            block_tridiagonal stiffness;                      /* of sections 1..segments, factorised, N/m */
+            vec3 internal[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_SECTION]; /* external force that keeps each node in place, N */
         } tets;
     };
 } needle_tangent;
@@ -95,10 +95,10 @@ typedef struct {
 /* BAD_INPUT for values out of range, NO_MEMORY. Nothing to free. */
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why);
 
-/* Straight, unloaded, held at `base`. RT */
+/* Sets the needle straight and unloaded, with its base at `base`. RT */
 void needle_rest(const needle_model *model, pose base, needle_state *state);
 
-/* Moves the base and shifts the rest with it; the segments keep their orientation in space (the next solve bends them). RT */
+/* Moves the base and translates the needle with it; segments keep their orientation until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);
 
 /* RT */
@@ -107,14 +107,14 @@ needle_point needle_at(const needle_model *model, const needle_state *state, dou
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
-/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which enter the rod's geometric
-   stiffness (the tetrahedra have it from their stress); compliance for joints >= first. RT */
+/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the rod's
+   geometric stiffness (that of the tetrahedra follows from their stress); compliance for joints >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment, rad. RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* Elastic moment at the base in its present shape, world frame, N m: in equilibrium the loads' moment about the base. */
+/* Elastic moment at the base in the current shape, world frame, N m; in equilibrium equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */

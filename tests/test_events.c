@@ -64,7 +64,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(events_are_formatted_as_words),
         cmocka_unit_test(every_event_bit_has_a_name),
-        cmocka_unit_test(long_text_is_cut),
+        cmocka_unit_test(long_text_is_truncated),
         cmocka_unit_test(messages_and_library_mean_the_same_bits),
         cmocka_unit_test(flags_become_words),
     };

@@ -170,6 +170,10 @@ class PythonTest(unittest.TestCase):
         with self.assertRaises(ValueError):
             trocar.rollout(self.model, np.zeros((3, 7)))
 
+    def test_events_are_those_of_the_header(self):
+        self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
+        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(11)])
+
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}
         self.assertEqual(rows["needle.length"].unit, "m")

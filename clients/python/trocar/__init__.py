@@ -45,7 +45,8 @@ def _check(status: int, why: Any) -> None:
         raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
 
 
-Event = IntFlag("Event", {name.removeprefix("TROCAR_EVENT_"): getattr(lib, name) for name in dir(lib) if name.startswith("TROCAR_EVENT_")})
+_EVENTS = {name.removeprefix("TROCAR_EVENT_"): getattr(lib, name) for name in dir(lib) if name.startswith("TROCAR_EVENT_")}
+Event = IntFlag("Event", sorted(_EVENTS.items(), key=lambda event: event[1]))
 Event.__doc__ = "Bits of `Output.events`: TOUCHED, PUNCTURED and so on, as in trocar.h."
 
 

@@ -216,6 +216,7 @@ TROCAR_API const char *trocar_model_description(const trocar_model *model);    /
 TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* what was repaired in the mesh, or looks wrong in it; "": nothing */
 TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* three for each node that is not fixed */
 TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
+TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
 TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
 
 /* The mesh at rest. Its named groups, here called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 and 0 for curves and points. */

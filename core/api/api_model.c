@@ -51,6 +51,7 @@ const char *trocar_model_description(const trocar_model *model) { return model->
 const char *trocar_model_remarks(const trocar_model *model) { return model->parts.mesh.remarks.text; }
 int trocar_model_unknowns(const trocar_model *model) { return model->parts.tissue.dof_count; }
 int trocar_model_segments(const trocar_model *model) { return model->parts.config.needle.segments; }
+double trocar_model_needle_length(const trocar_model *model) { return model->parts.config.needle.length; }
 double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }
 
 int trocar_model_node_count(const trocar_model *model) { return model->parts.mesh.node_count; }

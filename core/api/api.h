@@ -34,6 +34,7 @@ struct trocar_sim {
     triple_buffer requests;   /* posted_request: tick -> worker */
     triple_buffer snapshots;  /* compliance_snapshot: worker -> tick */
     int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
+    pose given;              /* where the last tick or reset would have the base */
     uint64_t posted;         /* serial of the last request handed over, */
     uint64_t answered;       /* and of the one that the last tick had the answer to */
     int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
@@ -54,6 +55,6 @@ struct trocar_picture {
 /* What trocar_sim_contacts and the like say of a state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, int needle, trocar_contact *contacts, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, int needle, double *joints, int room);
-trocar_pose base_of(const insertion_state *state, int needle);
+trocar_pose pose_out(pose base);
 
 #endif

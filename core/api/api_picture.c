@@ -40,7 +40,9 @@ int trocar_picture_centreline(const trocar_picture *picture, int needle, double 
     return centreline_of(picture->model, &picture->state, needle, joints, room);
 }
 
-trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) { return base_of(&picture->state, needle); }
+trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
+    return pose_out(needle == 0 ? picture->state.needle.base : (pose){.orientation = {1, 0, 0, 0}});
+}
 
 /* Displacements of the mesh's nodes and of the contact nodes. */
 static trocar_status solve(trocar_picture *p, vec3 *nominal, vec3 *added, report *why) {

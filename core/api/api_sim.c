@@ -83,6 +83,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     trocar_status status = check_pose(needle, base, &at, error);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
+    sim->given = at;
     insertion_reset(&sim->model->parts.insertion, at, sim->state);
     restore_floating_mode(before);
     return TROCAR_OK;
@@ -115,6 +116,7 @@ static void post_request(trocar_sim *sim) {
 static trocar_status run_tick(trocar_sim *sim, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
     insertion_wrench wrench;
     floating_mode before = flush_denormals();
+    sim->given = base;
     insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, snapshot, base, dt, &wrench);
     bool finite = insertion_is_finite(sim->state, &wrench);
     if (!finite) insertion_start_over(&sim->model->parts.insertion, base, sim->state, &wrench);
@@ -224,6 +226,8 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     compliance_snapshot *slot = triple_buffer_slot(&sim->snapshots);
     memcpy(sim->state, (const char *)state + offsetof(saved_state, state), sizeof *sim->state);
     memcpy(slot, (const char *)state + offsetof(saved_state, snapshot), sizeof *slot);
+    sim->given = sim->state->needle.base;
+    sim->given.position = v3_sub(sim->given.position, sim->state->base_shift);
     floating_mode before = flush_denormals();
     trocar_status status = remesher_resume(sim->remesher, &sim->state->request, slot, why);
     restore_floating_mode(before);
@@ -265,10 +269,10 @@ int centreline_of(const trocar_model *model, const insertion_state *state, int n
     return count;
 }
 
-trocar_pose base_of(const insertion_state *state, int needle) {
-    pose base = needle == 0 ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}};
+trocar_pose pose_out(pose base) {
+    vec3 x = base.position;
     quat q = base.orientation;
-    return (trocar_pose){{base.position.x, base.position.y, base.position.z}, {q.w, q.x, q.y, q.z}};
+    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
 }
 
 int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
@@ -279,7 +283,13 @@ int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int
     return centreline_of(sim->model, sim->state, needle, joints, room);
 }
 
-trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) { return base_of(sim->state, needle); }
+static const pose AT_ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
+
+trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
+    pose base = needle == 0 ? sim->given : AT_ORIGIN;
+    if (needle == 0) base.position = v3_add(base.position, sim->state->base_shift);
+    return pose_out(base);
+}
 
 double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     return needle == 0 ? needle_energy(&sim->model->parts.needle, &sim->state->needle) : 0.0;

@@ -5,7 +5,6 @@
    Faults that no message can cause come in through functions that the linker puts around the server's own (--wrap). */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
-#include <poll.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -18,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* for a bad number in the state */
+#include "api/api.h" /* for a bad number in the state, and a slow answer inside the library */
 #include "virtual_coupling.h"
 #include "server.h"
 
@@ -57,13 +56,12 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *t) {
     return result;
 }
 
-trocar_status __real_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
-trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
-trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
-    struct pollfd request = {.fd = trocar_sim_work_descriptor(sim), .events = POLLIN};
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     int nap = atomic_load(&fault->worker_nap);
-    if (nap > 0 && poll(&request, 1, 0) == 1) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
-    return __real_trocar_sim_work(sim, done, why);
+    if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
+    return __real_remesher_serve(r, request, snapshot, why);
 }
 
 trocar_status __real_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);

@@ -1,7 +1,6 @@
 /* The loop's shell against the clock, and the whole haptic thread, real model and all, against its promises: no
    allocation, no page fault, and no wait for a worker that takes its time. */
 #define _GNU_SOURCE
-#include <poll.h>
 #include <pthread.h>
 #include <sched.h>
 #include <stdlib.h>
@@ -12,6 +11,7 @@
 #include "motion.h"
 #include "realtime.h"
 #include "trocar_needle_wrench_t.h"
+#include "remesh/remesh.h"
 #include "worker.h"
 
 #include <setjmp.h>
@@ -88,15 +88,14 @@ typedef struct {
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* that the worker sleeps before each answer */
+static int nap_ms;               /* that each answer of the worker takes longer */
 
-/* Put around the library's function by the linker. */
-trocar_status __real_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
-trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
-trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
-    struct pollfd request = {.fd = trocar_sim_work_descriptor(sim), .events = POLLIN};
-    if (nap_ms > 0 && poll(&request, 1, 0) == 1) sleep_until(monotonic_ns() + nap_ms * (int64_t)1000000);
-    return __real_trocar_sim_work(sim, done, why);
+/* Put around the library's own by the linker. */
+trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    if (nap_ms > 0) sleep_until(monotonic_ns() + nap_ms * (int64_t)1000000);
+    return __real_remesher_serve(r, request, snapshot, why);
 }
 
 /* The haptic tick between a mock IO thread's work: a pose that comes, a wrench that is taken. */

@@ -15,7 +15,7 @@ typedef struct {
     int count;               /* states written */
 } pvd_series;
 
-/* BAD_INPUT when the place cannot be written. `prefix` must outlive it. */
+/* BAD_INPUT when PREFIX.pvd cannot be written. `prefix` must outlive it. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 
 /* Writes this state, of this time (s). */
@@ -25,7 +25,7 @@ trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture 
 /* Is the state at this time (s) one of the series? */
 bool pvd_is_due(const pvd_series *p, double time);
 
-/* Puts the list in place; until then there is none. */
+/* Writes the list; until then there is none. */
 trocar_status pvd_close(pvd_series *p, report *why);
 void pvd_abandon(pvd_series *p);
 

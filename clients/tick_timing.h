@@ -1,4 +1,4 @@
-/* How long one tick takes with a given number of contacts, while the needle moves as in use. Lockstep, one thread. */
+/* How long one tick takes with a given number of contacts, while the needle moves as it does in use. Lockstep, one thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 

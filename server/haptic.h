@@ -12,7 +12,7 @@ typedef struct {
     trocar_device_limits limits;
     double period;               /* s, nominal */
     int flags;                   /* that every wrench carries: NOT_REALTIME or 0 */
-    int64_t server;              /* number of this server; its creator's to set */
+    int64_t server;              /* number of this server; set by the creator */
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then end */
 

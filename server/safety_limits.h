@@ -10,7 +10,7 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* What became of one pose; each has its counter in status_t. */
+/* The verdict on one pose; each has its counter in status_t. */
 typedef enum {
     POSE_ACCEPTED, POSE_MALFORMED, POSE_NOT_FINITE, POSE_NOT_UNIT, POSE_JUMPED, POSE_REFUSED, POSE_OLD,
     POSE_VERDICTS

@@ -270,7 +270,7 @@ trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), re
     return status;
 }
 
-/* --- words for people ------------------------------------------------------------------------------------------- */
+/* --- what it prints --------------------------------------------------------------------------------------------- */
 
 static double resident_mebibytes(void) {
     struct rusage u;

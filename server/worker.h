@@ -8,9 +8,9 @@ typedef struct {
     exchange *exchange;
     trocar_sim *sim;
     atomic_bool stop;
-    atomic_bool failed;      /* a request could not be served; `why` then holds the first reason for good */
+    atomic_bool failed;      /* a request could not be served; `why` then holds the first reason and does not change */
     report why;
-    int64_t served;          /* to be read after the thread has ended */
+    int64_t served;          /* valid after the thread has ended */
 } worker;
 
 /* Body of the thread; `context` is a worker. Only the newest request is served, as trocar_sim_work does; idle time goes into

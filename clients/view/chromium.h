@@ -1,4 +1,4 @@
-/* A headless Chromium on one page, in a profile of its own that goes away with it. */
+/* A headless Chromium on one page, in a temporary profile that is deleted with it. */
 #ifndef TROCAR_CHROMIUM_H
 #define TROCAR_CHROMIUM_H
 
@@ -12,7 +12,7 @@ typedef struct {
     char profile[64];        /* its folder */
 } chromium;
 
-/* SYSTEM when it cannot be started; whether it lives is for chromium_ended to say. */
+/* SYSTEM when it cannot be started; chromium_ended tells whether it is still running. */
 trocar_status chromium_start(chromium *c, const char *url, report *why);
 bool chromium_ended(chromium *c);
 void chromium_stop(chromium *c);

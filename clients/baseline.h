@@ -1,4 +1,4 @@
-/* A yardstick for benchmarks: the time of a matrix product on this machine, in this run. */
+/* A reference for benchmarks: the time of a matrix product on this machine, in this run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 

@@ -1,4 +1,5 @@
-/* trocar-bench remesh: the time of one contact node more or less, by every method. */
+/* trocar-bench remesh: the time of one contact node more or less, by every method. It compares methods inside the library one with
+   another and is therefore a benchmark of internals, built with core's headers; all else in trocar-bench uses trocar.h. */
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 

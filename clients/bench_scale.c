@@ -11,7 +11,6 @@
 #include "output.h"
 #include "progress.h"
 #include "scale_timing.h"
-#include "scene/scene.h"
 #include "tick_timing.h"
 
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
@@ -23,13 +22,14 @@ typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    inverse_choice inverse;  /* AUTO: the scene's */
+    const char *inverse;     /* NULL: the scene's */
 } options;
 
 /* One scene with one owner. */
 typedef struct {
-    scene scene;
-    simulation simulation;
+    trocar_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim;
     double start_seconds, start_processor_seconds;
     double peak_bytes;       /* resident, of the process: rises from scene to scene */
     int counts;              /* contact counts that the mesh has */
@@ -50,11 +50,12 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static inverse_choice parse_inverse(const struct argp_state *state, const char *text) {
-    for (int i = INVERSE_AUTO + 1; i < INVERSE_CHOICES; i++)
-        if (strcmp(text, inverse_choice_name((inverse_choice)i)) == 0) return (inverse_choice)i;
+static const char *parse_inverse(const struct argp_state *state, const char *text) {
+    static const char *const owners[] = {"dense", "sparse", "condensed"};
+    for (size_t i = 0; i < sizeof owners / sizeof *owners; i++)
+        if (strcmp(text, owners[i]) == 0) return owners[i];
     argp_error(state, "--inverse: '%s': dense, sparse or condensed", text);
-    return INVERSE_AUTO;
+    return NULL;
 }
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {
@@ -88,12 +89,13 @@ static const struct argp parser = {
 static const double APPROACH = 0.02; /* m, from further away: the needle's line is known before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
-    trocar_status status = scene_load(path, &m->scene, why);
+    const trocar_model_options options = {.progress = progress_show};
+    trocar_status status = trocar_scene_load(path, &m->scene, why);
+    if (status == TROCAR_OK && o->inverse) status = trocar_scene_set(m->scene, "inverse", o->inverse, why);
     if (status != TROCAR_OK) return status;
-    if (o->inverse != INVERSE_AUTO) m->scene.simulation.inverse = o->inverse;
-    m->scene.simulation.progress.show = progress_show;
     int64_t wall = monotonic_ns(), processor = processor_ns();
-    status = simulation_create(&m->scene.simulation, &m->simulation, why);
+    status = trocar_model_create(m->scene, &options, &m->model, why);
+    if (status == TROCAR_OK) status = trocar_sim_create(m->model, &m->sim, why);
     m->start_seconds = 1e-9 * (double)(monotonic_ns() - wall);
     m->start_processor_seconds = 1e-9 * (double)(processor_ns() - processor);
     return status;
@@ -101,23 +103,23 @@ static trocar_status create(const options *o, const char *path, measured *m, rep
 
 static trocar_status measure(const options *o, measured *m, report *why) {
     trocar_status status = TROCAR_OK;
-    double dt = 1.0 / m->scene.rate_hz;
+    double dt = 1.0 / trocar_model_rate(m->model);
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
         pose aside = MOTION_START; /* other nodes for each speed: none is at hand already */
         aside.position.y += 4e-3 * (i - 1);
         aside.position.z -= APPROACH;
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
-        status = scale_timing_measure(&m->simulation, &wanted, &m->speeds[i], why);
+        status = scale_timing_measure(m->sim, &wanted, &m->speeds[i], why);
     }
     if (status == TROCAR_OK) {
         scale_case wanted = {.start = MOTION_START, .script = motion_find("figure8"), .dt = dt};
         wanted.start.position.x -= 4e-3;
-        status = scale_timing_measure(&m->simulation, &wanted, &m->figure8, why);
+        status = scale_timing_measure(m->sim, &wanted, &m->figure8, why);
     }
-    m->simulation.insertion.settings.contact_spacing = TIMED_SPACING;
+    scale_timing_set_spacing(m->model, TIMED_SPACING);
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
-        if (tick_timing_measure(&m->simulation, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* fewer along the way */
+        if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* fewer along the way */
     }
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
@@ -135,8 +137,8 @@ static void print_motion(const char *name, const scale_timing *s, FILE *out) {
 }
 
 static void print_scene(const measured *m, FILE *out) {
-    const mesh *body = &m->simulation.mesh;
-    fprintf(out, "\n%s: %d nodes, %d tetrahedra; inverse: %s\n", m->scene.path, body->node_count, body->tet_count, m->simulation.about_inverse.text);
+    fprintf(out, "\n%s: %d nodes, %d tetrahedra; inverse: %s\n", trocar_scene_path(m->scene), trocar_model_node_count(m->model),
+            trocar_model_tet_count(m->model), trocar_model_description(m->model));
     fprintf(out, "start %.1f s (processor %.1f s), memory at most %.2f GB\n", m->start_seconds, m->start_processor_seconds, 1e-9 * m->peak_bytes);
     fprintf(out, "motion   crossings    late  late ticks  contacts  unanswered  answer p50 ms  p99 ms  max ms  active late max  serve p50 ms  "
                  "max ms  tick p50 us   at most\n");
@@ -176,12 +178,11 @@ static void json_motion(json *j, const scale_timing *s) {
 }
 
 static void json_scene(json *j, const measured *m) {
-    const mesh *body = &m->simulation.mesh;
     json_line(j), json_open(j, NULL, '{');
-    json_text(j, "scene", m->scene.path);
-    json_text(j, "inverse", inverse_name(m->simulation.inverse));
-    json_integer(j, "nodes", body->node_count);
-    json_integer(j, "tetrahedra", body->tet_count);
+    json_text(j, "scene", trocar_scene_path(m->scene));
+    json_text(j, "inverse", trocar_model_inverse(m->model));
+    json_integer(j, "nodes", trocar_model_node_count(m->model));
+    json_integer(j, "tetrahedra", trocar_model_tet_count(m->model));
     json_number(j, "start_s", m->start_seconds);
     json_number(j, "start_processor_s", m->start_processor_seconds);
     json_number(j, "peak_bytes", m->peak_bytes);
@@ -214,12 +215,13 @@ static trocar_status run_scene(const options *o, int index, json *results, repor
     static measured m;
     memset(&m, 0, sizeof m);
     trocar_status status = create(o, o->scene_paths[index], &m, why);
-    if (status != TROCAR_OK) return status;
-    status = measure(o, &m, why);
+    if (status == TROCAR_OK) status = measure(o, &m, why);
     if (status == TROCAR_OK) print_scene(&m, stdout);
     if (status == TROCAR_OK && results->out) json_scene(results, &m);
     fflush(stdout);
-    simulation_free(&m.simulation);
+    trocar_sim_free(m.sim);
+    trocar_model_free(m.model);
+    trocar_scene_free(m.scene);
     return status;
 }
 

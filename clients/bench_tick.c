@@ -9,10 +9,9 @@
 #include "motion.h"
 #include "options.h"
 #include "output.h"
-#include "scene/scene.h"
 #include "tick_timing.h"
 
-enum { MAX_COUNTS = MAX_CONTACTS };
+enum { MAX_COUNTS = TROCAR_MAX_CONTACTS };
 
 typedef struct {
     const char *scene_path, *json_path;
@@ -24,8 +23,10 @@ typedef struct {
 
 typedef struct {
     const options *options;
-    scene scene;
-    simulation simulation;
+    trocar_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim;
+    double spacing;          /* m, between contact nodes */
     histogram baseline;
     tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];
     output json_file;
@@ -52,8 +53,8 @@ static void parse_counts(const struct argp_state *state, const char *text, optio
     if (o->count_count > MAX_COUNTS) argp_error(state, "--contacts: more than %d numbers", MAX_COUNTS);
     parse_numbers(state, "contacts", text, o->count_count, numbers);
     for (int i = 0; i < o->count_count; i++) {
-        if (numbers[i] < 1 || numbers[i] > MAX_CONTACTS || numbers[i] != floor(numbers[i]))
-            argp_error(state, "--contacts: %g: must be a whole number between 1 and %d", numbers[i], MAX_CONTACTS);
+        if (numbers[i] < 1 || numbers[i] > TROCAR_MAX_CONTACTS || numbers[i] != floor(numbers[i]))
+            argp_error(state, "--contacts: %g: must be a whole number between 1 and %d", numbers[i], TROCAR_MAX_CONTACTS);
         o->counts[i] = (int)numbers[i];
     }
 }
@@ -90,12 +91,12 @@ static const struct argp parser = {
 
 static trocar_status prepare(bench *b, report *why) {
     const options *o = b->options;
-    trocar_status status = scene_load(o->scene_path, &b->scene, why);
-    if (status != TROCAR_OK) return status;
-    simulation_config *config = &b->scene.simulation;
-    if (o->spacing > 0.0) config->insertion.contact_spacing = o->spacing;
-    if (o->json_path) status = output_open(&b->json_file, o->json_path, why);
-    return status == TROCAR_OK ? simulation_create(config, &b->simulation, why) : status;
+    trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
+    if (status == TROCAR_OK && o->spacing > 0.0) status = trocar_scene_set_number(b->scene, "contact.spacing", o->spacing, why);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(b->scene, "contact.spacing", &b->spacing, why);
+    if (status == TROCAR_OK && o->json_path) status = output_open(&b->json_file, o->json_path, why);
+    if (status == TROCAR_OK) status = trocar_model_create(b->scene, NULL, &b->model, why);
+    return status == TROCAR_OK ? trocar_sim_create(b->model, &b->sim, why) : status;
 }
 
 static trocar_status measure(bench *b, report *why) {
@@ -103,9 +104,9 @@ static trocar_status measure(bench *b, report *why) {
     baseline_measure(&b->baseline);
     for (int i = 0; i < o->count_count; i++)
         for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) {
-            timing_case wanted = {.start = {o->start, {1, 0, 0, 0}}, .dt = 1.0 / b->scene.rate_hz, .contacts = o->counts[i],
+            timing_case wanted = {.start = {o->start, {1, 0, 0, 0}}, .dt = 1.0 / trocar_model_rate(b->model), .contacts = o->counts[i],
                                   .ticks = o->ticks, .motion = motion};
-            trocar_status status = tick_timing_measure(&b->simulation, &wanted, &b->rows[i][motion], why);
+            trocar_status status = tick_timing_measure(b->sim, b->scene, &wanted, &b->rows[i][motion], why);
             if (status != TROCAR_OK) return status;
         }
     return TROCAR_OK;
@@ -127,9 +128,8 @@ static void print_row(const bench *b, timed_motion motion, const tick_timing *ro
 
 static void print_table(const bench *b, FILE *out) {
     const options *o = b->options;
-    const simulation *s = &b->simulation;
     fprintf(out, "%s: %d nodes, %d tetrahedra; %g Hz, contact nodes at least %g mm apart, %d ticks a row\n", o->scene_path,
-            s->mesh.node_count, s->mesh.tet_count, b->scene.rate_hz, 1e3 * s->config.insertion.contact_spacing, o->ticks);
+            trocar_model_node_count(b->model), trocar_model_tet_count(b->model), trocar_model_rate(b->model), 1e3 * b->spacing, o->ticks);
     fprintf(out, "baseline: dgemm of order %d, p50 %.1f us, p99 %.1f us\n\n", BASELINE_ORDER,
             1e6 * histogram_quantile(&b->baseline, 0.5), 1e6 * histogram_quantile(&b->baseline, 0.99));
     fprintf(out, "contacts  motion     p50 us    p99 us    max us  p50/baseline   passes  switches\n");
@@ -153,15 +153,14 @@ static void json_row(json *j, const bench *b, int index, timed_motion motion) {
 
 static void write_json(const bench *b, FILE *out) {
     const options *o = b->options;
-    const simulation *s = &b->simulation;
     json j = {.out = out};
     json_open(&j, NULL, '{');
     json_line(&j), json_text(&j, "benchmark", "tick");
     json_line(&j), json_text(&j, "scene", o->scene_path);
-    json_line(&j), json_integer(&j, "nodes", s->mesh.node_count);
-    json_line(&j), json_integer(&j, "tetrahedra", s->mesh.tet_count);
-    json_line(&j), json_number(&j, "rate_hz", b->scene.rate_hz);
-    json_line(&j), json_number(&j, "contact_spacing_m", s->config.insertion.contact_spacing);
+    json_line(&j), json_integer(&j, "nodes", trocar_model_node_count(b->model));
+    json_line(&j), json_integer(&j, "tetrahedra", trocar_model_tet_count(b->model));
+    json_line(&j), json_number(&j, "rate_hz", trocar_model_rate(b->model));
+    json_line(&j), json_number(&j, "contact_spacing_m", b->spacing);
     json_line(&j), json_integer(&j, "ticks", o->ticks);
     json_line(&j), json_open(&j, "baseline", '{');
     json_integer(&j, "dgemm_order", BASELINE_ORDER);
@@ -182,13 +181,13 @@ trocar_status bench_tick(int count, char **arguments, report *why) {
     static bench b;
     b = (bench){.options = &o};
     trocar_status status = prepare(&b, why);
-    if (status == TROCAR_OK) {
-        status = measure(&b, why);
-        if (status == TROCAR_OK) print_table(&b, stdout);
-        if (status == TROCAR_OK && o.json_path) write_json(&b, b.json_file.file);
-        if (status == TROCAR_OK) status = output_commit(&b.json_file, why);
-        simulation_free(&b.simulation);
-    }
+    if (status == TROCAR_OK) status = measure(&b, why);
+    if (status == TROCAR_OK) print_table(&b, stdout);
+    if (status == TROCAR_OK && o.json_path) write_json(&b, b.json_file.file);
+    if (status == TROCAR_OK) status = output_commit(&b.json_file, why);
+    trocar_sim_free(b.sim);
+    trocar_model_free(b.model);
+    trocar_scene_free(b.scene);
     output_abandon(&b.json_file);
     return status;
 }

@@ -1,10 +1,10 @@
-/* Wrenches of a replay beside golden ones, kept from another run of the same poses. */
+/* Compares the wrenches of a replay with golden ones from an earlier run of the same poses. */
 #ifndef TROCAR_COMPARISON_H
 #define TROCAR_COMPARISON_H
 
 #include "poselog.h"
 
-/* The component of a golden wrench that is furthest from what the replay has there. */
+/* The component of a golden wrench that differs most from the replayed one. */
 typedef struct {
     int golden, replayed;    /* indices */
     int component;           /* 0..5: force x y z, torque x y z */
@@ -34,7 +34,7 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
 /* The share that a part q of the golden wrenches does not pass, to 0.001. */
 double comparison_quantile(const comparison *c, double q);
 
-/* Says in words what compare_wrenches found. */
+/* Prints what compare_wrenches found. */
 void comparison_print(const comparison *c, const wrench_log *golden, const char *golden_path,
                       const trocar_needle_wrench_t *replayed, FILE *out);
 

@@ -25,7 +25,7 @@ typedef struct {
 
 typedef struct {
     char text[DASHBOARD_WIDTH];
-    bool alarm;                                  /* somebody should look at this */
+    bool alarm;                                  /* needs attention */
 } dashboard_line;
 
 /* A message came at `now`, s. */

@@ -1,5 +1,6 @@
 #include "events.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 
 #include "message_words.h"

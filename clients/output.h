@@ -1,4 +1,4 @@
-/* A file that is either complete or not there: written beside its place, renamed when done. */
+/* A file that is either complete or absent: written under a temporary name and renamed when done. */
 #ifndef TROCAR_OUTPUT_H
 #define TROCAR_OUTPUT_H
 
@@ -9,10 +9,10 @@ typedef struct {
     FILE *file;              /* NULL when not open */
 } output;
 
-/* Opens the temporary file; BAD_INPUT when the place cannot be written. */
+/* Opens the temporary file; BAD_INPUT when it cannot be written there. */
 trocar_status output_open(output *o, const char *path, report *why);
 
-/* Closes it and puts it in place; SYSTEM (and no file) when the disk did not take all of it. */
+/* Closes and renames it; SYSTEM (and no file) when it could not be written completely. */
 trocar_status output_commit(output *o, report *why);
 
 /* Removes what was written; harmless after a commit or without an open. */

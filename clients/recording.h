@@ -35,7 +35,7 @@ typedef struct {
     int sent, received;
     int64_t lost_wrenches;   /* gaps in the ticks */
     int64_t foreign_wrenches; /* of another server */
-    int unanswered_poses;    /* superseded before a tick took them, or lost */
+    int unanswered_poses;    /* superseded before a tick used them, or lost */
     int skipped_periods;
     double round_trip_p50, round_trip_p99, round_trip_max;   /* s; NaN if nothing came */
     double least_force[3], greatest_force[3];                /* N, rendered, world axes */
@@ -58,7 +58,7 @@ void recording_free(recording *r);
 
 trocar_status recording_summarise(const recording *r, recording_summary *summary, report *why);
 
-void summary_print(const recording_summary *s, FILE *out);       /* for people */
+void summary_print(const recording_summary *s, FILE *out);       /* as text */
 void summary_write_json(const recording_summary *s, FILE *out);
 
 /* One row a wrench since the start, named columns with units. */

@@ -4,8 +4,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "insertion/tip.h"
+#include "api/api.h"
 #include "insertion/prefetch.h"
+#include "insertion/tip.h"
 
 static const double REST = 0.5; /* s, before a script begins: the needle's line is known by then */
 
@@ -18,7 +19,7 @@ typedef struct {
 } followed;
 
 typedef struct {
-    simulation *simulation;
+    trocar_sim *sim;
     insertion_state state;
     compliance_snapshot *snapshot, *next; /* in force; being made */
     double speed;            /* m/s, of the hand, never below 1 mm/s */
@@ -42,7 +43,7 @@ static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
         int64_t start = processor_ns();
-        more = remesher_look_ahead(run->simulation->remesher);
+        more = remesher_look_ahead(run->sim->remesher);
         run->idle += 1e-9 * (double)(processor_ns() - start);
     }
     if (!more) run->idle = fmax(run->idle, run->now);
@@ -63,7 +64,7 @@ static trocar_status work(scale_run *run, report *why) {
     }
     double begin = fmax(run->now, run->idle); /* a slice of idle work that has begun comes to its end */
     int64_t start = processor_ns();
-    trocar_status status = remesher_serve(run->simulation->remesher, &run->state.request, run->next, why);
+    trocar_status status = remesher_serve(run->sim->remesher, &run->state.request, run->next, why);
     int64_t taken = processor_ns() - start;
     histogram_add(&run->result->serve, taken);
     run->ready = run->idle = begin + 1e-9 * (double)taken;
@@ -124,12 +125,11 @@ static void note_crossing(scale_run *run) {
 }
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
-    simulation *s = run->simulation;
     insertion_wrench wrench;
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();
-    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, dt, &wrench);
+    insertion_tick(&run->sim->model->parts.insertion, &run->state, run->sim->workspace, run->snapshot, base, dt, &wrench);
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;
@@ -144,13 +144,15 @@ static pose base_at(const scale_case *wanted, double t) {
     return base;
 }
 
-trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why) {
+void scale_timing_set_spacing(trocar_model *model, double spacing) { model->parts.insertion.settings.contact_spacing = spacing; }
+
+trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why) {
     memset(result, 0, sizeof *result);
     scale_run *run = calloc(1, sizeof *run);
-    if (run) *run = (scale_run){.simulation = s, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
+    if (run) *run = (scale_run){.sim = sim, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
                                 .next = calloc(1, sizeof *run->next)};
     trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
-    if (status == TROCAR_OK) insertion_reset(&s->insertion, wanted->start, &run->state);
+    if (status == TROCAR_OK) insertion_reset(&sim->model->parts.insertion, wanted->start, &run->state);
     double duration = wanted->script ? REST + wanted->script->duration : wanted->depth / wanted->speed;
     result->ticks = (int)(duration / wanted->dt);
     pose before = wanted->start;

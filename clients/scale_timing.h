@@ -1,11 +1,15 @@
 /* How late the worker answers while a needle goes in: the tick's clock is the model's, the worker's is the processor time that
-   each answer took, so that a loaded machine gives the same figures. One thread. */
+   each answer took, so that a loaded machine gives the same figures. One thread.
+
+   This benchmark, like that of remeshing, is one of internals: it follows single contact nodes, and hands over an answer only when
+   it would have been ready, for which a host of the library has no use. Its measuring (scale_timing.c) is built with core's headers. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 
+#include "base/report.h"
 #include "motion.h"
-#include "insertion/simulation.h"
 #include "timing.h"
+#include "trocar.h"
 
 typedef struct {
     pose start;              /* of the needle's base, tip before the skin */
@@ -27,7 +31,10 @@ typedef struct {
     int late_ticks;          /* whose snapshot did not cover the tip */
 } scale_timing;
 
-trocar_status scale_timing_measure(simulation *s, const scale_case *wanted, scale_timing *result, report *why);
+trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why);
+
+/* Least distance between contact nodes from now on, m, in place of the scene's. */
+void scale_timing_set_spacing(trocar_model *model, double spacing);
 
 int64_t processor_ns(void);  /* of this thread */
 

@@ -14,7 +14,7 @@ typedef struct {
     double other_heard;      /* 0: none yet */
 } server_choice;
 
-/* A message of `server` has come: is it to be taken? */
+/* A message from `server` has come: should it be used? */
 bool server_choice_follows(server_choice *c, int64_t server, double now);
 
 /* Did another server send within the last second? */

@@ -1,7 +1,10 @@
 #include "tick_timing.h"
 
 #include <math.h>
-#include <stdlib.h>
+#include <poll.h>
+#include <stdbool.h>
+
+#include "messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, on the way in */
 enum { LEAP = 100 };                       /* ticks that a puncture may last */
@@ -9,11 +12,11 @@ static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
 typedef struct {
-    simulation *simulation;
-    insertion_state state;
-    compliance_snapshot *snapshot;
-    insertion_wrench wrench;
+    trocar_sim *sim;
+    trocar_output output;    /* of the last tick */
     const timing_case *wanted;
+    double length, spacing;  /* m, of the needle, and between contact nodes */
+    char mesh[1024];         /* its file */
 } timing_run;
 
 const char *timed_motion_name(timed_motion motion) { return motion == TIMED_ADVANCE ? "advance" : "sweep"; }
@@ -36,35 +39,39 @@ static vec3 way_after(timed_motion motion, double t) {
 
 /* One tick and its time, ns; then the worker's part, untimed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
-    simulation *s = run->simulation;
+    struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
+    trocar_pose at = library_pose(base);
     int64_t start = monotonic_ns();
-    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, run->wanted->dt, &run->wrench);
+    trocar_status status = trocar_sim_tick(run->sim, 0, &at, run->wanted->dt, &run->output);
     *time = monotonic_ns() - start;
-    if (run->snapshot->serial == run->state.request.serial) return TROCAR_OK;
-    return remesher_serve(s->remesher, &run->state.request, run->snapshot, why);
+    if (status != TROCAR_OK) return fail(why, status, "%s: the tick failed: is the start a pose, the tick above 0 and up to 1 s?", run->mesh);
+    return poll(&request, 1, 0) == 1 ? trocar_sim_work(run->sim, NULL, why) : TROCAR_OK;
+}
+
+static bool is_beyond(const trocar_output *output) {
+    return output->events & TROCAR_EVENT_EXITED && !(output->events & (TROCAR_EVENT_REENTERED | TROCAR_EVENT_TOUCHED));
 }
 
 static trocar_status push_in(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
-    double length = run->simulation->config.needle.length;
     int most = 0;
-    for (int tick = 0; run->state.tip.phase != TIP_BEYOND && tick * PUSH_SPEED * wanted->dt < length; tick++) {
+    run->output.events = 0;
+    for (int tick = 0; !is_beyond(&run->output) && tick * PUSH_SPEED * wanted->dt < run->length; tick++) {
         int64_t unused;
         *base = displaced(wanted->start, v3(0, 0, tick * PUSH_SPEED * wanted->dt));
         trocar_status status = timed_step(run, *base, &unused, why);
-        if (status != TROCAR_OK || run->wrench.contacts >= wanted->contacts) return status;
-        if (run->wrench.contacts > most) most = run->wrench.contacts;
+        if (status != TROCAR_OK || run->output.contacts >= wanted->contacts) return status;
+        if (run->output.contacts > most) most = run->output.contacts;
     }
     return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: take a finer mesh, or "
-                "lower the spacing of %g mm", run->simulation->config.mesh_path, most, wanted->contacts,
-                1e3 * run->simulation->config.insertion.contact_spacing);
+                "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
 /* A membrane's leap leaves several contact nodes behind at once: it is waited for, and the base drawn back until they are gone. */
 static trocar_status settle(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
-    int most = (int)(run->simulation->config.needle.length / (PUSH_SPEED * wanted->dt));
-    for (int tick = 0; tick < LEAP || (tick < most && run->wrench.contacts > wanted->contacts); tick++) {
+    int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
+    for (int tick = 0; tick < LEAP || (tick < most && run->output.contacts > wanted->contacts); tick++) {
         int64_t unused;
         if (tick >= LEAP) *base = displaced(*base, v3(0, 0, -PUSH_SPEED * wanted->dt));
         trocar_status status = timed_step(run, *base, &unused, why);
@@ -73,22 +80,22 @@ static trocar_status settle(timing_run *run, pose *base, report *why) {
     return TROCAR_OK;
 }
 
-static void record(const insertion_wrench *wrench, int64_t time, tick_timing *result) {
+static void record(const trocar_output *output, int64_t time, tick_timing *result) {
     histogram_add(&result->time, time);
-    result->passes += wrench->passes;
-    result->switches += wrench->switches;
-    result->unstable += (wrench->events & EVENT_UNSTABLE) != 0;
+    result->passes += output->passes;
+    result->switches += output->switches;
+    result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
 /* As long as it has the contacts that it has now: a tick's time grows with them, and a finer mesh has the next one sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
     const timing_case *wanted = run->wanted;
-    result->contacts = run->wrench.contacts;
+    result->contacts = run->output.contacts;
     for (int tick = 1; result->time.count < wanted->ticks; tick++) {
         int64_t time;
         trocar_status status = timed_step(run, displaced(from, way_after(wanted->motion, tick * wanted->dt)), &time, why);
-        if (status != TROCAR_OK || run->wrench.contacts != result->contacts) return status;
-        record(&run->wrench, time, result);
+        if (status != TROCAR_OK || run->output.contacts != result->contacts) return status;
+        record(&run->output, time, result);
     }
     return TROCAR_OK;
 }
@@ -97,31 +104,25 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
 static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
     pose base;
     int64_t before = result->time.count;
-    insertion_reset(&run->simulation->insertion, run->wanted->start, &run->state);
-    trocar_status status = push_in(run, &base, why);
+    trocar_pose start = library_pose(run->wanted->start);
+    trocar_status status = trocar_sim_reset(run->sim, 0, &start, why);
+    if (status == TROCAR_OK) status = push_in(run, &base, why);
     if (status == TROCAR_OK) status = settle(run, &base, why);
     if (status == TROCAR_OK) status = time_motion(run, base, result, why);
     if (status == TROCAR_OK && result->time.count == before)
-        return fail(why, TROCAR_BAD_INPUT, "%s: the needle never keeps %d contacts for a tick: raise the spacing", run->simulation->config.mesh_path,
+        return fail(why, TROCAR_BAD_INPUT, "%s: the needle never keeps %d contacts for a tick: raise the spacing", run->mesh,
                     run->wanted->contacts);
     return status;
 }
 
-trocar_status tick_timing_measure(simulation *s, const timing_case *wanted, tick_timing *result, report *why) {
-    timing_run *run = calloc(1, sizeof *run);
-    if (run) run->snapshot = calloc(1, sizeof *run->snapshot);
-    if (!run || !run->snapshot) {
-        free(run);
-        return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
-    }
-    run->simulation = s;
-    run->wanted = wanted;
+trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why) {
+    timing_run run = {.sim = sim, .wanted = wanted};
     *result = (tick_timing){.contacts = 0};
-    trocar_status status = TROCAR_OK;
-    while (status == TROCAR_OK && result->time.count < wanted->ticks) status = time_again(run, result, why);
+    trocar_status status = trocar_scene_get_number(scene, "needle.length", &run.length, why);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(scene, "contact.spacing", &run.spacing, why);
+    if (status == TROCAR_OK) status = trocar_scene_get(scene, "mesh", run.mesh, sizeof run.mesh, why);
+    while (status == TROCAR_OK && result->time.count < wanted->ticks) status = time_again(&run, result, why);
     result->passes /= wanted->ticks;
     result->switches /= wanted->ticks;
-    free(run->snapshot);
-    free(run);
     return status;
 }

@@ -1,9 +1,11 @@
-/* How long one tick takes with a given number of contacts, while the needle moves as in use. Lockstep, one thread. */
+/* How long one tick takes with a given number of contacts, while the needle moves as it does in use. Lockstep, one thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 
-#include "insertion/simulation.h"
+#include "base/report.h"
+#include "base/vec.h"
 #include "timing.h"
+#include "trocar.h"
 
 typedef enum {
     TIMED_ADVANCE,           /* on along the needle's axis at 20 mm/s */
@@ -23,14 +25,14 @@ typedef struct {
 } timing_case;
 
 typedef struct {
-    histogram time;          /* of insertion_tick alone, without what the worker would do */
+    histogram time;          /* of trocar_sim_tick alone, without what the worker would do */
     int contacts;            /* there while timed */
     double passes, switches; /* a tick, mean */
     int unstable;            /* ticks without an equilibrium */
 } tick_timing;
 
-/* Resets the needle to the start, pushes it in and times it. BAD_INPUT when there are fewer contacts along its way than
-   asked for, with how many there are. */
-trocar_status tick_timing_measure(simulation *s, const timing_case *wanted, tick_timing *result, report *why);
+/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT when it meets fewer contacts
+   on its way than asked for; the message says how many. */
+trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
 
 #endif

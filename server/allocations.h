@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#ifndef __has_feature /* clang's way to say what gcc says by a macro */
+#ifndef __has_feature /* clang's equivalent of gcc's macros */
 #define __has_feature(feature) 0
 #endif
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || __has_feature(address_sanitizer)

@@ -11,19 +11,19 @@
 typedef struct {
     exchange *exchange;
     const char *url;             /* of LCM, NULL: its default */
-    int64_t server;              /* number of this server; its creator's to set */
+    int64_t server;              /* number of this server; set by the creator */
     bool realtime;               /* under SCHED_FIFO */
     int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
     sem_t ready;                 /* posted once, when it listens or has failed */
     atomic_bool stop;
-    trocar_status status;        /* to be read after `ready`, and after the thread has ended */
+    trocar_status status;        /* valid after `ready`, and after the thread has ended */
     report why;
     lcm_t *lcm;                  /* all below: the thread's own */
     pose_arbiter arbiter;
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 
-trocar_status io_create(io *o, const char *url, const device_limits *limits, bool realtime, int shutdown_wake,
+trocar_status io_create(io *o, const char *url, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why);
 void io_free(io *o);
 

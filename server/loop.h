@@ -1,4 +1,4 @@
-/* The shell of the haptic loop: absolute deadlines, missed periods, timings. What a tick does is its caller's affair. */
+/* The haptic loop's timing: absolute deadlines, missed periods, histograms. What a tick does is up to the caller. */
 #ifndef TROCAR_LOOP_H
 #define TROCAR_LOOP_H
 
@@ -35,7 +35,7 @@ typedef struct {
     thread_usage usage;
 } loop;
 
-/* Runs ticks at the rate, in the calling thread, until one returns false. Periods that a late tick has eaten are
+/* Runs ticks at the rate, in the calling thread, until one returns false. Periods lost to a late tick are
    skipped and counted, never replayed in a burst. No allocation, lock, file or page fault. RT */
 void loop_run(loop *l);
 

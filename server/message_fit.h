@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Are these the bytes of one message, all lengths in it within `size`, its strings closed by a zero? */
+/* Are these the bytes of one message, with all lengths in it within `size` and its strings terminated? */
 bool contacts_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);
 bool status_fits(const void *data, size_t size);

@@ -1,4 +1,4 @@
-/* Every message that comes in is judged here before it may touch anything: size, numbers, owner, order, speed. No
+/* Checks every incoming message before anything else sees it: size, numbers, owner, order, speed. No
    network, no clock: bytes and arrival times are arguments. */
 #ifndef TROCAR_POSE_ARBITER_H
 #define TROCAR_POSE_ARBITER_H
@@ -8,7 +8,7 @@
 #include "safety_limits.h"
 #include "other_server.h"
 
-/* What telemetry tells about it. */
+/* What telemetry reports about it. */
 typedef struct {
     int64_t owner;                   /* session, 0: nobody */
     int64_t received;                /* ns, monotonic: last accepted pose; 0 before the first */
@@ -20,7 +20,7 @@ typedef struct {
 } arbiter_record;
 
 typedef struct {
-    device_limits limits;
+    trocar_device_limits limits;
     arbiter_record record;
     pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
     bool begin_anew;                 /* the next pose starts a new engagement */
@@ -28,13 +28,13 @@ typedef struct {
     double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
 } pose_arbiter;
 
-void arbiter_init(pose_arbiter *in, const device_limits *limits);
+void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits);
 
-/* Judges the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` is that pose.
+/* Checks the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` is that pose.
    The first valid pose's session owns the needle until it releases it or is silent for two seconds. */
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
-/* Judges and obeys the bytes of a command_t. Returns true for a shutdown. */
+/* Checks and carries out the bytes of a command_t. Returns true for a shutdown. */
 bool arbiter_command(pose_arbiter *in, const void *data, size_t size);
 
 #endif

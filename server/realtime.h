@@ -1,4 +1,4 @@
-/* What the process asks of Linux so that the loop keeps its time: locked memory, FIFO priority, flush-to-zero. */
+/* What the process asks of Linux so that the loop runs on time: locked memory, FIFO priority, flush-to-zero. */
 #ifndef TROCAR_REALTIME_H
 #define TROCAR_REALTIME_H
 
@@ -37,7 +37,7 @@ void realtime_touch_stack(void);
    that computes calls this, live and in lockstep, or the two would differ. */
 void realtime_flush_denormals(void);
 
-/* Keeps the processors out of deep sleep, where waking takes long. Returns a descriptor to keep open, or -1 and why. */
+/* Keeps the processors out of deep sleep, from which they wake slowly. Returns a descriptor to keep open, or -1 and why. */
 int realtime_stay_awake(report *why);
 
 #endif

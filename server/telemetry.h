@@ -1,4 +1,4 @@
-/* The telemetry thread: what monitors and viewers see. Its own LCM connection, so that a large message never holds the
+/* The telemetry thread: what monitors and viewers see. It has its own LCM connection, so that a large message never holds the
    IO thread's transmit lock; and a thread of its own for pictures, so that the displacement of a large mesh (minutes where a
    condensed inverse first needs a factor for it) holds up no figures. */
 #ifndef TROCAR_TELEMETRY_H
@@ -23,22 +23,22 @@ typedef struct {
 
 typedef struct {
     exchange *exchange;
-    const worker *worker;        /* whose first failure is told */
+    const worker *worker;        /* its first failure is reported */
     telemetry_settings given;
     atomic_bool stop;
     lcm_t *lcm;
     char host[80];               /* this machine and process */
     const char *inverse;         /* who owns it */
-    int64_t other_told;          /* the other server that stderr has been told of, 0: none; all from here on: the thread's own */
+    int64_t other_told;          /* the other server that stderr has named, 0: none; all from here on belongs to the thread */
     char other_text[400];
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
     triple_buffer views;          /* view_sample, from it to the thread of the pictures */
-    viewer_messages messages;                 /* the latter's own */
+    viewer_messages messages;     /* the latter's own */
 } telemetry;
 
-/* Connects to LCM. `s`, `w` and `x` must outlive it. The network's errors: see network_open. */
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why);
+/* Connects to LCM. `model`, `w` and `x` must outlive it. The network's errors: see network_open. */
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
 /* Body of the thread; `context` is a telemetry. */

@@ -10,7 +10,7 @@ enum { HISTOGRAM_OCTAVE = 32, HISTOGRAM_BUCKETS = 32 * HISTOGRAM_OCTAVE };
 typedef struct {
     int64_t count;
     int64_t max;                          /* ns, exact */
-    uint32_t buckets[HISTOGRAM_BUCKETS];  /* the last one also takes all that is longer */
+    uint32_t buckets[HISTOGRAM_BUCKETS];  /* the last one also counts everything longer */
 } histogram;
 
 void histogram_clear(histogram *h);
@@ -20,21 +20,21 @@ void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. 
 double histogram_quantile(const histogram *h, double q);
 double histogram_max(const histogram *h); /* s */
 
-/* For people: how many values lie below 2^(k/2) us and in no earlier bin; the last bin has the rest, too. */
+/* For display: how many values lie below 2^(k/2) us and in no earlier bin; the last bin has the rest, too. */
 enum { HISTOGRAM_BINS = 32 };
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]);
 
-int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: all control. RT */
-int64_t wall_us(void);                    /* CLOCK_REALTIME: utime of messages, never control. RT */
+int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: for all control. RT */
+int64_t wall_us(void);                    /* CLOCK_REALTIME: for the utime of messages, never for control. RT */
 void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
 
-/* What one thread has suffered so far. */
+/* What one thread has gone through so far. */
 typedef struct {
     int64_t minor_faults, major_faults, context_switches; /* involuntary */
     int64_t allocations;                                  /* calls of the allocator */
 } thread_usage;
 
 thread_usage thread_usage_now(void);      /* of the calling thread; a cheap system call. RT */
-thread_usage thread_usage_since(const thread_usage *start); /* of the calling thread, less what it had suffered then. RT */
+thread_usage thread_usage_since(const thread_usage *start); /* of the calling thread, since `start`. RT */
 
 #endif

@@ -17,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "insertion/insertion.h"
+#include "api/api.h" /* for a bad number in the state, and a slow answer inside the library */
 #include "virtual_coupling.h"
 #include "server.h"
 
@@ -64,17 +64,15 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-void __real_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
-void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
-void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
-    if (atomic_exchange(&fault->poison, false)) state->base_shift.x = NAN;
-    __real_insertion_tick(model, state, scratch, snapshot, base, dt, wrench);
-    wrench->force.x += atomic_load(&fault->spike);
-    int nap = atomic_load(&fault->tick_nap) + wrench->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
+trocar_status __real_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
+    if (atomic_exchange(&fault->poison, false)) sim->state->base_shift.x = NAN;
+    trocar_status status = __real_trocar_sim_tick(sim, needle, base, dt, output);
+    output->force[0] += atomic_load(&fault->spike);
+    int nap = atomic_load(&fault->tick_nap) + output->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
     if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
+    return status;
 }
 
 pose __real_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);

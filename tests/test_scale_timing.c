@@ -1,5 +1,5 @@
 /* The worker's lateness on a mesh where it is never late, and on a clock so fast that it always is. */
-#include "lockstep.h"
+#include "host.h"
 #include "scale_timing.h"
 
 #include <setjmp.h>
@@ -10,18 +10,18 @@
 
 static const double ASIDE = 1e-3; /* m: there no element is crossed so near to its edge that one tick does it */
 
-static scale_timing *measured(double aside, const motion *script, double speed, double dt, inverse_choice owner) {
-    simulation_config config = lockstep_config();
-    simulation s;
+static scale_timing *measured(double aside, const motion *script, double speed, double dt, const char *owner) {
+    host h = {NULL};
     report why;
-    config.inverse = owner;
     static scale_timing result;
-    assert_int_equal(simulation_create(&config, &s, &why), TROCAR_OK);
-    pose start = lockstep_start();
-    start.position.x += aside;
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &h.scene, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_set(h.scene, "inverse", owner, &why), TROCAR_OK);
+    assert_int_equal(trocar_model_create(h.scene, NULL, &h.model, &why), TROCAR_OK);
+    assert_int_equal(trocar_sim_create(h.model, &h.sim, &why), TROCAR_OK);
+    pose start = {{0.005 + aside, 0.003, -0.201}, {1, 0, 0, 0}};
     scale_case wanted = {.start = start, .script = script, .speed = speed, .depth = 0.066, .dt = dt};
-    assert_int_equal(scale_timing_measure(&s, &wanted, &result, &why), TROCAR_OK);
-    simulation_free(&s);
+    assert_int_equal(scale_timing_measure(h.sim, &wanted, &result, &why), TROCAR_OK);
+    host_close(&h);
     return &result;
 }
 
@@ -33,7 +33,7 @@ static void check_counts(const scale_timing *r) {
 
 static void crossings_are_counted_and_answered(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(ASIDE, NULL, 0.02, 1e-3, INVERSE_DENSE);
+    const scale_timing *r = measured(ASIDE, NULL, 0.02, 1e-3, "dense");
     assert_int_equal(r->ticks, 3300);
     assert_int_equal(r->tick.count, 3300);
     check_counts(r);
@@ -48,8 +48,8 @@ static void crossings_are_counted_and_answered(void **unused) {
 /* In and out again: on the way out contact nodes go, and none of them is late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
-    scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, INVERSE_DENSE);
-    const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, INVERSE_DENSE);
+    scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, "dense");
+    const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, "dense");
     assert_int_equal(r->ticks, 3500);
     assert_in_range(r->crossings, in.crossings * 3 / 4, in.crossings * 3 / 2);
     assert_int_equal(r->late_crossings, 0);
@@ -60,10 +60,10 @@ static void crossings_during_retraction_are_ignored(void **unused) {
 /* Ticks of 0.2 us at 100 m/s: no answer can come in time. At 2 m/s some come. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
-    scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, INVERSE_SPARSE);
+    scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, "sparse");
     check_counts(&none);
     assert_true(none.late_crossings > 0 || none.late_ticks > none.ticks / 2);
-    const scale_timing *some = measured(ASIDE, NULL, 2.0, 1e-5, INVERSE_SPARSE);
+    const scale_timing *some = measured(ASIDE, NULL, 2.0, 1e-5, "sparse");
     check_counts(some);
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
 }
@@ -71,7 +71,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
 /* 3 mm a tick: some elements are crossed in one, and what is asked for in one is there two ticks later. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, INVERSE_DENSE);
+    const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, "dense");
     check_counts(r);
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);

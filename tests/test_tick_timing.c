@@ -1,31 +1,34 @@
 /* Timed ticks: the needle has the contacts that were asked for, and the times are those of the ticks. */
 #include <setjmp.h>
+#include <string.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "lockstep.h"
+#include "host.h"
 #include "tick_timing.h"
 
 #include <cmocka.h>
 
-static simulation body;
+static host body;
 
 static int create(void **state) {
     (void)state;
-    report why;
-    simulation_config config = lockstep_config();
-    return simulation_create(&config, &body, &why) == TROCAR_OK ? 0 : -1;
+    body = host_open(MESHES "/figure8.yaml");
+    return 0;
 }
 
 static int destroy(void **state) {
     (void)state;
-    simulation_free(&body);
+    host_close(&body);
     return 0;
 }
 
+/* Straight over the gland, tip 1 mm before the skin. */
+static const pose START = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
+
 static timing_case five_contacts(timed_motion motion, int ticks) {
-    return (timing_case){.start = lockstep_start(), .dt = 1e-3, .contacts = 5, .ticks = ticks, .motion = motion};
+    return (timing_case){.start = START, .dt = 1e-3, .contacts = 5, .ticks = ticks, .motion = motion};
 }
 
 static void sweeps_with_the_requested_contacts(void **state) {
@@ -33,7 +36,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
     report why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 50);
-    assert_int_equal(tick_timing_measure(&body, &wanted, &row, &why), TROCAR_OK);
+    assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
     assert_int_equal(row.time.count, 50);
     assert_int_equal(row.contacts, 5);
     assert_true(row.passes >= 1.0);
@@ -46,16 +49,15 @@ static void advances_with_the_requested_contacts(void **state) {
     report why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_ADVANCE, 1000);
-    assert_int_equal(tick_timing_measure(&body, &wanted, &row, &why), TROCAR_OK);
+    assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
     assert_int_equal(row.time.count, 1000);
     assert_int_equal(row.contacts, 5);
 
-    simulation_config config = lockstep_config();
-    lockstep *l = lockstep_create(&config, lockstep_start());
-    while (l->wrench.contacts < 5) lockstep_move(l, v3(0, 0, 1e-4), 1e-3, 1e-3);
-    lockstep_move(l, v3(0, 0, 0.02), 1.0, 1e-3);
-    assert_true(l->wrench.contacts > 5);
-    lockstep_free(l);
+    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
+    assert_int_equal(trocar_sim_reset(body.sim, 0, &base, &why), TROCAR_OK);
+    for (body.output.contacts = 0; body.output.contacts < 5; host_step(&body, &base)) base.position[2] += 1e-4;
+    for (int i = 0; i < 1000; i++, host_step(&body, &base)) base.position[2] += 0.02e-3;
+    assert_true(body.output.contacts > 5);
 }
 
 /* At least half of the ticks took the median or longer, all within the time that passed. */
@@ -65,7 +67,7 @@ static void times_do_not_exceed_elapsed_time(void **state) {
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 200);
     int64_t start = monotonic_ns();
-    assert_int_equal(tick_timing_measure(&body, &wanted, &row, &why), TROCAR_OK);
+    assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
     double passed = 1e-9 * (double)(monotonic_ns() - start), median = histogram_quantile(&row.time, 0.5);
     assert_true(median > 0.0);
     assert_true(0.5 * 200 * 0.96 * median <= passed);   /* 0.96: width of the histogram's buckets */
@@ -77,13 +79,13 @@ static void reports_the_number_of_contacts(void **state) {
     report why;
     tick_timing row;
     timing_case wanted = five_contacts(TIMED_SWEEP, 10);
-    wanted.contacts = MAX_CONTACTS;
-    assert_int_equal(tick_timing_measure(&body, &wanted, &row, &why), TROCAR_BAD_INPUT);
+    wanted.contacts = TROCAR_MAX_CONTACTS;
+    assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "prostate-570.msh"));
     assert_non_null(strstr(why.text, "not 64"));
     wanted.start.position.x = 1.0;   /* past the body */
     wanted.contacts = 1;
-    assert_int_equal(tick_timing_measure(&body, &wanted, &row, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "meets 0 contact nodes"));
 }
 

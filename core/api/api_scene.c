@@ -75,6 +75,10 @@ trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key
     return TROCAR_OK;
 }
 
+const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.path; }
+
+trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
+
 int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count

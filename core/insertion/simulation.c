@@ -143,6 +143,18 @@ static trocar_status take_mesh(simulation *s, report *why) {
 static once_flag blas_once = ONCE_FLAG_INIT;
 static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
 
+trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why) {
+    memset(s, 0, sizeof *s);
+    s->config = *config;
+    trocar_status status = take_mesh(s, why);
+    if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
+    status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
     call_once(&blas_once, use_one_blas_thread);
@@ -151,13 +163,9 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
                     "choose volumetric_strain: element");
-    s->config = *config;
-    trocar_status status = take_mesh(s, why);
+    trocar_status status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
-    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
-    status = bind_regions(s, why);
-    if (status == TROCAR_OK) status = bind_membranes(s, why);
-    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
+    status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);

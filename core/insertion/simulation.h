@@ -47,6 +47,9 @@ typedef struct {
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 
+/* Reads the mesh and finds the scene's names in it; the rest stays empty. On failure everything is freed. */
+trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why);
+
 /* Reads the mesh and builds all that is constant, or frees everything and says why. */
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
 

@@ -54,7 +54,8 @@ class Output(NamedTuple):
     """One tick's result.
 
     force (3,) N and torque (3,) N m, world frame: what the needle's base exerts on the hand, torque about the base point; depth m of
-    the track in the tissue; contacts active along the shaft; events, bits of `Event`; membrane punctured in this tick, -1 if none.
+    the track in the tissue; contacts active along the shaft; events, bits of `Event`; membrane punctured in this tick, -1 if none;
+    passes of Newton's method, switches between sticking and sliding while the tick was solved.
     """
 
     force: npt.NDArray[np.float64]
@@ -64,6 +65,7 @@ class Output(NamedTuple):
     events: int
     membrane: int
     passes: int
+    switches: int
 
 
 class Contact(NamedTuple):
@@ -259,7 +261,8 @@ class Sim:
         pointer, _kept = _pose(pose)
         _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
         out = self._out
-        return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane, out.passes)
+        return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
+                      out.passes, out.switches)
 
     def save(self) -> bytes:
         """All that changes, for `restore` of any simulation of the same model."""
@@ -301,7 +304,7 @@ class Sim:
 
 
 _OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("contacts", "i4"), ("events", "u4"), ("membrane", "i4"),
-                    ("passes", "i4")])
+                    ("passes", "i4"), ("switches", "i4")], align=True)
 assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 
 

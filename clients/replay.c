@@ -226,7 +226,7 @@ static trocar_status export_state(replay *r, report *why) {
 static trocar_status run_tick(replay *r, int tick, report *why) {
     pose base = pose_of_message(&r->poses.poses[tick]);
     double dt = pose_log_interval(&r->poses, tick, r->scene.rate_hz, &r->gaps);
-    trocar_status status = simulation_step(&r->simulation, &r->state, r->snapshot, base, dt, &r->wrench, why);
+    trocar_status status = simulation_step(&r->simulation, (tick_context){.state = &r->state, .base = {.pose = base}, .dt = dt, .output = &r->wrench}, r->snapshot, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
     if (r->shift_file.file) shift_tick(r, tick);

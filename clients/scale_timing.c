@@ -94,7 +94,7 @@ static void leave_element(scale_run *run) {
 }
 
 static void note_progress(scale_run *run) {
-    int known = prefetch_known_contacts(run->snapshot, &run->state.refined);
+    int known = snapshot_known_contacts(run->snapshot, &run->state.refined);
     for (int i = 0; i < run->contact_count; i++) {
         followed *contact = &run->contacts[i];
         bool takes_part = i < run->state.active;
@@ -129,7 +129,8 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();
-    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, dt, &wrench);
+    insertion_tick(&(tick_context){.model = &s->insertion, .state = &run->state, .snapshot = run->snapshot, .scratch = s->workspace,
+                                   .base = {.pose = base}, .dt = dt, .output = &wrench});
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;

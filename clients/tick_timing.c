@@ -38,7 +38,8 @@ static vec3 way_after(timed_motion motion, double t) {
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
     simulation *s = run->simulation;
     int64_t start = monotonic_ns();
-    insertion_tick(&s->insertion, &run->state, s->workspace, run->snapshot, base, run->wanted->dt, &run->wrench);
+    insertion_tick(&(tick_context){.model = &s->insertion, .state = &run->state, .snapshot = run->snapshot, .scratch = s->workspace,
+                                   .base = {.pose = base}, .dt = run->wanted->dt, .output = &run->wrench});
     *time = monotonic_ns() - start;
     if (run->snapshot->serial == run->state.request.serial) return TROCAR_OK;
     return remesher_serve(s->remesher, &run->state.request, run->snapshot, why);

@@ -39,9 +39,10 @@ static insertion_wrench run_model(haptic *h, safety_decision decision, const pos
     if (decision == SAFETY_IDLE) return wrench;
     pose hand = h->safety.base;
     if (decision == SAFETY_ENGAGE) insertion_reset(h->model, hand, h->state);
-    pose rest = coupling_hold(&h->coupling, h->limits.max_stiffness, hand, dt, &h->state->base_compliance);
-    insertion_tick(h->model, h->state, h->scratch, snapshot, rest, dt, &wrench);
-    vec3 base = v3_add(rest.position, h->state->base_shift);
+    tick_context tick = {.model = h->model, .state = h->state, .snapshot = snapshot, .scratch = h->scratch, .dt = dt, .output = &wrench};
+    tick.base.pose = coupling_hold(&h->coupling, h->limits.max_stiffness, hand, dt, &tick.base.compliance);
+    insertion_tick(&tick);
+    vec3 base = v3_add(tick.base.pose.position, h->state->base_shift);
     wrench.torque = coupling_yield(&h->coupling, hand, base, wrench.force, wrench.torque);
     if (!insertion_is_finite(h->state, &wrench)) start_over(h, newest, &wrench);
     return wrench;

@@ -1,5 +1,7 @@
 #include "worker.h"
 
+#include "remesh/remesh.h"
+
 #include "realtime.h"
 #include "timing.h"
 

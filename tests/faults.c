@@ -64,16 +64,13 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-void __real_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
-void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench);
-void __wrap_insertion_tick(const insertion_model *model, insertion_state *state, insertion_workspace *scratch,
-                           const compliance_snapshot *snapshot, pose base, double dt, insertion_wrench *wrench) {
-    if (atomic_exchange(&fault->poison, false)) state->base_shift.x = NAN;
-    __real_insertion_tick(model, state, scratch, snapshot, base, dt, wrench);
-    wrench->force.x += atomic_load(&fault->spike);
-    int nap = atomic_load(&fault->tick_nap) + wrench->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
+void __real_insertion_tick(const tick_context *tick);
+void __wrap_insertion_tick(const tick_context *tick);
+void __wrap_insertion_tick(const tick_context *tick) {
+    if (atomic_exchange(&fault->poison, false)) tick->state->base_shift.x = NAN;
+    __real_insertion_tick(tick);
+    tick->output->force.x += atomic_load(&fault->spike);
+    int nap = atomic_load(&fault->tick_nap) + tick->output->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
     if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
 }
 

@@ -79,7 +79,7 @@ static void show_a_needle(fixture *f) {
     insertion_reset(&f->simulation.insertion, base, &view->state);
     for (int i = 0; i < 500; i++) {
         base.position.z += 0.05e-3;
-        assert_int_equal(simulation_step(&f->simulation, &view->state, snapshot, base, 1e-3, &wrench, &why), TROCAR_OK);
+        assert_int_equal(simulation_step(&f->simulation, (tick_context){.state = &view->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, snapshot, &why), TROCAR_OK);
     }
     view->tick = 499;
     view->pose_utime = 1234;

@@ -46,7 +46,7 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
     double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, p->scene->rate_hz, &p->gaps);
     pose base = pose_of_message(&p->poses.poses[tick]);
     insertion_wrench wrench;
-    trocar_status status = simulation_step(&p->simulation, p->state, p->snapshot, base, dt, &wrench, why);
+    trocar_status status = simulation_step(&p->simulation, (tick_context){.state = p->state, .base = {.pose = base}, .dt = dt, .output = &wrench}, p->snapshot, why);
     if (status != TROCAR_OK) return status;
     trocar_needle_wrench_t message = wrench_message(&wrench);
     *sample = sample_of_wrench(time, &message);

@@ -85,7 +85,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     return TROCAR_OK;
 }
 
-static void answer(const insertion_wrench *wrench, trocar_output *output) {
+static void answer(const tick_output *wrench, trocar_output *output) {
     *output = (trocar_output){.force = {wrench->force.x, wrench->force.y, wrench->force.z},
                               .torque = {wrench->torque.x, wrench->torque.y, wrench->torque.z}, .depth = wrench->depth,
                               .contacts = wrench->contacts, .events = wrench->events, .membrane = wrench->membrane, .passes = wrench->passes};
@@ -105,9 +105,10 @@ static void post_request(trocar_sim *sim) {
 
 /* One tick with what `snapshot` knows of the tissue. RT */
 static void run_tick(trocar_sim *sim, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
-    insertion_wrench wrench;
+    tick_output wrench;
     floating_mode before = flush_denormals();
-    insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, snapshot, base, dt, &wrench);
+    insertion_tick(&(tick_context){.model = &sim->model->parts.insertion, .state = sim->state, .snapshot = snapshot, .scratch = sim->workspace,
+                                   .base = {.pose = base}, .dt = dt, .output = &wrench});
     restore_floating_mode(before);
     answer(&wrench, output);
 }

@@ -102,7 +102,8 @@ static double machine_memory(void) {
 static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
-    inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
+    const char *dense_method = remesh_needs_dense(config->remeshing) ? remesh_name(config->remeshing) : NULL;
+    inverse_facts facts = {.given = config->inverse, .dense_method = dense_method, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
                            .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
@@ -189,12 +190,14 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
-                              insertion_wrench *wrench, report *why) {
-    insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
-    if (!insertion_is_finite(state, wrench)) insertion_start_over(&s->insertion, base, state, wrench);
-    if (snapshot->serial == state->request.serial) return TROCAR_OK;
-    return remesher_serve(s->remesher, &state->request, snapshot, why);
+trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why) {
+    tick.model = &s->insertion;
+    tick.scratch = s->workspace;
+    tick.snapshot = snapshot;
+    insertion_tick(&tick);
+    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
+    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
+    return remesher_serve(s->remesher, &tick.state->request, snapshot, why);
 }
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {

@@ -4,6 +4,7 @@
 
 #include "insertion/insertion.h"
 #include "inverse/inverse_choice.h"
+#include "remesh/remesh.h"
 #include "tissue/region_of_interest.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
@@ -56,9 +57,9 @@ void simulation_free(simulation *s);
 
 size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
 
-/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
-trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
-                              insertion_wrench *wrench, report *why);
+/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets state, base, dt and
+   output of `tick`; the rest is set here. */
+trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why);
 
 /* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
 typedef struct {

@@ -1,7 +1,9 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <stdlib.h>
 #include <string.h>
+
+#include "inverse/inverse_owner.h"
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
     inv->owner = owner;

@@ -1,10 +1,11 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <cblas.h>
 #include <stdlib.h>
 #include <string.h>
 #include <threads.h>
 
+#include "inverse/inverse_owner.h"
 #include "inverse/condensed_cache.h"
 
 /* The dense inverse between the nodes of a region of interest, K^-1_RR: Bro-Nielsen's condensation (1998). The rest is left to

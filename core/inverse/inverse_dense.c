@@ -1,8 +1,10 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <cblas.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "inverse/inverse_owner.h"
 
 /* The paper's way: the whole inverse in memory. */
 typedef struct {

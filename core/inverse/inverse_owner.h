@@ -4,7 +4,9 @@
 
 #include <threads.h>
 
-#include "inverse/inverse.h"
+#include "tissue/tissue.h"
+
+typedef struct inverse inverse; /* inverse.h */
 
 typedef struct {
     const char *name;

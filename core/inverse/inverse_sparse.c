@@ -1,9 +1,10 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "inverse/inverse_owner.h"
 #include "inverse/block_cache.h"
 #include "inverse/sparse_inverse_columns.h"
 

@@ -1,14 +1,15 @@
 #include "events.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 
-#include "insertion/insertion.h"
+#include "trocar.h"
 
 static const struct { unsigned bit; const char *word; } words[] = {
-    {EVENT_TOUCHED, "touched"},     {EVENT_PUNCTURED, "puncture"},   {EVENT_ADDED, "added"},
-    {EVENT_REMOVED, "removed"},     {EVENT_EXITED, "exited"},        {EVENT_REENTERED, "reentered"},
-    {EVENT_WITHDRAWN, "withdrawn"}, {EVENT_LATE, "late"},            {EVENT_FULL, "full"},
-    {EVENT_UNSTABLE, "unstable"},   {EVENT_KEPT, "kept"},
+    {TROCAR_EVENT_TOUCHED, "touched"},     {TROCAR_EVENT_PUNCTURED, "puncture"}, {TROCAR_EVENT_ADDED, "added"},
+    {TROCAR_EVENT_REMOVED, "removed"},     {TROCAR_EVENT_EXITED, "exited"},      {TROCAR_EVENT_REENTERED, "reentered"},
+    {TROCAR_EVENT_WITHDRAWN, "withdrawn"}, {TROCAR_EVENT_LATE, "late"},          {TROCAR_EVENT_FULL, "full"},
+    {TROCAR_EVENT_UNSTABLE, "unstable"},   {TROCAR_EVENT_KEPT, "kept"},
 };
 
 void events_text(unsigned events, const char *membrane, char *text, size_t size) {
@@ -16,8 +17,9 @@ void events_text(unsigned events, const char *membrane, char *text, size_t size)
     text[0] = '\0';
     for (size_t i = 0; i < sizeof words / sizeof *words && used < size; i++) {
         if (!(events & words[i].bit)) continue;
-        int length = snprintf(text + used, size - used, "%s%s%s%s", used ? "|" : "", words[i].word,
-                              words[i].bit == EVENT_PUNCTURED ? ":" : "", words[i].bit == EVENT_PUNCTURED ? membrane : "");
+        bool punctured = words[i].bit == TROCAR_EVENT_PUNCTURED;
+        int length = snprintf(text + used, size - used, "%s%s%s%s", used ? "|" : "", words[i].word, punctured ? ":" : "",
+                              punctured ? membrane : "");
         used += (size_t)length;
     }
 }

@@ -4,8 +4,8 @@
 
 #include <stddef.h>
 
-/* insertion_event bits as words joined by '|', e.g. "puncture:capsule|added"; empty for none. `membrane` names the
-   punctured one. Text longer than `size` is cut. */
+/* TROCAR_EVENT_ bits as words joined by '|', e.g. "puncture:capsule|added"; empty for none. `membrane` names the one that was
+   punctured. Text longer than `size` is cut off. */
 void events_text(unsigned events, const char *membrane, char *text, size_t size);
 
 #endif

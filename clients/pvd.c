@@ -23,14 +23,15 @@ static void list_state(pvd_series *p, double time) {
         fprintf(p->list.file, "<DataSet timestep=\"%.6f\" part=\"%d\" file=\"%s-%04d-%s.vtu\"/>\n", time, i, name, p->count, parts[i]);
 }
 
-trocar_status pvd_take(pvd_series *p, simulation *s, const insertion_state *state, const insertion_wrench *wrench, double time,
+bool pvd_is_due(const pvd_series *p, double time) { return p->list.file && time >= (double)p->count / PVD_HZ - 1e-9; }
+
+trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output, double time,
                        report *why) {
-    if (!p->list.file || time < (double)p->count / PVD_HZ - 1e-9) return TROCAR_OK;
     char prefix[1024];
     if (snprintf(prefix, sizeof prefix, "%s-%04d", p->prefix, p->count) >= (int)sizeof prefix)
         return fail(why, TROCAR_BAD_INPUT, "%s: path too long", p->prefix);
-    trocar_status status = vtu_write_tissue(s, state, prefix, why);
-    if (status == TROCAR_OK) status = vtu_write_needle(s, state, wrench, prefix, why);
+    trocar_status status = vtu_write_tissue(model, picture, prefix, why);
+    if (status == TROCAR_OK) status = vtu_write_needle(model, picture, output, prefix, why);
     if (status == TROCAR_OK) list_state(p, time);
     p->count++;
     return status;

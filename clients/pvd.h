@@ -2,8 +2,10 @@
 #ifndef TROCAR_PVD_H
 #define TROCAR_PVD_H
 
+#include <stdbool.h>
+
 #include "output.h"
-#include "insertion/simulation.h"
+#include "trocar.h"
 
 enum { PVD_HZ = 30 };        /* states a second of the motion's time */
 
@@ -16,9 +18,12 @@ typedef struct {
 /* BAD_INPUT when the place cannot be written. `prefix` must outlive it. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 
-/* Writes this state if its time (s) is due. */
-trocar_status pvd_take(pvd_series *p, simulation *s, const insertion_state *state, const insertion_wrench *wrench, double time,
+/* Writes this state, of this time (s). */
+trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output, double time,
                        report *why);
+
+/* Is the state at this time (s) one of the series? */
+bool pvd_is_due(const pvd_series *p, double time);
 
 /* Puts the list in place; until then there is none. */
 trocar_status pvd_close(pvd_series *p, report *why);

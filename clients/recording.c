@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "events.h"
-#include "insertion/insertion.h"
+#include "trocar.h"
 
 /* Room for one more element of a growing array. */
 static trocar_status grow(void **array, int count, int *room, size_t size, report *why) {
@@ -92,7 +92,7 @@ static void note_jump(const trocar_needle_wrench_t *before, const trocar_needle_
                       recording_summary *s) {
     const double *a = before->raw_force, *b = after->raw_force;
     double jump = v3_norm(v3(b[0] - a[0], b[1] - a[1], b[2] - a[2]));
-    bool at_puncture = (before->events | after->events) & EVENT_PUNCTURED;
+    bool at_puncture = (before->events | after->events) & TROCAR_EVENT_PUNCTURED;
     if (at_puncture || after->tick != before->tick + 1 || jump <= s->largest_jump) return;
     s->largest_jump = jump;
     s->jump_time = time;
@@ -111,7 +111,7 @@ static void summarise_wrenches(const recording *r, recording_summary *s) {
         s->deepest = fmax(s->deepest, w->depth);
         if (w->contacts > s->most_contacts) s->most_contacts = w->contacts;
         s->flags |= w->flags;
-        if (w->events & EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
+        if (w->events & TROCAR_EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
         if (last) note_jump(last, w, time, s);
         if (last && w->server == last->server && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
         last = w;

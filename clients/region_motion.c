@@ -1,5 +1,6 @@
 #include "region_motion.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 
 static vec3 mean(int count, const vec3 *points) {
@@ -55,33 +56,53 @@ rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacem
     return motion;
 }
 
-trocar_status region_motion_create(const simulation *s, const char *region, region_motion *motion, report *why) {
+/* Lists the corners of the region's tetrahedra. */
+static trocar_status find_nodes(const trocar_model *model, int region, region_motion *motion, report *why) {
+    int node_count = trocar_model_node_count(model), tet_count = trocar_model_tet_count(model);
+    bool *inside = calloc((size_t)node_count, sizeof *inside);
+    motion->nodes = malloc((size_t)node_count * sizeof *motion->nodes);
+    if (inside && motion->nodes) {
+        for (int t = 0; t < tet_count; t++)
+            for (int i = 0; i < 4 && trocar_model_tet_regions(model)[t] == region; i++) inside[trocar_model_tets(model)[4 * t + i]] = true;
+        for (int n = 0; n < node_count; n++)
+            if (inside[n]) motion->nodes[motion->count++] = n;
+    }
+    free(inside);
+    return motion->count > 0 ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to find a region's nodes");
+}
+
+trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why) {
     *motion = (region_motion){0};
-    int group = mesh_find_group(&s->mesh, region, 3);
-    if (group < 0) return fail(why, TROCAR_BAD_INPUT, "%s: has no region \"%s\"", s->config.mesh_path, region);
-    motion->region = &s->mesh.groups[group];
-    size_t count = (size_t)motion->region->node_count;
+    int found = trocar_model_find_region(model, region, 3);
+    if (found < 0) return fail(why, TROCAR_BAD_INPUT, "the mesh has no region \"%s\"", region);
+    trocar_status status = find_nodes(model, found, motion, why);
+    size_t count = (size_t)motion->count;
     motion->from = malloc(count * sizeof *motion->from);
     motion->displacement = malloc(count * sizeof *motion->displacement);
-    motion->nominal = malloc((size_t)s->mesh.node_count * sizeof *motion->nominal);
-    if (!motion->from || !motion->displacement || !motion->nominal) {
+    if (status == TROCAR_OK && !(motion->from && motion->displacement))
+        status = fail(why, TROCAR_NO_MEMORY, "no memory to follow %zu nodes", count);
+    if (status != TROCAR_OK) {
         region_motion_free(motion);
-        return fail(why, TROCAR_NO_MEMORY, "no memory to follow %zu nodes", count);
+        return status;
     }
-    for (size_t i = 0; i < count; i++) motion->from[i] = s->mesh.nodes[motion->region->nodes[i]];
+    for (int i = 0; i < motion->count; i++) {
+        const double *at = trocar_model_nodes(model) + 3 * motion->nodes[i];
+        motion->from[i] = v3(at[0], at[1], at[2]);
+    }
     return TROCAR_OK;
 }
 
 void region_motion_free(region_motion *motion) {
+    free(motion->nodes);
     free(motion->from);
     free(motion->displacement);
-    free(motion->nominal);
     *motion = (region_motion){0};
 }
 
-rigid_motion region_motion_now(simulation *s, const insertion_state *state, region_motion *motion) {
-    vec3 added[MAX_CONTACTS + 1];
-    simulation_displacement(s, state, motion->nominal, added);
-    for (int i = 0; i < motion->region->node_count; i++) motion->displacement[i] = motion->nominal[motion->region->nodes[i]];
-    return rigid_motion_fit(motion->region->node_count, motion->from, motion->displacement);
+rigid_motion region_motion_of(region_motion *motion, const double *displacements) {
+    for (int i = 0; i < motion->count; i++) {
+        const double *u = displacements + 3 * motion->nodes[i];
+        motion->displacement[i] = v3(u[0], u[1], u[2]);
+    }
+    return rigid_motion_fit(motion->count, motion->from, motion->displacement);
 }

@@ -2,7 +2,9 @@
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 
-#include "insertion/simulation.h"
+#include "base/report.h"
+#include "base/vec.h"
+#include "trocar.h"
 
 typedef struct {
     vec3 shift;              /* m, of the points' centroid */
@@ -14,18 +16,18 @@ typedef struct {
    plane, or turned so far that the covariance is a reflection. */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 
-/* Follows the nodes of one region of a simulation, tick by tick. */
+/* Follows the nodes of one region. */
 typedef struct {
-    const mesh_group *region;
-    vec3 *from, *displacement;   /* the region's node_count; m */
-    vec3 *nominal;               /* the mesh's node_count; m */
+    int count;
+    int *nodes;              /* count, ascending */
+    vec3 *from, *displacement; /* count; m */
 } region_motion;
 
-/* BAD_INPUT if the mesh has no region of this name. */
-trocar_status region_motion_create(const simulation *s, const char *region, region_motion *motion, report *why);
+/* BAD_INPUT if the mesh has no volume of this name. */
+trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why);
 void region_motion_free(region_motion *motion);
 
-/* Of the state, against the unloaded tissue. */
-rigid_motion region_motion_now(simulation *s, const insertion_state *state, region_motion *motion);
+/* Under these displacements of the mesh's nodes (3 node_count, m). */
+rigid_motion region_motion_of(region_motion *motion, const double *displacements);
 
 #endif

@@ -14,9 +14,8 @@
 #include "poselog.h"
 #include "pvd.h"
 #include "progress.h"
-#include "realtime.h"
 #include "region_motion.h"
-#include "scene/scene.h"
+#include "trocar.h"
 #include "vtu.h"
 
 const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
@@ -32,12 +31,13 @@ typedef struct {
 
 typedef struct {
     const options *options;
-    scene scene;
+    trocar_scene *scene;
     pose_log poses;
-    simulation simulation;
-    insertion_state state;
-    compliance_snapshot *snapshot;
-    insertion_wrench wrench;
+    trocar_model *model;
+    trocar_sim *sim;
+    trocar_output result;              /* of the last tick */
+    trocar_picture *picture;           /* for --vtu and --pvd */
+    double *displacements;             /* for --shift: 3 for each node of the mesh, m; else NULL */
     output log_file, csv_file, shift_file;
     region_motion motion;
     wrench_log golden;
@@ -141,21 +141,37 @@ static trocar_status prepare_comparison(replay *r, report *why) {
     return r->replayed ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d wrenches", r->poses.count);
 }
 
+/* Follows the region that was asked for, or the scene's first. */
+static trocar_status prepare_shift(replay *r, report *why) {
+    char region[256];
+    r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
+    if (!r->displacements) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
+    trocar_status status = trocar_scene_get(r->scene, "regions[0].name", region, sizeof region, why);
+    if (status != TROCAR_OK) return status;
+    report reason;
+    status = region_motion_create(r->model, r->options->region ? r->options->region : region, &r->motion, &reason);
+    return status == TROCAR_OK ? status : fail(why, status, "%s: %.900s", r->options->scene_path, reason.text);
+}
+
+static trocar_status create_simulation(replay *r, report *why) {
+    trocar_model_options options = {.progress = r->options->quiet ? NULL : progress_show};
+    trocar_status status = trocar_model_create(r->scene, &options, &r->model, why);
+    if (status == TROCAR_OK) status = trocar_sim_create(r->model, &r->sim, why);
+    if (status == TROCAR_OK) status = trocar_picture_create(r->model, &r->picture, why);
+    if (status != TROCAR_OK) return status;
+    const char *remarks = trocar_model_remarks(r->model);
+    if (remarks[0]) fprintf(stderr, "trocar-replay: warning: %s\n", remarks);
+    if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", trocar_model_description(r->model));
+    return r->options->shift_path ? prepare_shift(r, why) : TROCAR_OK;
+}
+
 static trocar_status prepare(replay *r, report *why) {
-    trocar_status status = scene_load(r->options->scene_path, &r->scene, why);
+    trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
     if (status == TROCAR_OK) status = pose_log_read(r->options->pose_path, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
-    if (!r->options->quiet) r->scene.simulation.progress.show = progress_show;
-    if (status == TROCAR_OK) status = simulation_create(&r->scene.simulation, &r->simulation, why);
-    if (status != TROCAR_OK) return status;
-    if (r->simulation.mesh.remarks.text[0]) fprintf(stderr, "trocar-replay: warning: %s\n", r->simulation.mesh.remarks.text);
-    if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", r->simulation.about_inverse.text);
-    r->snapshot = calloc(1, sizeof *r->snapshot);
-    if (!r->snapshot) return fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
-    if (!r->options->shift_path) return TROCAR_OK;
-    return region_motion_create(&r->simulation, r->options->region ? r->options->region : r->scene.simulation.regions[0].name, &r->motion, why);
+    return status == TROCAR_OK ? create_simulation(r, why) : status;
 }
 
 static void clean_up(replay *r) {
@@ -164,8 +180,11 @@ static void clean_up(replay *r) {
     pvd_abandon(&r->series);
     output_abandon(&r->shift_file);
     region_motion_free(&r->motion);
-    if (r->snapshot) simulation_free(&r->simulation);
-    free(r->snapshot);
+    trocar_picture_free(r->picture);
+    trocar_sim_free(r->sim);
+    trocar_model_free(r->model);
+    trocar_scene_free(r->scene);
+    free(r->displacements);
     free(r->replayed);
     wrench_log_free(&r->golden);
     pose_log_free(&r->poses);
@@ -175,7 +194,7 @@ static void clean_up(replay *r) {
 
 static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     const trocar_needle_pose_t *p = &r->poses.poses[tick];
-    trocar_needle_wrench_t m = wrench_message(&r->wrench);
+    trocar_needle_wrench_t m = wrench_message(&r->result);
     m.utime = m.pose_utime = p->utime;
     m.tick = tick;
     m.session = p->session;
@@ -195,54 +214,65 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
 /* The log begins with what the wrenches depend on, but for scene and poses. */
 static trocar_status log_origin(const replay *r, report *why) {
     lcm_eventlog_t log = {.f = r->log_file.file};
-    trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)r->scene.path,
-                         .inverse = (char *)(uintptr_t)inverse_name(r->simulation.inverse), .message = ""};
+    trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
+                         .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = ""};
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
 static void csv_tick(const replay *r, int tick) {
-    const insertion_wrench *w = &r->wrench;
-    const char *membrane = w->membrane >= 0 ? r->simulation.config.membranes[w->membrane].name : "";
-    char events[256];
+    const trocar_output *w = &r->result;
+    char events[256], key[64], membrane[256] = "";
+    snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
+    if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     events_text(w->events, membrane, events, sizeof events);
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_log_time(&r->poses, tick), w->force.x,
-            w->force.y, w->force.z, w->torque.x, w->torque.y, w->torque.z, w->depth, w->contacts, events);
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_log_time(&r->poses, tick), w->force[0],
+            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events);
 }
 
-/* Rotations in the sagittal, coronal and axial planes are those about the axes across them. */
-static void shift_tick(replay *r, int tick) {
-    rigid_motion m = region_motion_now(&r->simulation, &r->state, &r->motion);
+/* Rotations in the sagittal, coronal and axial planes are those about the axes normal to them. */
+static trocar_status shift_tick(replay *r, int tick, report *why) {
+    trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
+    if (status != TROCAR_OK) return status;
+    rigid_motion m = region_motion_of(&r->motion, r->displacements);
     const double mm = 1e3, degrees = 180 / M_PI;
     fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", pose_log_time(&r->poses, tick), mm * m.shift.x, mm * m.shift.y,
             mm * m.shift.z, degrees * m.turn.x, degrees * m.turn.y, degrees * m.turn.z);
+    return TROCAR_OK;
 }
 
 static trocar_status export_state(replay *r, report *why) {
-    trocar_status status = vtu_write_tissue(&r->simulation, &r->state, r->options->vtu_prefix, why);
+    trocar_sim_take_picture(r->sim, r->picture);
+    trocar_status status = vtu_write_tissue(r->model, r->picture, r->options->vtu_prefix, why);
     if (status != TROCAR_OK) return status;
-    return vtu_write_needle(&r->simulation, &r->state, &r->wrench, r->options->vtu_prefix, why);
+    return vtu_write_needle(r->model, r->picture, &r->result, r->options->vtu_prefix, why);
+}
+
+static trocar_status add_to_series(replay *r, double time, report *why) {
+    if (!pvd_is_due(&r->series, time)) return TROCAR_OK;
+    trocar_sim_take_picture(r->sim, r->picture);
+    return pvd_take(&r->series, r->model, r->picture, &r->result, time, why);
 }
 
 static trocar_status run_tick(replay *r, int tick, report *why) {
-    pose base = pose_of_message(&r->poses.poses[tick]);
-    double dt = pose_log_interval(&r->poses, tick, r->scene.rate_hz, &r->gaps);
-    trocar_status status = simulation_step(&r->simulation, (tick_context){.state = &r->state, .base = {.pose = base}, .dt = dt, .output = &r->wrench}, r->snapshot, why);
+    trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
+    double dt = pose_log_interval(&r->poses, tick, trocar_model_rate(r->model), &r->gaps);
+    trocar_status status = trocar_sim_step(r->sim, 0, &base, dt, &r->result, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
-    if (r->shift_file.file) shift_tick(r, tick);
+    if (r->shift_file.file) status = shift_tick(r, tick, why);
     trocar_needle_wrench_t message = message_of_tick(r, tick);
-    if (r->log_file.file) status = log_tick(r, tick, &message, why);
+    if (status == TROCAR_OK && r->log_file.file) status = log_tick(r, tick, &message, why);
     if (r->replayed) r->replayed[tick] = message;
     if (status == TROCAR_OK && r->options->vtu_prefix && tick == r->dump_tick) status = export_state(r, why);
-    if (status == TROCAR_OK) status = pvd_take(&r->series, &r->simulation, &r->state, &r->wrench, pose_log_time(&r->poses, tick), why);
-    return status;
+    return status == TROCAR_OK ? add_to_series(r, pose_log_time(&r->poses, tick), why) : status;
 }
 
 static trocar_status run_all(replay *r, report *why) {
     enum { LONG_LOG = 5000 };
     bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
-    insertion_reset(&r->simulation.insertion, pose_of_message(&r->poses.poses[0]), &r->state);
-    trocar_status status = r->log_file.file ? log_origin(r, why) : TROCAR_OK;
+    trocar_pose start = library_pose(pose_of_message(&r->poses.poses[0]));
+    trocar_status status = trocar_sim_reset(r->sim, 0, &start, why);
+    if (status == TROCAR_OK && r->log_file.file) status = log_origin(r, why);
     for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
         status = run_tick(r, tick, why);
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
@@ -265,9 +295,9 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " poses left out that came twice or out of order\n", r->poses.skipped_old);
 }
 
-/* Said in any case: it is what makes bits differ. */
+/* Even with --quiet: it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
-    const char *golden = r->golden.inverse, *here = inverse_name(r->simulation.inverse);
+    const char *golden = r->golden.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
     fprintf(stderr, "%s: made with the %s inverse, this replay with the %s one: they agree to rounding only; for the same bits set "
             "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
@@ -277,8 +307,6 @@ int main(int count, char **arguments) {
     options o = {.at = NAN, .tolerance = NAN};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     if (isnan(o.tolerance)) o.tolerance = 0.01;
-    realtime_flush_denormals();   /* as every thread of the server does */
-
     static replay r;
     r.options = &o;
     report why;

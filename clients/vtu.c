@@ -1,6 +1,6 @@
 #include "vtu.h"
 
-#include <stdlib.h>
+#include <stdbool.h>
 
 #include "output.h"
 
@@ -16,18 +16,18 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-static void write_vectors(const char *name, const vec3 *v, int count, FILE *out) {
+static void write_vectors(const char *name, const double *v, int count, FILE *out) {
     begin_array("Float64", name, 3, out);
-    for (int i = 0; i < count; i++) fprintf(out, "%.17g %.17g %.17g\n", v[i].x, v[i].y, v[i].z);
+    for (int i = 0; i < count; i++) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
     end_array(out);
 }
 
-static void write_field_vector(const char *name, vec3 v, FILE *out) {
+static void write_field_vector(const char *name, const double v[3], FILE *out) {
     fprintf(out, "<DataArray type=\"Float64\" Name=\"%s\" NumberOfComponents=\"3\" NumberOfTuples=\"1\" format=\"ascii\">"
-                 "%.17g %.17g %.17g</DataArray>\n", name, v.x, v.y, v.z);
+                 "%.17g %.17g %.17g</DataArray>\n", name, v[0], v[1], v[2]);
 }
 
-static void write_points(const vec3 *points, int count, FILE *out) {
+static void write_points(const double *points, int count, FILE *out) {
     fprintf(out, "<Points>\n");
     write_vectors("Points", points, count, out);
     fprintf(out, "</Points>\n");
@@ -35,36 +35,11 @@ static void write_points(const vec3 *points, int count, FILE *out) {
 
 /* ---- tissue ------------------------------------------------------------------------------------------------------ */
 
-/* The refined mesh with its loads; arrays of mesh.node_count: nominal nodes, then the added ones. */
-typedef struct {
-    refined_mesh mesh;
-    vec3 *force, *displacement;
-} tissue_export;
-
-static void tissue_export_free(tissue_export *e) {
-    refined_mesh_free(&e->mesh);
-    free(e->force);
-    free(e->displacement);
-}
-
-static trocar_status tissue_export_create(simulation *s, const insertion_state *state, tissue_export *e, report *why) {
-    *e = (tissue_export){0};
-    size_t nominal = (size_t)s->mesh.node_count, room = nominal + MAX_CONTACTS;
-    e->force = calloc(room, sizeof *e->force);
-    e->displacement = calloc(room, sizeof *e->displacement);
-    if (!e->force || !e->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory to export %zu nodes", room);
-    refinement refined;
-    insertion_refinement(state, &refined);
-    insertion_forces(&s->insertion, state, e->force, e->force + nominal);
-    simulation_displacement(s, state, e->displacement, e->displacement + nominal);
-    return refined_mesh_create(&s->mesh, &refined, &e->mesh, why);
-}
-
-static void write_tets(const refined_mesh *m, FILE *out) {
+static void write_tets(const trocar_refined_mesh *m, FILE *out) {
     fprintf(out, "<Cells>\n");
     begin_array("Int32", "connectivity", 1, out);
     for (int e = 0; e < m->tet_count; e++)
-        fprintf(out, "%d %d %d %d\n", m->tets[e][0], m->tets[e][1], m->tets[e][2], m->tets[e][3]);
+        fprintf(out, "%d %d %d %d\n", m->tets[4 * e], m->tets[4 * e + 1], m->tets[4 * e + 2], m->tets[4 * e + 3]);
     end_array(out);
     begin_array("Int32", "offsets", 1, out);
     for (int e = 1; e <= m->tet_count; e++) fprintf(out, "%d\n", 4 * e);
@@ -75,31 +50,32 @@ static void write_tets(const refined_mesh *m, FILE *out) {
     fprintf(out, "</Cells>\n");
 }
 
-static void write_tissue_points(const simulation *s, const tissue_export *e, FILE *out) {
+static void write_tissue_points(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
     fprintf(out, "<PointData Vectors=\"displacement\">\n");
-    write_vectors("displacement", e->displacement, e->mesh.node_count, out);
-    write_vectors("applied_force", e->force, e->mesh.node_count, out);
+    write_vectors("displacement", m->displacements, m->node_count, out);
+    write_vectors("applied_force", m->forces, m->node_count, out);
     begin_array("UInt8", "fixed", 1, out);
-    for (int i = 0; i < e->mesh.node_count; i++) fprintf(out, "%d\n", i < s->mesh.node_count && s->tissue.fixed[i]);
+    for (int i = 0; i < m->node_count; i++) fprintf(out, "%d\n", i < trocar_model_node_count(model) && trocar_model_fixed(model)[i]);
     end_array(out);
     fprintf(out, "</PointData>\n");
 }
 
-static void write_tissue_cells(const simulation *s, const refined_mesh *m, FILE *out) {
+static void write_tissue_cells(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
+    const int32_t *regions = trocar_model_tet_regions(model);
     fprintf(out, "<CellData Scalars=\"region\">\n");
     begin_array("Int32", "region", 1, out);
-    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%d\n", s->mesh.region[m->parent[e]]);
+    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%d\n", regions[m->parents[e]]);
     end_array(out);
     begin_array("Float64", "youngs_modulus", 1, out);
-    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", s->materials[s->mesh.region[m->parent[e]]].youngs_modulus);
+    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", trocar_model_material(model, regions[m->parents[e]]).youngs_modulus);
     end_array(out);
     begin_array("Float64", "poisson_ratio", 1, out);
-    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", s->materials[s->mesh.region[m->parent[e]]].poisson_ratio);
+    for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", trocar_model_material(model, regions[m->parents[e]]).poisson_ratio);
     end_array(out);
-    if (s->tissue.volumetric == STRAIN_BY_NODE) { /* the nodes onto which each cell's volumetric strain is averaged */
+    if (trocar_model_averages_strain(model)) { /* the nodes at which each cell's volumetric strain is averaged */
         begin_array("Int32", "volumetric_nodes", 4, out);
         for (int e = 0; e < m->tet_count; e++) {
-            const int *corners = s->mesh.tets[m->parent[e]];
+            const int32_t *corners = trocar_model_tets(model) + 4 * m->parents[e];
             fprintf(out, "%d %d %d %d\n", corners[0], corners[1], corners[2], corners[3]);
         }
         end_array(out);
@@ -108,26 +84,26 @@ static void write_tissue_cells(const simulation *s, const refined_mesh *m, FILE 
 }
 
 /* No name can end the comment early: XML forbids "--" there. */
-static void write_region_names(const mesh *m, FILE *out) {
+static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
-    for (int g = 0; g < m->group_count; g++) {
-        if (m->groups[g].dimension != 3) continue;
+    for (int g = 0; g < trocar_model_region_count(model); g++) {
+        if (trocar_model_region_dimension(model, g) != 3) continue;
         fprintf(out, " %d ", g);
-        for (const char *c = m->groups[g].name; *c; c++) fputc(*c == '-' ? '_' : *c, out);
+        for (const char *c = trocar_model_region_name(model, g); *c; c++) fputc(*c == '-' ? '_' : *c, out);
     }
     fprintf(out, " -->\n");
 }
 
-/* What springs back at the tip is held back by a damper that the needle does not feel: part of the applied forces. */
-static void write_tissue(const simulation *s, const tissue_export *e, vec3 damping, FILE *out) {
+/* Tissue that springs back at the tip is held back by a damper that the needle does not feel: part of the applied forces. */
+static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
-    write_field_vector("tip_damping", damping, out);
-    fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", e->mesh.node_count, e->mesh.tet_count);
-    write_region_names(&s->mesh, out);
-    write_tissue_points(s, e, out);
-    write_tissue_cells(s, &e->mesh, out);
-    write_points(e->mesh.nodes, e->mesh.node_count, out);
-    write_tets(&e->mesh, out);
+    write_field_vector("tip_damping", m->damping, out);
+    fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", m->node_count, m->tet_count);
+    write_region_names(model, out);
+    write_tissue_points(model, m, out);
+    write_tissue_cells(model, m, out);
+    write_points(m->nodes, m->node_count, out);
+    write_tets(m, out);
     end_file(out);
 }
 
@@ -138,48 +114,55 @@ static trocar_status open_part(output *file, const char *prefix, const char *par
     return output_open(file, path, why);
 }
 
-trocar_status vtu_write_tissue(simulation *s, const insertion_state *state, const char *prefix, report *why) {
+trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const char *prefix, report *why) {
     output file;
+    trocar_refined_mesh mesh;
     trocar_status status = open_part(&file, prefix, "tissue", why);
     if (status != TROCAR_OK) return status;
-    tissue_export e;
-    status = tissue_export_create(s, state, &e, why);
+    status = trocar_picture_refined_mesh(picture, &mesh, why);
     if (status == TROCAR_OK) {
-        write_tissue(s, &e, state->tip.damping, file.file);
+        write_tissue(model, &mesh, file.file);
         status = output_commit(&file, why);
     }
-    tissue_export_free(&e);
     output_abandon(&file);
     return status;
 }
 
 /* ---- needle ------------------------------------------------------------------------------------------------------ */
 
-enum { MAX_CENTRELINE = NEEDLE_MAX_SEGMENTS + 1 + MAX_CONTACTS };
+enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_CONTACTS };
 
 typedef struct {
     int count;
-    vec3 position[MAX_CENTRELINE], force[MAX_CENTRELINE];
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; N, on the needle */
     double arc[MAX_CENTRELINE];
 } centreline;
 
-static void append(centreline *c, double arc, vec3 position, vec3 force) {
+static void append(centreline *c, double arc, const double position[3], const double force_on_tissue[3]) {
     c->arc[c->count] = arc;
-    c->position[c->count] = position;
-    c->force[c->count++] = force;
+    for (int a = 0; a < 3; a++) {
+        c->position[c->count][a] = position[a];
+        c->force[c->count][a] = -1 * force_on_tissue[a];
+    }
+    c->count++;
 }
 
-/* Joints and contact points, merged by arc length. */
-static void trace_needle(const needle_model *model, const insertion_state *state, centreline *c) {
-    int contact = 0, last = model->given.segments;
+/* Joints and contact points, merged by arc length; the tip is the last joint. */
+static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
+    static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
+    trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
+    double joints[TROCAR_MAX_JOINTS][3];
+    int count = trocar_picture_contacts(picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), last = trocar_model_segments(model), contact = 0;
+    bool tip = count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP;
+    double segment = trocar_model_needle_length(model) / last;
+    trocar_picture_centreline(picture, 0, joints[0], TROCAR_MAX_JOINTS);
+    count -= tip;
     c->count = 0;
     for (int joint = 0; joint <= last; joint++) {
-        double arc = joint * model->segment_length;
-        for (; contact < state->active && (state->contacts[contact].arc < arc || joint == last); contact++) {
-            const shaft_contact *at = &state->contacts[contact];
-            append(c, at->arc, needle_at(model, &state->needle, at->arc).position, v3_scale(-1, at->force));
-        }
-        append(c, arc, state->needle.joints[joint], joint == last ? v3_scale(-1, state->tip.force) : v3(0, 0, 0));
+        double arc = joint * segment;
+        for (; contact < count && (contacts[contact].arc < arc || joint == last); contact++)
+            append(c, contacts[contact].arc, contacts[contact].position, contacts[contact].force);
+        append(c, arc, joints[joint], joint < last ? none : tip ? contacts[count].force : no_tip);
     }
 }
 
@@ -198,32 +181,32 @@ static void write_line(int count, FILE *out) {
 }
 
 /* VTK wants field data before the piece. */
-static void write_needle(const centreline *c, vec3 base, const insertion_wrench *wrench, FILE *out) {
+static void write_needle(const centreline *c, const double base[3], const trocar_output *given, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
                  "<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("base_position", base, out);
-    write_field_vector("base_force", wrench->force, out);
-    write_field_vector("base_torque", wrench->torque, out);
+    write_field_vector("base_force", given->force, out);
+    write_field_vector("base_torque", given->torque, out);
     fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"1\">\n", c->count);
     fprintf(out, "<PointData Vectors=\"force\">\n");
-    write_vectors("force", c->force, c->count, out);
+    write_vectors("force", c->force[0], c->count, out);
     begin_array("Float64", "arc_length", 1, out);
     for (int i = 0; i < c->count; i++) fprintf(out, "%.17g\n", c->arc[i]);
     end_array(out);
     fprintf(out, "</PointData>\n");
-    write_points(c->position, c->count, out);
+    write_points(c->position[0], c->count, out);
     write_line(c->count, out);
     end_file(out);
 }
 
-trocar_status vtu_write_needle(const simulation *s, const insertion_state *state, const insertion_wrench *wrench,
-                               const char *prefix, report *why) {
+trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *given, const char *prefix,
+                               report *why) {
     output file;
     trocar_status status = open_part(&file, prefix, "needle", why);
     if (status != TROCAR_OK) return status;
     centreline c;
-    trace_needle(&s->needle, state, &c);
-    write_needle(&c, state->needle.base.position, wrench, file.file);
+    trace_needle(model, picture, &c);
+    write_needle(&c, trocar_picture_base(picture, 0).position, given, file.file);
     status = output_commit(&file, why);
     output_abandon(&file);
     return status;

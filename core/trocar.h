@@ -95,6 +95,8 @@ typedef struct trocar_output {
     uint32_t events;         /* TROCAR_EVENT_ bits */
     int32_t membrane;        /* index in the scene of the membrane punctured in this tick, -1 if none */
     int32_t passes;          /* Newton passes */
+    int32_t switches;        /* contacts that changed between sticking and sliding while the tick was solved */
+    int32_t reserved;        /* 0 */
 } trocar_output;
 
 typedef enum trocar_contact_kind { TROCAR_CONTACT_TISSUE = 0, TROCAR_CONTACT_TIP = 1 } trocar_contact_kind;
@@ -130,6 +132,27 @@ TROCAR_API trocar_status trocar_scene_set_number(trocar_scene *scene, const char
 /* The value of a key, as in YAML, ended by 0. BAD_INPUT when there is no such key or entry or `size` bytes are too few. */
 TROCAR_API trocar_status trocar_scene_get(const trocar_scene *scene, const char *key, char *value, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key, double *value, trocar_error *error);
+
+/* The file that the scene was loaded from, as it was given; "" without one. Valid as long as the scene. */
+TROCAR_API const char *trocar_scene_path(const trocar_scene *scene);
+
+/* What the haptic device renders: the scene's keys "device.", for hosts that keep them. */
+typedef struct trocar_device_limits {
+    double max_stiffness;    /* N/m, of the virtual coupling; INFINITY: no coupling, the needle is held rigidly */
+    double max_force;        /* N */
+    double max_torque;       /* N m */
+    double max_force_rate;   /* N/s */
+    double max_torque_rate;  /* N m/s */
+    double max_speed;        /* m/s, of the base point */
+    double max_turn_rate;    /* rad/s */
+    double hold_time;        /* s without a pose before the wrench is ramped down */
+    double ramp_time;        /* s from the full wrench to none, and back */
+} trocar_device_limits;
+TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
+
+/* Limits of the key "rate_hz", Hz. */
+#define TROCAR_MIN_RATE 250.0
+#define TROCAR_MAX_RATE 10000.0
 
 /* Entries of "regions", "membranes" or "fixed"; -1 for another key. */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
@@ -175,6 +198,8 @@ typedef struct trocar_model_options {
     void (*progress)(const char *what, double fraction, void *context); /* 0..1, while a long start goes on; may be NULL */
     void *context;
     int longest_catch_up;    /* steps of at most 1 ms that a long tick is split into; 0: the usual 4 */
+    int mesh_only;           /* 1: reads and checks the mesh and the names in it, and stops there: for viewers. Such a model has
+                                no stiffness, and no simulation can be created from it */
 } trocar_model_options;
 
 /* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
@@ -185,17 +210,47 @@ TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const tr
                                              trocar_error *error);
 TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations */
 
-TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed" */
-TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was taken, and why */
+/* All strings and arrays are the model's and live as long as it does. */
+TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed"; "" with mesh_only */
+TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was chosen, and why */
+TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* what was repaired in the mesh, or looks wrong in it; "": nothing */
+TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* three for each node that is not fixed */
+TROCAR_API int trocar_model_needles(const trocar_model *model);                /* needles of the scene */
+TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
+TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
+TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
+
+/* The mesh at rest. Its named groups, here called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 and 0 for curves and points. */
 TROCAR_API int trocar_model_node_count(const trocar_model *model);
 TROCAR_API int trocar_model_tet_count(const trocar_model *model);
-TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* 3 node_count, m, at rest; the model's */
-TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* 4 tet_count; the model's */
-TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* physical groups of any dimension */
-TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int index);
-TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: group index; the model's */
-TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
-TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
+TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* 3 node_count, m */
+TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* 4 tet_count, positive volume */
+TROCAR_API const int32_t *trocar_model_neighbours(const trocar_model *model);  /* 4 tet_count: tetrahedron across the face opposite each corner, -1: none */
+TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: index of the volume */
+TROCAR_API const uint32_t *trocar_model_face_surfaces(const trocar_model *model); /* 4 tet_count: bit i is set where the face lies on region i, a surface */
+TROCAR_API const uint8_t *trocar_model_fixed(const trocar_model *model);       /* node_count: 1 where held at zero displacement; NULL with mesh_only */
+TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* of any dimension, at most 32 */
+TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int index); /* "" when out of range */
+TROCAR_API int trocar_model_region_dimension(const trocar_model *model, int index);    /* -1 when out of range */
+TROCAR_API int trocar_model_find_region(const trocar_model *model, const char *name, int dimension); /* index, or -1 */
+
+/* Where the segment between two points (m) first enters the tissue at rest. Returns 1 and the point, or 0 when it never does. RT */
+TROCAR_API int trocar_model_entry(const trocar_model *model, const double from[3], const double to[3], double point[3]);
+
+/* What a volume is made of: the scene's keys "regions[]." of the same names. All zero when it is no volume. */
+typedef struct trocar_material {
+    double youngs_modulus;    /* Pa */
+    double poisson_ratio;
+    double cutting_force;     /* N; INFINITY: bone */
+    double cutting_viscosity; /* N s/m */
+    double friction_static;   /* N/m */
+    double friction_kinetic;  /* N/m */
+    double friction_viscous;  /* N s/m^2 */
+} trocar_material;
+TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region);
+
+/* 1 where volumetric strains are averaged around nodes (key "volumetric_strain"), 0 where each tetrahedron has its own. */
+TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
 /* Makes now what would else be made when it is first needed, as a condensed inverse's factor, minutes on a large mesh. From any
    thread, beside the others. Allocates. */
@@ -203,30 +258,57 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
 
 /* ---- simulation ------------------------------------------------------------------------------------------------------------------ */
 
-/* The needle and what it does to the tissue. `needle` is the index of a needle, 0 for the only one. */
+/* The needles and what they do to the tissue. `needle` is the index of one: 0 to trocar_model_needles() - 1.
+
+   Several needles are ticked one after another, each with its own pose, by one thread. Each feels how the others displace the
+   tissue, as of its last answer from the worker: in lockstep one step late, in real time as late as the worker, with changes of
+   a force below 1 mN left out. What is neglected: needles do not touch each other, where one has cut another finds tissue uncut,
+   and needles in the same element of the mesh do not share the contact nodes in it. */
 typedef struct trocar_sim trocar_sim;
 
-/* The needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
+/* Every needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
    scratch of displacements. The model must outlive it. NO_MEMORY. */
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
-/* Tissue at rest, needle straight at `base`; where it lies in the tissue it counts as inserted along its axis, without force.
+/* The needle straight at `base` and without force: no part of it loads the tissue. If it lies in the tissue it counts as inserted along its axis.
    BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
 
 /* Lockstep, for planners and batches: a tick of `dt` seconds (above 0, at most 1), then the mesh update that it asked for, so that
-   the next tick has it. Deterministic. BAD_INPUT as in reset; NUMERIC when the mesh update fails. */
+   the next tick has it. Deterministic. BAD_INPUT as in reset; NUMERIC when the mesh update fails. If the result is not finite, the
+   insertion starts over as in trocar_sim_tick, and the status is OK. */
 TROCAR_API trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output,
                                          trocar_error *error);
 
-/* Real time: the same tick with the newest answer of the worker. Returns BAD_INPUT, and does nothing, as in reset. RT */
+/* Real time: the same tick with the newest answer of the worker. BAD_INPUT, and nothing is done, as in reset. NUMERIC when the
+   result was not finite: the insertion has been reset at `base`, and the output is zero but for TROCAR_EVENT_UNSTABLE. RT, but for
+   one write() to an eventfd when there is something new to ask of the worker. */
 TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 
+/* Holds the base by a spring of this compliance, m/N, whose other end is at the pose given to each tick; 0, the default: rigidly.
+   Stays until it is set again. For a host with a virtual coupling: solved together with the needle, the spring may be as stiff as it
+   likes. RT */
+TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, double compliance);
+
+/* Where the base is: at the last pose given, moved by what the spring has yielded. RT */
+TROCAR_API trocar_pose trocar_sim_base(const trocar_sim *sim, int needle);
+
+/* What a call of trocar_sim_work did. */
+typedef struct trocar_work {
+    int32_t answered;        /* 1: it answered a request, 0: there was none */
+    int32_t more;            /* 1: it pays to call again at once */
+    int64_t latency;         /* ns from that request to its answer, by the simulation's clock; 0 without a clock */
+} trocar_work;
+
 /* The worker's side, from one thread beside the ticking one: serves the newest request, if there is one, else looks a little
-   ahead along the needle's line. `*more` (may be NULL) tells whether it pays to call again at once. On an error the
-   last answer stays in force. */
-TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, int *more, trocar_error *error);
+   ahead along the needle's line. `work` may be NULL. May take long; allocates nothing but what a sparse inverse keeps. On an error
+   (NO_MEMORY, NUMERIC) the last answer stays in force. */
+TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *work, trocar_error *error);
+
+/* ns since the oldest request that the tick has no answer to yet, by the simulation's clock; 0 when all are answered. Ticking
+   thread. RT */
+TROCAR_API int64_t trocar_sim_waiting(const trocar_sim *sim);
 
 /* A descriptor for poll(): readable when a request waits. The simulation's. */
 TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
@@ -251,10 +333,50 @@ TROCAR_API double trocar_sim_needle_energy(const trocar_sim *sim, int needle);
    first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error);
 
-/* ns spent in the stages of the last tick; `clock` gives monotonic ns, NULL: nothing is measured. RT */
-enum { TROCAR_STAGE_TISSUE, TROCAR_STAGE_NEEDLE, TROCAR_STAGE_CONTACT, TROCAR_STAGE_WRENCH, TROCAR_STAGES };
+/* The clock of this simulation: monotonic ns, called from the ticking thread and the worker's; NULL, the default: nothing is
+   measured. Set it before both start. */
 TROCAR_API void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void));
+
+/* ns spent in the stages of the last tick. RT */
+enum { TROCAR_STAGE_TISSUE, TROCAR_STAGE_NEEDLE, TROCAR_STAGE_CONTACT, TROCAR_STAGE_WRENCH, TROCAR_STAGES };
 TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4]);
+
+/* ---- pictures --------------------------------------------------------------------------------------------------------------------- */
+
+/* A copy of what there is to see of a simulation after a tick: needle, contacts, forces. Taken by the ticking thread, it can be
+   handed to another one, which then has all the time it needs for the displacements. One thread at a time. */
+typedef struct trocar_picture trocar_picture;
+
+/* An empty picture: needle straight at the origin. Allocates, tens of kB. The model must outlive it. NO_MEMORY. */
+TROCAR_API trocar_status trocar_picture_create(trocar_model *model, trocar_picture **picture, trocar_error *error);
+TROCAR_API void trocar_picture_free(trocar_picture *picture);
+
+/* Copies tens of kB. Simulation and pictures must be of one model. RT */
+TROCAR_API void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture);
+TROCAR_API void trocar_picture_copy(const trocar_picture *from, trocar_picture *to);
+
+/* As trocar_sim_contacts, trocar_sim_centreline and trocar_sim_base. RT */
+TROCAR_API int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_contact *contacts, int room);
+TROCAR_API int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room);
+TROCAR_API trocar_pose trocar_picture_base(const trocar_picture *picture, int needle);
+
+/* As trocar_sim_displacements: the first call allocates. NO_MEMORY. */
+TROCAR_API trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error);
+
+/* The refined mesh: nodes of the model's mesh, then the contact nodes. Stiffness times displacements = forces at all nodes that
+   are not fixed. The arrays are the picture's, until its next call or its end. */
+typedef struct trocar_refined_mesh {
+    int32_t node_count, tet_count;
+    const double *nodes;         /* 3 node_count, m, at rest */
+    const int32_t *tets;         /* 4 tet_count */
+    const int32_t *parents;      /* tet_count: tetrahedron of the model's mesh that each is a part of */
+    const double *displacements; /* 3 node_count, m */
+    const double *forces;        /* 3 node_count, N, on the tissue */
+    double damping[3];           /* N, part of `forces` that the needle does not feel: it holds back tissue that springs back at the tip */
+} trocar_refined_mesh;
+
+/* Allocates; costs one call of trocar_picture_displacements. NO_MEMORY. */
+TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, trocar_refined_mesh *mesh, trocar_error *error);
 
 /* ---- batches ------------------------------------------------------------------------------------------------------------------------ */
 

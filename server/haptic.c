@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "messages.h"
+#include "viewer_messages.h"
 #include "trocar_loop_timing_t.h"
 
 enum { VIEWS_HZ = 60 };
@@ -49,7 +50,8 @@ static insertion_wrench run_model(haptic *h, safety_decision decision, const pos
 }
 
 static trocar_needle_wrench_t message_of(const haptic *h, const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
-    trocar_needle_wrench_t m = wrench_message(raw);
+    trocar_output output = output_of(raw);
+    trocar_needle_wrench_t m = wrench_message(&output);
     m.utime = wall_us();
     m.tick = tick;
     m.server = h->server;

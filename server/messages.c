@@ -1,23 +1,27 @@
 #include "messages.h"
 
+#include <string.h>
+
 void store_vec3(vec3 v, double out[3]) {
     out[0] = v.x;
     out[1] = v.y;
     out[2] = v.z;
 }
 
-static int flags_of(unsigned events) {
-    int late = events & EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
-    int unstable = events & EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;
+vec3 load_vec3(const double v[3]) { return v3(v[0], v[1], v[2]); }
+
+static int flags_of(uint32_t events) {
+    int late = events & TROCAR_EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
+    int unstable = events & TROCAR_EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;
     return late | unstable;
 }
 
-trocar_needle_wrench_t wrench_message(const insertion_wrench *wrench) {
-    trocar_needle_wrench_t m = {.depth = wrench->depth, .contacts = wrench->contacts, .events = (int32_t)wrench->events,
-                                .membrane = wrench->membrane, .flags = flags_of(wrench->events)};
-    store_vec3(wrench->force, m.force);
-    store_vec3(wrench->torque, m.torque);
-    store_vec3(wrench->force, m.raw_force);
-    store_vec3(wrench->torque, m.raw_torque);
+trocar_needle_wrench_t wrench_message(const trocar_output *output) {
+    trocar_needle_wrench_t m = {.depth = output->depth, .contacts = output->contacts, .events = (int32_t)output->events,
+                                .membrane = output->membrane, .flags = flags_of(output->events)};
+    memcpy(m.force, output->force, sizeof m.force);
+    memcpy(m.torque, output->torque, sizeof m.torque);
+    memcpy(m.raw_force, output->force, sizeof m.raw_force);
+    memcpy(m.raw_torque, output->torque, sizeof m.raw_torque);
     return m;
 }

@@ -1,14 +1,16 @@
-/* The model's results as messages. */
+/* The simulation's results as messages. */
 #ifndef TROCAR_MESSAGES_H
 #define TROCAR_MESSAGES_H
 
-#include "insertion/insertion.h"
+#include "base/vec.h"
+#include "trocar.h"
 #include "trocar_needle_wrench_t.h"
 
-/* One tick's wrench as the model computed it, raw and to be rendered alike, with the flags that follow from its events. Which
-   tick, which pose and when is its caller's. RT */
-trocar_needle_wrench_t wrench_message(const insertion_wrench *wrench);
+/* A tick's output as a message: the wrench both raw and as rendered, and the flags that follow from its events. Tick, pose and
+   time are left to the caller. RT */
+trocar_needle_wrench_t wrench_message(const trocar_output *output);
 
 void store_vec3(vec3 v, double out[3]); /* RT */
+vec3 load_vec3(const double v[3]);      /* RT */
 
 #endif

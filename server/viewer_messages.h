@@ -3,6 +3,7 @@
 #define TROCAR_VIEWER_MESSAGES_H
 
 #include "insertion/simulation.h"
+#include "messages.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
@@ -25,5 +26,12 @@ void viewer_messages_free(viewer_messages *v);
 
 /* Fills both messages from `state`. Not for the haptic thread. */
 void viewer_messages_take(viewer_messages *v, const insertion_state *state, int64_t tick, int64_t pose_utime);
+
+static inline trocar_output output_of(const tick_output *w) {
+    trocar_output out = {.depth = w->depth, .contacts = w->contacts, .events = w->events, .membrane = w->membrane};
+    store_vec3(w->force, out.force);
+    store_vec3(w->torque, out.torque);
+    return out;
+}
 
 #endif

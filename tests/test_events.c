@@ -1,5 +1,5 @@
 #include "events.h"
-#include "insertion/insertion.h"
+#include "trocar.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,18 +12,18 @@
 static void events_become_words(void **state) {
     (void)state;
     char text[64];
-    events_text(EVENT_PUNCTURED | EVENT_ADDED, "capsule", text, sizeof text);
+    events_text(TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_ADDED, "capsule", text, sizeof text);
     assert_string_equal(text, "puncture:capsule|added");
     events_text(0, "capsule", text, sizeof text);
     assert_string_equal(text, "");
-    events_text(EVENT_WITHDRAWN, "", text, sizeof text);
+    events_text(TROCAR_EVENT_WITHDRAWN, "", text, sizeof text);
     assert_string_equal(text, "withdrawn");
 }
 
 static void every_bit_has_a_word(void **state) {
     (void)state;
     char text[256];
-    for (unsigned bit = EVENT_TOUCHED; bit <= EVENT_UNSTABLE; bit <<= 1) {
+    for (unsigned bit = TROCAR_EVENT_TOUCHED; bit <= TROCAR_EVENT_KEPT; bit <<= 1) {
         events_text(bit, "", text, sizeof text);
         assert_true(strlen(text) > 0);
     }

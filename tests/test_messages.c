@@ -8,7 +8,7 @@
 
 static void a_wrench_is_told_in_full(void **unused) {
     (void)unused;
-    insertion_wrench w = {.force = {1, 2, 3}, .torque = {4, 5, 6}, .depth = 0.07, .contacts = 8, .events = EVENT_ADDED | EVENT_PUNCTURED, .membrane = 1};
+    trocar_output w = {.force = {1, 2, 3}, .torque = {4, 5, 6}, .depth = 0.07, .contacts = 8, .events = TROCAR_EVENT_ADDED | TROCAR_EVENT_PUNCTURED, .membrane = 1};
     trocar_needle_wrench_t m = wrench_message(&w);
     const double force[] = {1, 2, 3}, torque[] = {4, 5, 6};
     assert_memory_equal(m.force, force, sizeof force);
@@ -17,18 +17,18 @@ static void a_wrench_is_told_in_full(void **unused) {
     assert_memory_equal(m.raw_torque, torque, sizeof torque);
     assert_true(m.depth == 0.07);
     assert_int_equal(m.contacts, 8);
-    assert_int_equal(m.events, EVENT_ADDED | EVENT_PUNCTURED);
+    assert_int_equal(m.events, TROCAR_EVENT_ADDED | TROCAR_EVENT_PUNCTURED);
     assert_int_equal(m.membrane, 1);
     assert_int_equal(m.flags, 0);
 }
 
 static void flags_follow_from_events(void **unused) {
     (void)unused;
-    insertion_wrench w = {.events = EVENT_LATE, .membrane = -1};
+    trocar_output w = {.events = TROCAR_EVENT_LATE, .membrane = -1};
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_LATE_WORKER);
-    w.events = EVENT_UNSTABLE;
+    w.events = TROCAR_EVENT_UNSTABLE;
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
-    w.events |= EVENT_LATE;
+    w.events |= TROCAR_EVENT_LATE;
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_UNSTABLE | TROCAR_NEEDLE_WRENCH_T_LATE_WORKER);
 }
 

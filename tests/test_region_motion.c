@@ -1,6 +1,9 @@
 /* The rigid motion of a region: known motions come back, and those of a uniformly strained body are its mean. */
-#include "lockstep.h"
+#include "api/api.h"
 #include "region_motion.h"
+
+#include <stdlib.h>
+#include <string.h>
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -60,31 +63,86 @@ static void points_of_one_plane_have_no_rotation(void **unused) {
     assert_true(v3_norm(rigid_motion_fit(4, from, displacement).turn) == 0.0);
 }
 
+typedef struct {
+    trocar_model *model;
+    trocar_sim *sim;
+    trocar_pose base;
+    double *displacements;
+    region_motion motion;
+} followed;
+
+/* The simulation of a scene, which is freed, with the gland's motion; the needle's base is at `start`. */
+static followed follow(trocar_scene *scene, vec3 start) {
+    followed f = {.base = {{start.x, start.y, start.z}, {1, 0, 0, 0}}};
+    report why;
+    assert_int_equal(trocar_model_create(scene, NULL, &f.model, &why), TROCAR_OK);
+    assert_int_equal(trocar_sim_create(f.model, &f.sim, &why), TROCAR_OK);
+    assert_int_equal(trocar_sim_reset(f.sim, 0, &f.base, &why), TROCAR_OK);
+    assert_int_equal(region_motion_create(f.model, "prostate", &f.motion, &why), TROCAR_OK);
+    f.displacements = malloc(3 * (size_t)trocar_model_node_count(f.model) * sizeof(double));
+    trocar_scene_free(scene);
+    return f;
+}
+
+static void forget(followed *f) {
+    region_motion_free(&f->motion);
+    trocar_sim_free(f->sim);
+    trocar_model_free(f->model);
+    free(f->displacements);
+}
+
+static trocar_scene *load(const char *path) {
+    trocar_scene *scene;
+    report why;
+    assert_int_equal(trocar_scene_load(path, &scene, &why), TROCAR_OK);
+    return scene;
+}
+
+/* Moves the base by `way` (m), in so many ticks of `dt`. */
+static void move(followed *f, vec3 way, int ticks, double dt) {
+    const double from[3] = {f->base.position[0], f->base.position[1], f->base.position[2]}, to[3] = {way.x, way.y, way.z};
+    for (int i = 1; i <= ticks; i++) {
+        trocar_output output;
+        report why;
+        for (int k = 0; k < 3; k++) f->base.position[k] = from[k] + to[k] * i / ticks;
+        assert_int_equal(trocar_sim_step(f->sim, 0, &f->base, dt, &output, &why), TROCAR_OK);
+    }
+}
+
+static rigid_motion motion_now(followed *f) {
+    report why;
+    assert_int_equal(trocar_sim_displacements(f->sim, f->displacements, &why), TROCAR_OK);
+    return region_motion_of(&f->motion, f->displacements);
+}
+
 /* By reciprocity (Maxwell, Betti) the gland's mean displacement in a direction is the work of the needle's forces on the field of
    a unit force spread over the gland's nodes: one static solve that knows nothing of refinement. */
-static double shift_by_reciprocity(const lockstep *l, const region_motion *motion, vec3 direction) {
-    const mesh *m = &l->simulation.mesh;
+static double shift_by_reciprocity(const followed *f, vec3 direction) {
+    const simulation *parts = &f->model->parts;
+    const insertion_state *state = f->sim->state;
+    const mesh *m = &parts->mesh;
     vec3 *unit = calloc((size_t)m->node_count, sizeof *unit), *field = calloc((size_t)m->node_count, sizeof *field);
-    for (int i = 0; i < motion->region->node_count; i++) unit[motion->region->nodes[i]] = v3_scale(1.0 / motion->region->node_count, direction);
-    inverse_apply(l->simulation.inverse, unit, field);
+    const mesh_group *gland = &m->groups[mesh_find_group(m, "prostate", 3)];
+    assert_int_equal(gland->node_count, f->motion.count);
+    for (int i = 0; i < gland->node_count; i++) unit[gland->nodes[i]] = v3_scale(1.0 / gland->node_count, direction);
+    inverse_apply(parts->inverse, unit, field);
     double work = 0.0;
-    for (int i = 0; i <= l->state.active; i++) {
-        bool tip = i == l->state.active;
-        int tet = tip ? l->state.tip.tet : l->state.refined.nodes[i].tet;
+    for (int i = 0; i <= state->active; i++) {
+        bool tip = i == state->active;
+        int tet = tip ? state->tip.tet : state->refined.nodes[i].tet;
         double weights[4];
-        mesh_barycentric(m, tet, tip ? l->state.tip.nominal : l->state.refined.nodes[i].position, weights);
+        mesh_barycentric(m, tet, tip ? state->tip.nominal : state->refined.nodes[i].position, weights);
         for (int c = 0; c < 4; c++)
-            work += weights[c] * v3_dot(tip ? tip_load(&l->state.tip) : l->state.contacts[i].force, field[m->tets[tet][c]]);
+            work += weights[c] * v3_dot(tip ? tip_load(&state->tip) : state->contacts[i].force, field[m->tets[tet][c]]);
     }
     free(unit);
     free(field);
     return work;
 }
 
-static vec3 check_shift(lockstep *l, region_motion *motion) {
-    vec3 shift = region_motion_now(&l->simulation, &l->state, motion).shift;
-    vec3 expected = v3(shift_by_reciprocity(l, motion, v3(1, 0, 0)), shift_by_reciprocity(l, motion, v3(0, 1, 0)),
-                       shift_by_reciprocity(l, motion, v3(0, 0, 1)));
+static vec3 check_shift(followed *f) {
+    vec3 shift = motion_now(f).shift;
+    vec3 expected = v3(shift_by_reciprocity(f, v3(1, 0, 0)), shift_by_reciprocity(f, v3(0, 1, 0)), shift_by_reciprocity(f, v3(0, 0, 1)));
     assert_true(v3_norm(v3_sub(shift, expected)) < 1e-9 * v3_norm(expected));
     return shift;
 }
@@ -92,23 +150,20 @@ static vec3 check_shift(lockstep *l, region_motion *motion) {
 /* Pushed in, the gland goes with the needle; pulled back, it comes back and past its place; swept aside, it follows. */
 static void gland_goes_with_the_needle(void **unused) {
     (void)unused;
-    simulation_config config = lockstep_config();
-    lockstep *l = lockstep_create(&config, lockstep_start());
-    region_motion motion;
+    followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
+    region_motion other;
     report why;
-    assert_int_equal(region_motion_create(&l->simulation, "liver", &motion, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(region_motion_create(f.model, "liver", &other, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "liver"));
-    assert_int_equal(region_motion_create(&l->simulation, "prostate", &motion, &why), TROCAR_OK);
-    assert_true(v3_norm(region_motion_now(&l->simulation, &l->state, &motion).shift) == 0.0);
-    lockstep_move(l, v3(0, 0, 0.06), 1.2, 1e-3);
-    assert_true(check_shift(l, &motion).z > 0.0);
-    lockstep_move(l, v3(0, 0, -0.01), 0.2, 1e-3);
-    vec3 pulled = check_shift(l, &motion);
+    assert_true(v3_norm(motion_now(&f).shift) == 0.0);
+    move(&f, v3(0, 0, 0.06), 1200, 1e-3);
+    assert_true(check_shift(&f).z > 0.0);
+    move(&f, v3(0, 0, -0.01), 200, 1e-3);
+    vec3 pulled = check_shift(&f);
     assert_true(pulled.z < 0.0);
-    lockstep_move(l, v3(0.01, 0, 0), 0.2, 1e-3);
-    assert_true(check_shift(l, &motion).x > pulled.x);
-    region_motion_free(&motion);
-    lockstep_free(l);
+    move(&f, v3(0.01, 0, 0), 200, 1e-3);
+    assert_true(check_shift(&f).x > pulled.x);
+    forget(&f);
 }
 
 /* ---- the loosely bedded gland of twist.yaml ------------------------------------------------------------------------------ */
@@ -119,32 +174,51 @@ typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m of
 
 typedef struct { double low, high, pushed, pulled; } twist; /* deg in the coronal plane; mm of shift along the needle */
 
+static void scale(trocar_scene *scene, const char *region, const char *key, double factor) {
+    char path[128];
+    double value;
+    report why;
+    snprintf(path, sizeof path, "regions[%s].%s", region, key);
+    assert_int_equal(trocar_scene_get_number(scene, path, &value, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_set_number(scene, path, factor * value, &why), TROCAR_OK);
+}
+
+static trocar_scene *twist_scene(twist_case given) {
+    trocar_scene *scene = load(MESHES "/twist.yaml");
+    report why;
+    for (int i = 0; i < trocar_scene_count(scene, "regions"); i++) {
+        char key[64], region[64];
+        snprintf(key, sizeof key, "regions[%d].name", i);
+        assert_int_equal(trocar_scene_get(scene, key, region, sizeof region, &why), TROCAR_OK);
+        bool gland = strcmp(region, "prostate") == 0;
+        if (gland) scale(scene, region, "friction.static", given.grip), scale(scene, region, "friction.kinetic", given.grip);
+        else scale(scene, region, "youngs_modulus", given.bedding);
+    }
+    char fixed[256];
+    assert_int_equal(trocar_scene_get(scene, "fixed", fixed, sizeof fixed, &why), TROCAR_OK);
+    char *arch = strstr(fixed, ", bone]"); /* the last one */
+    assert_non_null(arch);
+    strcpy(arch, "]");
+    if (given.loose_arch) assert_int_equal(trocar_scene_set(scene, "fixed", fixed, &why), TROCAR_OK);
+    return scene;
+}
+
 /* A needle parallel to the body's axis, 120 mm in and out again. */
 static twist insert_and_draw_back(const char *title, twist_case given) {
-    simulation_config c = lockstep_scene(MESHES "/twist.yaml");
-    for (int i = 0; i < c.region_count; i++) {
-        region_material *m = &c.regions[i].material;
-        if (strcmp(c.regions[i].name, "prostate") == 0) m->friction_static *= given.grip, m->friction_kinetic *= given.grip;
-        else m->youngs_modulus *= given.bedding;
-    }
-    assert_string_equal(c.fixed[c.fixed_count - 1], "bone");
-    c.fixed_count -= given.loose_arch;
-    lockstep *l = lockstep_create(&c, (pose){v3(given.x, -0.004, -1e-3 - c.needle.length), {1, 0, 0, 0}});
-    region_motion motion;
+    trocar_scene *scene = twist_scene(given);
     report why;
-    assert_int_equal(region_motion_create(&l->simulation, "prostate", &motion, &why), TROCAR_OK);
+    double length;
+    assert_int_equal(trocar_scene_get_number(scene, "needle.length", &length, &why), TROCAR_OK);
+    followed f = follow(scene, v3(given.x, -0.004, -1e-3 - length));
     twist t = {0};
     for (int i = 0; i < 2400; i++) {
-        pose base = l->base;
-        base.position.z += i < 1200 ? 1e-4 : -1e-4;
-        lockstep_tick(l, base, 2e-3);
-        rigid_motion now = region_motion_now(&l->simulation, &l->state, &motion);
+        move(&f, v3(0, 0, i < 1200 ? 1e-4 : -1e-4), 1, 2e-3);
+        rigid_motion now = motion_now(&f);
         double degrees = now.turn.y * 180 / M_PI, mm = 1e3 * now.shift.z;
         t = (twist){fmin(t.low, degrees), fmax(t.high, degrees), fmax(t.pushed, mm), fmin(t.pulled, mm)};
     }
     print_message("| %s | %.1f to %.1f | %.1f, %.1f |\n", title, t.low, t.high, t.pushed, t.pulled);
-    region_motion_free(&motion);
-    lockstep_free(l);
+    forget(&f);
     return t;
 }
 

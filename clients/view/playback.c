@@ -48,7 +48,8 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
     insertion_wrench wrench;
     trocar_status status = simulation_step(&p->simulation, (tick_context){.state = p->state, .base = {.pose = base}, .dt = dt, .output = &wrench}, p->snapshot, why);
     if (status != TROCAR_OK) return status;
-    trocar_needle_wrench_t message = wrench_message(&wrench);
+    trocar_output output = output_of(&wrench);
+    trocar_needle_wrench_t message = wrench_message(&output);
     *sample = sample_of_wrench(time, &message);
     return TROCAR_OK;
 }

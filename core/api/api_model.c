@@ -4,6 +4,8 @@
 #include "api/api.h"
 #include "base/flush_denormals.h"
 
+_Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
+
 trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *model = NULL;
@@ -17,8 +19,9 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
     }
     m->rate_hz = scene->values.rate_hz;
+    m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
-    status = simulation_create_model(&config, &m->parts, why);
+    status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
     restore_floating_mode(before);
     m->parts.config.mesh_given = NULL; /* the scene's, which may go */
     if (status == TROCAR_OK) *model = m;
@@ -34,23 +37,61 @@ void trocar_model_free(trocar_model *model) {
 
 trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error) {
     trocar_error ignored;
+    if (model->mesh_only) return TROCAR_OK;
     floating_mode before = flush_denormals();
     trocar_status status = inverse_prepare(model->parts.inverse, error ? error : &ignored);
     restore_floating_mode(before);
     return status;
 }
 
-const char *trocar_model_inverse(const trocar_model *model) { return inverse_name(model->parts.inverse); }
+static bool has_region(const trocar_model *model, int index) { return index >= 0 && index < model->parts.mesh.group_count; }
+
+const char *trocar_model_inverse(const trocar_model *model) { return model->mesh_only ? "" : inverse_name(model->parts.inverse); }
 const char *trocar_model_description(const trocar_model *model) { return model->parts.about_inverse.text; }
+const char *trocar_model_remarks(const trocar_model *model) { return model->parts.mesh.remarks.text; }
+int trocar_model_unknowns(const trocar_model *model) { return model->parts.tissue.dof_count; }
+int trocar_model_needles(const trocar_model *model) { return model->parts.config.needle_count; }
+int trocar_model_segments(const trocar_model *model) { return model->parts.config.needle.segments; }
+double trocar_model_needle_length(const trocar_model *model) { return model->parts.config.needle.length; }
+double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }
+
 int trocar_model_node_count(const trocar_model *model) { return model->parts.mesh.node_count; }
 int trocar_model_tet_count(const trocar_model *model) { return model->parts.mesh.tet_count; }
 const double *trocar_model_nodes(const trocar_model *model) { return &model->parts.mesh.nodes[0].x; }
 const int32_t *trocar_model_tets(const trocar_model *model) { return model->parts.mesh.tets[0]; }
-int trocar_model_region_count(const trocar_model *model) { return model->parts.mesh.group_count; }
+const int32_t *trocar_model_neighbours(const trocar_model *model) { return model->parts.mesh.neighbours[0]; }
 const int32_t *trocar_model_tet_regions(const trocar_model *model) { return model->parts.mesh.region; }
-int trocar_model_segments(const trocar_model *model) { return model->parts.needle.given.segments; }
-double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }
+const uint32_t *trocar_model_face_surfaces(const trocar_model *model) { return model->parts.mesh.face_groups[0]; }
+const uint8_t *trocar_model_fixed(const trocar_model *model) { return (const uint8_t *)model->parts.tissue.fixed; }
+int trocar_model_region_count(const trocar_model *model) { return model->parts.mesh.group_count; }
 
 const char *trocar_model_region_name(const trocar_model *model, int index) {
-    return index >= 0 && index < model->parts.mesh.group_count ? model->parts.mesh.groups[index].name : "";
+    return has_region(model, index) ? model->parts.mesh.groups[index].name : "";
 }
+
+int trocar_model_region_dimension(const trocar_model *model, int index) {
+    return has_region(model, index) ? model->parts.mesh.groups[index].dimension : -1;
+}
+
+int trocar_model_find_region(const trocar_model *model, const char *name, int dimension) {
+    return mesh_find_group(&model->parts.mesh, name, dimension);
+}
+
+int trocar_model_entry(const trocar_model *model, const double from[3], const double to[3], double point[3]) {
+    surface_hit hit = mesh_enter(&model->parts.mesh, v3(from[0], from[1], from[2]), v3(to[0], to[1], to[2]));
+    if (!hit.hit) return 0;
+    point[0] = hit.point.x;
+    point[1] = hit.point.y;
+    point[2] = hit.point.z;
+    return 1;
+}
+
+trocar_material trocar_model_material(const trocar_model *model, int region) {
+    if (trocar_model_region_dimension(model, region) != 3) return (trocar_material){0};
+    const region_material *m = &model->parts.materials[region];
+    return (trocar_material){.youngs_modulus = m->youngs_modulus, .poisson_ratio = m->poisson_ratio, .cutting_force = m->cutting_force,
+                             .cutting_viscosity = m->cutting_viscosity, .friction_static = m->friction_static,
+                             .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous};
+}
+
+int trocar_model_averages_strain(const trocar_model *model) { return model->parts.config.volumetric == STRAIN_BY_NODE; }

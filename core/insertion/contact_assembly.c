@@ -18,11 +18,11 @@ void locate_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     for (int i = 0; i < state->active; i++) {
         w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
-        w->nominal[i] = state->contacts[i].track;
+        w->nominal[i] = v3_add(state->contacts[i].track, tick->snapshot->u_free[i]);
     }
     if (!w->tip) return;
     w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
-    w->nominal[state->active] = tip_place(&state->tip);
+    w->nominal[state->active] = v3_add(tip_place(&state->tip), w->free_at_tip);
 }
 
 void load_needle(const tick_context *tick) {
@@ -42,7 +42,9 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     const insertion_state *state = tick->state;
     const double *weights = state->tip.known_weights;
     mat3 own = {{{0}}};
+    tick->scratch->free_at_tip = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) {
+        tick->scratch->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], tick->scratch->free_at_tip);
         mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
         m3_add_scaled(&own, weights[c], &row);
     }

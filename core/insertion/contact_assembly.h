@@ -8,13 +8,13 @@
 /* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
 static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
 
-/* Where the points of contact are on the needle, and in the undeformed tissue. RT */
+/* Where the points of contact are on the needle, and in tissue that the needle exerts no force on. RT */
 void locate_points(const tick_context *tick);
 
 /* Forces of the contacts on the needle's joints. RT */
 void load_needle(const tick_context *tick);
 
-/* Compliance of the tissue between the tip, whose corners have these handles, and each point. RT */
+/* Compliance of the tissue between the tip, whose corners have these handles, and each point; the free displacement at the tip. RT */
 void find_tip_rows(const tick_context *tick, const int handles[4]);
 
 /* Keeps the shear of the tissue along each share as the share comes to lie in other regions. RT */

@@ -196,3 +196,17 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
         *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
     }
 }
+
+void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    const needle_tip *tip = &state->tip;
+    for (int i = 0; i < state->active && loads->count < MAX_LOADS; i++) {
+        const added_node *node = &state->refined.nodes[i];
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = node->tet, .force = state->contacts[i].force};
+        mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
+    }
+    if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
+    tissue_load *load = &loads->loads[loads->count++];
+    *load = (tissue_load){.tet = tip->known_tet, .force = tip_load(tip)};
+    memcpy(load->weights, tip->known_weights, sizeof load->weights);
+}

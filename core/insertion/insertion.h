@@ -26,4 +26,7 @@ void insertion_refinement(const insertion_state *state, refinement *out);
    frame. The tip's is spread over its element's corners. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
+/* Appends the same forces as loads on the nominal mesh, for the other needles in the tissue. RT */
+void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
+
 #endif

@@ -12,7 +12,7 @@ static bool tip_handles(const tick_context *tick, int handles[4]) {
 
 vec3 displacement_of(const tick_context *tick, int handle) {
     const insertion_state *state = tick->state;
-    vec3 u = v3(0, 0, 0);
+    vec3 u = tick->snapshot->u_free[handle];
     for (int i = 0; i < state->active; i++) {
         mat3 c = compliance_between(tick->snapshot, handle, i);
         u = v3_add(u, m3_apply(&c, state->contacts[i].force));

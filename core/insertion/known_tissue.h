@@ -4,7 +4,7 @@
 
 #include "insertion/tick.h"
 
-/* Displacement of a handle under the present forces, m. RT */
+/* Displacement of a handle under the present forces, and others' on the tissue, m. RT */
 vec3 displacement_of(const tick_context *tick, int handle);
 
 /* Contacts whose rows of the inverse have arrived start to take part. RT */

@@ -7,6 +7,7 @@
 #include <threads.h>
 
 #include "insertion/local_compliance.h"
+#include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
 
 region_material region_defaults(void) {
@@ -19,6 +20,7 @@ void simulation_defaults(simulation_config *config) {
         .mesh_unit = 1.0,
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
+        .needle_count = 1,
         .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
@@ -144,6 +146,18 @@ static trocar_status take_mesh(simulation *s, report *why) {
 static once_flag blas_once = ONCE_FLAG_INIT;
 static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
 
+trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why) {
+    memset(s, 0, sizeof *s);
+    s->config = *config;
+    trocar_status status = take_mesh(s, why);
+    if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
+    status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
     call_once(&blas_once, use_one_blas_thread);
@@ -152,13 +166,9 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
                     "choose volumetric_strain: element");
-    s->config = *config;
-    trocar_status status = take_mesh(s, why);
+    trocar_status status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
-    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
-    status = bind_regions(s, why);
-    if (status == TROCAR_OK) status = bind_membranes(s, why);
-    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
+    status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
@@ -211,15 +221,16 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
     return remesher_resume(s->remesher, &state->request, snapshot, why);
 }
 
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
+    if (others) loads_spread(&s->mesh, others, nominal);
     refined_displacement(s->inverse, &refined, nominal, force, scratch, nominal, added);
 }
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    simulation_field(s, state, s->field_scratch, nominal, added);
+    simulation_field(s, state, NULL, s->field_scratch, nominal, added);
 }

@@ -20,6 +20,7 @@ typedef struct {
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
     needle_parameters needle;
+    int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
@@ -47,6 +48,9 @@ typedef struct {
 /* Defaults of README's parameter table; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
+
+/* Reads the mesh and finds the scene's names in it; the rest stays empty. On failure everything is freed. */
+trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why);
 
 /* Reads the mesh and builds all that is constant, or frees everything and says why. */
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
@@ -78,7 +82,8 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 
-/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. */
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `others`: what else loads the tissue;
+   NULL: nothing does. */
+void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

@@ -55,7 +55,8 @@ typedef struct {
     needle_tangent tangent;
     contact_problem problem;
     needle_point points[MAX_POINTS];
-    vec3 nominal[MAX_POINTS];
+    vec3 nominal[MAX_POINTS];                /* m, where the tissue at each point would be without the needle's forces */
+    vec3 free_at_tip;                        /* m, u_free there */
     shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */

@@ -10,6 +10,21 @@ enum {
     SNAPSHOT_LD = 3 * MAX_HANDLES,
 };
 
+/* A force on the tissue at a point of the nominal mesh. */
+typedef struct {
+    int tet;
+    double weights[4];       /* barycentric */
+    vec3 force;              /* N */
+} tissue_load;
+
+enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1) };
+
+/* What else loads the tissue beside the needle that asks: the other needles. */
+typedef struct {
+    int count;
+    tissue_load loads[MAX_LOADS];
+} tissue_loads;
+
 /* What the tick wants to be known about the tissue next: a complete description, so that only the newest counts. */
 typedef struct {
     uint64_t serial;
@@ -27,6 +42,8 @@ typedef struct {
     int added_count;
     uint64_t ids[MAX_CONTACTS];
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
+    bool loaded;             /* u_free is not zero everywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
 } compliance_snapshot;
 

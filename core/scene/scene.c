@@ -38,6 +38,8 @@ static const range ANY = {-DBL_MAX, DBL_MAX, "a number"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
+static const range NEEDLES = {1, MAX_NEEDLES, "a whole number from 1 to 4"};
+_Static_assert(MAX_NEEDLES == 4, "the text of NEEDLES says so");
 static const range PASSES = {1, 100, "a whole number from 1 to 100"};
 _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
 
@@ -88,6 +90,8 @@ static const row TABLE[] = {
     {"needle.poisson_ratio", "", NUMBER, OF(simulation.needle.poisson_ratio), &POISSON, .doc = "of the needle"},
     {"needle.bevel_slope", "", NUMBER, OF(simulation.needle.bevel_slope), &SLOPE, .doc = "sideways cut per forward cut"},
     {"needle.segments", "", COUNT, OF(simulation.needle.segments), &SEGMENTS, .doc = "of its length"},
+
+    {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,

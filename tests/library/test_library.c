@@ -260,9 +260,9 @@ typedef struct {
 
 static void *work(void *context) {
     worker *w = context;
-    int more;
+    trocar_work done;
     while (!__atomic_load_n(&w->stop, __ATOMIC_ACQUIRE))
-        if (trocar_sim_work(w->sim, &more, NULL) == TROCAR_OK && !more) usleep(50);
+        if (trocar_sim_work(w->sim, &done, NULL) == TROCAR_OK && !done.more) usleep(50);
     return NULL;
 }
 
@@ -319,6 +319,190 @@ static void what_is_seen_fits_the_force(void **state) {
     assert_int_equal(trocar_sim_contacts(sim, 1, contacts, 1), 0);
     trocar_sim_free(sim);
     trocar_model_free(model);
+}
+
+/* A picture is taken by one thread and read at leisure: it stays what it was while the simulation goes on. */
+static void a_picture_keeps_what_was_seen(void **state) {
+    (void)state;
+    enum { ROOM = TROCAR_MAX_CONTACTS + 1, MIDWAY = 4 * TICKS / 5 };
+    static trocar_output a[TICKS];
+    static trocar_contact seen[ROOM], kept[ROOM];
+    static double joints[2][TROCAR_MAX_JOINTS][3], field[2][CUBE_NODES][3];
+    trocar_model *model = model_of(cube_scene());
+    trocar_sim *sim = sim_at_start(model);
+    trocar_picture *picture, *copy;
+    OK(trocar_picture_create(model, &picture, &why));
+    OK(trocar_picture_create(model, &copy, &why));
+    assert_int_equal(trocar_picture_contacts(picture, 0, kept, ROOM), 0);
+    run(sim, 0, MIDWAY, a);
+    trocar_sim_take_picture(sim, picture);
+    int count = trocar_sim_contacts(sim, 0, seen, ROOM), joint_count = trocar_sim_centreline(sim, 0, joints[0][0], TROCAR_MAX_JOINTS);
+    trocar_pose base = trocar_sim_base(sim, 0), given = pose_at(MIDWAY - 1), in_picture;
+    OK(trocar_sim_displacements(sim, field[0][0], &why));
+    run(sim, MIDWAY, TICKS, a);
+    trocar_picture_copy(picture, copy);
+    assert_true(count >= 2); /* the tip and more */
+    assert_int_equal(trocar_picture_contacts(copy, 0, kept, ROOM), count);
+    assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
+    assert_int_equal(trocar_picture_centreline(copy, 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
+    assert_memory_equal(joints[1], joints[0], (size_t)joint_count * sizeof joints[0][0]);
+    in_picture = trocar_picture_base(copy, 0);
+    assert_memory_equal(&in_picture, &base, sizeof base);
+    assert_memory_equal(base.position, given.position, sizeof given.position);
+    OK(trocar_picture_displacements(copy, field[1][0], &why));
+    assert_memory_equal(field[1], field[0], sizeof field[0]);
+    assert_int_equal(trocar_picture_contacts(copy, 1, kept, ROOM), 0);
+    trocar_picture_free(picture);
+    trocar_picture_free(copy);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and what damps the tip. */
+static void the_refined_mesh_carries_the_contacts(void **state) {
+    (void)state;
+    static trocar_output a[TICKS];
+    trocar_model *model = model_of(cube_scene());
+    trocar_sim *sim = sim_at_start(model);
+    trocar_picture *picture;
+    trocar_refined_mesh mesh = {0};
+    OK(trocar_picture_create(model, &picture, &why));
+    run(sim, 0, TICKS, a);
+    trocar_sim_take_picture(sim, picture);
+    for (int again = 0; again < 2; again++) OK(trocar_picture_refined_mesh(picture, &mesh, &why));
+    assert_int_equal(mesh.node_count, CUBE_NODES + a[TICKS - 1].contacts);
+    assert_true(mesh.tet_count > trocar_model_tet_count(model));
+    assert_memory_equal(mesh.nodes, trocar_model_nodes(model), sizeof(double[CUBE_NODES][3]));
+    double volume = 0, whole = 0, sum[3] = {0}, held = 0;
+    for (int t = 0; t < mesh.tet_count + trocar_model_tet_count(model); t++) {
+        const int32_t *c = t < mesh.tet_count ? mesh.tets + 4 * t : trocar_model_tets(model) + 4 * (t - mesh.tet_count);
+        double e[3][3];
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) e[i][k] = mesh.nodes[3 * c[i + 1] + k] - mesh.nodes[3 * c[0] + k];
+        double six = e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0])
+                   + e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0]);
+        if (t < mesh.tet_count) assert_true(six > 0 && mesh.parents[t] < trocar_model_tet_count(model));
+        *(t < mesh.tet_count ? &volume : &whole) += six / 6;
+    }
+    assert_true(fabs(volume - whole) < 1e-12 * whole);
+    for (int i = 0; i < mesh.node_count; i++)
+        for (int k = 0; k < 3; k++) sum[k] += mesh.forces[3 * i + k];
+    for (int k = 0; k < 3; k++) assert_true(fabs(sum[k] + a[TICKS - 1].force[k] - mesh.damping[k]) < 1e-9);
+    for (int i = 0; i < CUBE_NODES; i++)
+        if (trocar_model_fixed(model)[i]) held = fmax(held, fabs(mesh.displacements[3 * i + 2]));
+    assert_true(held == 0.0);
+    trocar_picture_free(picture);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static int64_t made_time;
+static int64_t made_clock(void) { return made_time; }
+
+/* Without a worker the oldest request gets older; once it is answered, the tick waits for nothing. */
+static void waiting_and_latency_are_told(void **state) {
+    (void)state;
+    trocar_model *model = model_of(cube_scene());
+    trocar_sim *sim = sim_at_start(model);
+    trocar_output out;
+    trocar_work done;
+    trocar_sim_set_clock(sim, made_clock);
+    for (int t = 0; t < TICKS; t++) {
+        trocar_pose base = pose_at(t);
+        made_time = 1000000 * t;
+        assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
+        assert_int_equal(trocar_sim_waiting(sim), made_time);
+    }
+    made_time += 7000000;
+    OK(trocar_sim_work(sim, &done, &why));
+    assert_true(done.answered == 1 && done.latency >= 7000000 && done.latency <= made_time);
+    trocar_pose base = pose_at(TICKS - 1);
+    for (int i = 0; i < 5; i++) { /* until there is nothing new to ask */
+        assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
+        OK(trocar_sim_work(sim, &done, &why));
+    }
+    assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
+    OK(trocar_sim_work(sim, &done, &why));
+    assert_true(done.answered == 0 && done.latency == 0);
+    assert_int_equal(trocar_sim_waiting(sim), 0);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+/* A base on a spring yields by the force times the compliance; the force is the lower for it. */
+static void a_base_on_a_spring_yields(void **state) {
+    (void)state;
+    static trocar_output rigid[TICKS], soft[TICKS];
+    trocar_model *model = model_of(cube_scene());
+    trocar_sim *sim = sim_at_start(model);
+    run(sim, 0, TICKS, rigid);
+    trocar_pose start = pose_at(0), given = pose_at(TICKS - 1);
+    trocar_sim_set_base_compliance(sim, 0, 2e-3);
+    OK(trocar_sim_reset(sim, 0, &start, &why)); /* which keeps the spring */
+    run(sim, 0, TICKS, soft);
+    trocar_pose base = trocar_sim_base(sim, 0);
+    const double *force = soft[TICKS - 1].force;
+    for (int k = 0; k < 3; k++) assert_true(fabs(base.position[k] - given.position[k] - 2e-3 * force[k]) < 1e-6);
+    assert_true(force[2] < -0.1 && base.position[2] < given.position[2] - 1e-4 && fabs(force[2]) < fabs(rigid[TICKS - 1].force[2]));
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+/* For a viewer: the mesh and its names at once, nothing that needs a stiffness. */
+static void a_model_may_be_its_mesh_alone(void **state) {
+    (void)state;
+    trocar_scene *scene = cube_scene();
+    trocar_model_options options = {.mesh_only = 1};
+    trocar_model *model, *whole = model_of(cube_scene());
+    trocar_sim *sim;
+    trocar_picture *picture;
+    OK(trocar_model_create(scene, &options, &model, &why));
+    assert_string_equal(trocar_model_inverse(model), "");
+    assert_null(trocar_model_fixed(model));
+    assert_refused(trocar_sim_create(model, &sim, &why), "mesh_only");
+    assert_refused(trocar_picture_create(model, &picture, &why), "mesh_only");
+    OK(trocar_model_prepare(model, &why));
+    int body = trocar_model_find_region(model, "body", 3), skin = trocar_model_find_region(model, "skin", 2);
+    assert_true(body >= 0 && skin >= 0 && trocar_model_find_region(model, "skin", 3) == -1);
+    assert_string_equal(trocar_model_region_name(model, skin), "skin");
+    assert_int_equal(trocar_model_region_dimension(model, body), 3);
+    assert_int_equal(trocar_model_region_dimension(model, 99), -1);
+    assert_true(trocar_model_material(model, body).youngs_modulus == 20e3 && trocar_model_material(model, skin).youngs_modulus == 0);
+    assert_int_equal(trocar_model_averages_strain(model), 1);
+    int tets = trocar_model_tet_count(model);
+    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; what has none is on the outside */
+        int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
+        for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
+        assert_int_equal(mutual, neighbour >= 0);
+        if (trocar_model_face_surfaces(model)[i] >> skin & 1) assert_int_equal(neighbour, -1);
+    }
+    double point[3], low[3] = {1e-3, 2e-3, -1}, high[3] = {1e-3, 2e-3, 1}, aside[3] = {1, 2e-3, 1}, far[3] = {1, 2e-3, -1};
+    assert_int_equal(trocar_model_entry(model, low, high, point), 1);
+    assert_true(fabs(point[2]) < 1e-12 && fabs(point[0] - 1e-3) < 1e-12);
+    assert_int_equal(trocar_model_entry(model, far, aside, point), 0);
+    int held = 0;
+    for (int i = 0; i < CUBE_NODES; i++) held += trocar_model_fixed(whole)[i];
+    assert_true(held > 0);
+    assert_int_equal(trocar_model_unknowns(whole), 3 * (CUBE_NODES - held));
+    assert_string_equal(trocar_model_remarks(whole), "");
+    trocar_scene_free(scene);
+    trocar_model_free(model);
+    trocar_model_free(whole);
+}
+
+static void the_device_is_that_of_the_scene(void **state) {
+    (void)state;
+    trocar_scene *scene = cube_scene();
+    assert_true(isinf(trocar_scene_device(scene).max_stiffness));
+    assert_string_equal(trocar_scene_path(scene), "");
+    OK(trocar_scene_set(scene, "device.profile", "touch", &why));
+    OK(trocar_scene_set_number(scene, "device.ramp_time", 0.25, &why));
+    trocar_device_limits limits = trocar_scene_device(scene);
+    assert_true(limits.max_stiffness == 400.0 && limits.max_force == 3.3 && limits.ramp_time == 0.25);
+    OK(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE, &why));
+    assert_refused(trocar_scene_set_number(scene, "rate_hz", TROCAR_MAX_RATE + 1, &why), "rate_hz");
+    assert_refused(trocar_scene_set_number(scene, "rate_hz", TROCAR_MIN_RATE - 1, &why), "rate_hz");
+    trocar_scene_free(scene);
 }
 
 static void a_rollout_does_not_depend_on_threads(void **state) {
@@ -405,6 +589,9 @@ int main(void) {
         cmocka_unit_test(the_table_of_keys_is_whole), cmocka_unit_test(bad_input_is_refused_in_words),
         cmocka_unit_test(a_restored_state_goes_on_as_before), cmocka_unit_test(split_calls_agree_with_lockstep),
         cmocka_unit_test(a_worker_thread_serves_the_tick), cmocka_unit_test(what_is_seen_fits_the_force),
+        cmocka_unit_test(a_picture_keeps_what_was_seen), cmocka_unit_test(the_refined_mesh_carries_the_contacts),
+        cmocka_unit_test(waiting_and_latency_are_told), cmocka_unit_test(a_base_on_a_spring_yields),
+        cmocka_unit_test(a_model_may_be_its_mesh_alone), cmocka_unit_test(the_device_is_that_of_the_scene),
         cmocka_unit_test(a_rollout_does_not_depend_on_threads), cmocka_unit_test(a_host_keeps_its_gmsh_session_and_its_floating_point),
         cmocka_unit_test(the_version_is_that_of_the_header),
     };

@@ -301,7 +301,7 @@ class Sim:
 
 
 _OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("contacts", "i4"), ("events", "u4"), ("membrane", "i4"),
-                    ("passes", "i4")])
+                    ("passes", "i4"), ("switches", "i4"), ("reserved", "i4")])
 assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 
 

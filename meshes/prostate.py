@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Make a mesh of a prostate in surrounding tissue with Gmsh (Debian: python3-gmsh).
+"""Makes a mesh of a prostate in surrounding tissue with Gmsh (Debian: python3-gmsh).
 
 The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
-from the skin (z = 0) into the body. Named: volumes `prostate`, `surrounding`; surfaces `skin` (z = 0), `capsule`
-(the gland's surface) and `fixed` (the far face and the face below, y least).
+from the skin (z = 0) into the body. Physical volumes: `prostate`, `surrounding`; physical surfaces: `skin` (z = 0),
+`capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y).
 """
 import argparse
 import math
@@ -18,7 +18,7 @@ BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 
 
 def build_geometry(centre, half_axes):
-    """Box with the ellipsoid fragmented into it; returns the tags (prostate, surrounding)."""
+    """Fragments a box with an ellipsoid; returns the tags (prostate, surrounding)."""
     occ = gmsh.model.occ
     box = occ.addBox(*BOX_LOW, *(high - low for low, high in zip(BOX_LOW, BOX_HIGH)))
     gland = occ.addSphere(*centre, 1.0)
@@ -49,7 +49,7 @@ def name_groups(prostate, surrounding):
 
 
 def set_sizes(centre, half_axes, fine, coarse):
-    """Elements of size `fine` in the gland, growing linearly to `coarse` at the corners of the box."""
+    """Element size `fine` in the gland, increasing linearly to `coarse` at the corners of the box."""
     reach = max(half_axes)
     distance = "Sqrt({})".format("+".join(
         f"(({name})-({c}))^2" for name, c in zip("xyz", centre)))
@@ -76,7 +76,7 @@ def generate():
 
 
 def generate_nodes(wanted, centre, half_axes, ratio):
-    """Search the element size that gives about the wanted number of nodes; deterministic."""
+    """Searches for the element size that gives about the wanted number of nodes; deterministic."""
     volume = math.prod(high - low for low, high in zip(BOX_LOW, BOX_HIGH))
     fine, best = 0.8 * (volume / wanted) ** (1 / 3), None
     for _ in range(12):
@@ -106,7 +106,7 @@ def dot(a, b):
 
 
 def dihedral_angles(corners):
-    """The six angles in degrees between the faces of a tetrahedron."""
+    """The six dihedral angles of a tetrahedron, degrees."""
     for i in range(4):
         for j in range(i):
             k, m = (n for n in range(4) if n not in (i, j))
@@ -136,9 +136,9 @@ def quality():
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--nodes", type=int, default=570, help="wanted number of nodes (default 570)")
-    parser.add_argument("--centre", type=float, nargs=3, default=(0, 0, 55), metavar="MM", help="of the gland")
-    parser.add_argument("--half-axes", type=float, nargs=3, default=(24, 17, 20), metavar="MM", help="of the gland")
-    parser.add_argument("--ratio", type=float, default=3.0, help="element size at the box's corners over that in the gland")
+    parser.add_argument("--centre", type=float, nargs=3, default=(0, 0, 55), metavar="MM", help="centre of the gland")
+    parser.add_argument("--half-axes", type=float, nargs=3, default=(24, 17, 20), metavar="MM", help="semi-axes of the gland")
+    parser.add_argument("--ratio", type=float, default=3.0, help="element size at the corners of the box relative to the gland's")
     parser.add_argument("--output", default="prostate-570.msh", help="any format that Gmsh writes (default %(default)s)")
     options = parser.parse_args()
     if options.nodes < 100 or min(options.half_axes) <= 0 or options.ratio < 1:

@@ -1,4 +1,4 @@
-# The clients as programs: see test_clients.sh.
+# Command-line tests of the clients: see test_clients.sh.
 foreach(case bad_input replay series golden balance figure hand bench)
     add_test(NAME clients_${case}
         COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_clients.sh $<TARGET_FILE_DIR:trocar-replay> ${PROJECT_SOURCE_DIR} ${case})
@@ -9,7 +9,7 @@ foreach(case bad_input replay series golden balance figure)
 endforeach()
 set_tests_properties(clients_bench PROPERTIES RUN_SERIAL TRUE)
 set_tests_properties(clients_hand PROPERTIES SKIP_RETURN_CODE 77 RUN_SERIAL TRUE LABELS release_only)
-if(TROCAR_SANITIZE) # the simulation is many times slower then, the matrix product is not
+if(TROCAR_SANITIZE) # the simulation is many times slower, the matrix product is not
     set_tests_properties(clients_bench PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=no")
 endif()
 add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction.py
@@ -31,7 +31,7 @@ add_test(NAME bench_server COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_bench_server
 set_tests_properties(bench_server PROPERTIES LABELS release_only)
 add_test(NAME spy COMMAND witness ${CMAKE_CURRENT_SOURCE_DIR}/test_spy.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(spy PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only)
-# Setup and demo as a newcomer meets them.
+# Setup and demo on a fresh checkout.
 add_test(NAME setup COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_setup.sh ${PROJECT_SOURCE_DIR})
 add_test(NAME demo COMMAND witness ${CMAKE_CURRENT_SOURCE_DIR}/test_demo.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(setup demo PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 300 LABELS release_only)

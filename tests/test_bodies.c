@@ -153,7 +153,7 @@ static void the_mesh_may_be_in_another_unit(void **unused) {
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
     lockstep *l = lockstep_create(&c, start_at(0, 0));
-    assert_non_null(strstr(l->simulation.mesh.remarks.text, "far smaller"));
+    assert_non_null(strstr(l->simulation.mesh.remarks.text, "much smaller"));
     lockstep_free(l);
 }
 

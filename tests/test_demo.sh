@@ -51,7 +51,7 @@ status=0
 wait $! || status=$?
 set +m
 [ $status -eq 130 ] || fail "status $status after Ctrl-C: $(cat "$work/said")"
-says "interrupted: no results"
+says "interrupted, no results"
 [ ! -e out/forces.svg ] && [ ! -e out/forces.csv ] || fail "results of half a motion"
 
 echo "terminated half way"

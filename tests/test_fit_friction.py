@@ -166,7 +166,7 @@ def other_records_of_the_same_do():
 
 def one_speed_is_announced():
     text, values = fitted("slow.csv", *REGIONS, *PUNCTURES)
-    assert "cannot be told apart" in text and values["surrounding"]["viscous"] == 0.0
+    assert "cannot be identified" in text and values["surrounding"]["viscous"] == 0.0
     apparent = TRUTH["surrounding"]["kinetic"] + TRUTH["surrounding"]["viscous"] * 0.005
     assert abs(values["surrounding"]["kinetic"] / apparent - 1.0) < 0.05
 
@@ -219,11 +219,11 @@ def nonsense_is_refused():
     refuses("not finite", changed("nan.csv", lambda text: text.replace("\n0.009000", "\nnan", 1)))
     refuses("sign reversed", changed("sign.csv", of_each_row(lambda t, d, f: f"{t},{d},{-float(f)}")))
     refuses("no retraction", changed("half.csv", lambda text: "\n".join(text.splitlines()[:10000])))
-    refuses("time does not grow", changed("time.csv", lambda text: text.replace("\n0.009000", "\n0.001000", 1)))
+    refuses("time does not increase", changed("time.csv", lambda text: text.replace("\n0.009000", "\n0.001000", 1)))
     refuses("no speed", changed("speed.csv", lambda text: text.replace("time [s]", "run [1]")))
     refuses("steady sliding", "slow.csv", "--region", "a=0", "--region", "b=60")
-    refuses("must begin at 0", "slow.csv", "--region", "a=5")
-    refuses("no insertion passes there", "slow.csv", *REGIONS, "--puncture", "skin=150")
+    refuses("must start at 0", "slow.csv", "--region", "a=5")
+    refuses("no insertion reaches this depth", "slow.csv", *REGIONS, "--puncture", "skin=150")
     refuses("NAME=DEPTH", "slow.csv", "--region", "a")
     refuses("NAME=DEPTH", "slow.csv", "--region", "a: b=0")
     refuses("above 0", "slow.csv", "--speed", "-3")

@@ -14,13 +14,13 @@ static const double ROOM = 64e9; /* bytes */
 static void every_choice_has_its_reason(void **state) {
     (void)state;
     static const struct { inverse_facts facts; inverse_choice expected; const char *words; } cases[] = {
-        {{.given = INVERSE_SPARSE, .node_count = 10, .dof_count = 30}, INVERSE_SPARSE, "sparse (as the scene asks)"},
-        {{.given = INVERSE_DENSE, .node_count = 45000, .dof_count = 135000}, INVERSE_DENSE, "dense (as the scene asks)"},
+        {{.given = INVERSE_SPARSE, .node_count = 10, .dof_count = 30}, INVERSE_SPARSE, "sparse (set in the scene)"},
+        {{.given = INVERSE_DENSE, .node_count = 45000, .dof_count = 135000}, INVERSE_DENSE, "dense (set in the scene)"},
         {{.node_count = 572, .dof_count = 1416, .memory = ROOM}, INVERSE_DENSE, "dense (572 nodes: 0.016 GB)"},
         {{.node_count = 572, .dof_count = 1416, .memory = ROOM, .dense_method = "bcs"}, INVERSE_DENSE,
-         "dense (remeshing by bcs works on all of it: 0.016 GB)"},
+         "dense (required by remeshing: bcs, 0.016 GB)"},
         {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .dense_method = "woodbury", .roi_given = true, .roi_count = 3418},
-         INVERSE_DENSE, "dense (remeshing by woodbury works on all of it: 146 GB)"},
+         INVERSE_DENSE, "dense (required by remeshing: woodbury, 146 GB)"},
         {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .roi_given = true, .roi_count = 3418}, INVERSE_CONDENSED,
          "condensed (region of 3418 nodes: 0.841 GB; dense would take 146 GB)"},
         {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .roi_given = true, .roi_count = 10000}, INVERSE_SPARSE,

@@ -136,12 +136,12 @@ static void what_cannot_be_made_is_refused(void **state) {
     for (int i = 0; i < 2; i++) {
         report why = {""};
         assert_int_equal(inverse_gather(c.inverse, 1, &inside, 1, &outside, block, 3, &why), TROCAR_BAD_INPUT);
-        assert_non_null(strstr(why.text, "do not hold the whole body"));
+        assert_non_null(strstr(why.text, "do not constrain the whole body"));
         assert_true(block[0] == 7.0);
     }
     report why = {""};
     assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "do not hold the whole body"));
+    assert_non_null(strstr(why.text, "do not constrain the whole body"));
     assert_null(c.tissue.factor);
     assert_blocks(&c, REGION, region);
     vec3 field[CUBE_NODES];

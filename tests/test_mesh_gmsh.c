@@ -170,7 +170,7 @@ static void faults_in_the_content_are_named(void **state) {
     assert_change_refused(MSH2, "3 2 2 3 2 2 3 5", "3 2 2 3 2 2 3 4", "\"capsule\"");
     assert_change_refused(MSH2, "4 1 1 2 3 5", "4 1 1 2 3 2", "no volume");
     assert_change_refused(MSH2, "\"gland\"\n3 5", "\"volume_5\"\n3 6", "two physical volumes");
-    assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 4 2 0 2 2 3 5 7", "in no physical volume");
+    assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 4 2 0 2 2 3 5 7", "not in a physical volume");
     assert_change_refused(MSH4, "2 0 0 0 1 1 1 1 5 0", "2 0 0 0 1 1 1 2 4 5 0", "leave it in one");
     assert_change_refused(MSH2, "5 4 2 5 2 2 3 5 7", "5 7 2 5 2 1 2 3 5 7", "only linear tetrahedra");
     assert_change_refused(MSH2, "7 1 1 1", "7 1 1 nan", "changed.msh");

@@ -177,7 +177,7 @@ static void check_refusals(void) {
             add_node(kinds[k], element_of(false), point_in(element_of(false), 0.1));
             request.serial++;
             assert_int_equal(remesher_serve(r, &request, &snapshot, &why), TROCAR_BAD_INPUT);
-            assert_non_null(strstr(why.text, "do not hold the whole body"));
+            assert_non_null(strstr(why.text, "do not constrain the whole body"));
             request.wanted.count--;
             check(r);
             remesher_free(r);

@@ -158,11 +158,11 @@ static void loose_bodies_are_refused(void **state) {
     assert_refused(&c, "no node is fixed");
     for (int i = 0; i < CUBE_NODES; i += 17) { /* turns about the node */
         c.fixed[i] = true;
-        assert_refused(&c, "do not hold");
+        assert_refused(&c, "do not constrain");
         for (int j = 3; j < CUBE_NODES; j += 29) { /* turns about the line through two */
             if (i == j) continue;
             c.fixed[j] = true;
-            assert_refused(&c, "do not hold");
+            assert_refused(&c, "do not constrain");
             c.fixed[j] = false;
         }
         c.fixed[i] = false;

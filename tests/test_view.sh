@@ -33,7 +33,7 @@ refuses() {
 }
 refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
 head -c 50000 "$source/tests/traces/figure8.log" >"$work/cut.log"
-refuses "the log is cut short; it is shown up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
+refuses "the log is cut short; showing it up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
     --png "$work/late.png" --at 99
 refuses "--png needs --log" "$build/clients/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1
@@ -41,7 +41,7 @@ refuses "--theme needs --png" "${show[@]}" --theme dark
 for wrong in --size=10x10 --size=1600 --view=behind --cut=oblique --cut=axial:x --theme=blue; do
     refuses "${wrong%=*}" "${show[@]}" --png "$work/late.png" "$wrong"
 done
-refuses "does not cross the body, which lies from 0.0 to 100.0 mm" "${show[@]}" --png "$work/late.png" --cut axial:400
+refuses "does not cross the body, which extends from 0.0 to 100.0 mm" "${show[@]}" --png "$work/late.png" --cut axial:400
 refuses none.yaml "$build/clients/view/trocar-view" --scene none.yaml
 refuses "the page is not built" "${show[@]}" --page /nowhere
 refuses /nowhere/x.png "${show[@]}" --png /nowhere/x.png

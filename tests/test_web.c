@@ -315,7 +315,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     request(&f, &c, "evil.example", NULL, NULL);
     assert_int_equal(c.answer, 403);
     while (!c.closed) go_round(&f, &c, 1);
-    assert_non_null(memmem(c.got, c.length, "start trocar-view with --host", 29)); /* whoever meant well is told what to do */
+    assert_non_null(memmem(c.got, c.length, "with this name as --host", 29)); /* whoever meant well is told what to do */
     close(c.socket);
     request(&f, &c, "127.0.0.1", NULL, NULL);
     assert_int_equal(c.answer, 200);

@@ -10,11 +10,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-/* Software rendering: the same picture with and without a graphics card. */
+/* Uses software rendering, so that pictures do not depend on the graphics card. */
 static void run_browser(const char *profile, const char *url) {
     char folder[96];
     snprintf(folder, sizeof folder, "--user-data-dir=%s", profile);
-    char *sandbox = geteuid() == 0 ? "--no-sandbox" : "--enable-features="; /* root has none */
+    char *sandbox = geteuid() == 0 ? "--no-sandbox" : "--enable-features="; /* the sandbox does not work for root */
     char *arguments[] = {"chromium", "--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
                          "--no-first-run", "--disable-background-networking", "--window-size=1600,1000", sandbox, folder, (char *)url, NULL};
     int nowhere = open("/dev/null", O_RDWR);
@@ -26,7 +26,7 @@ static void run_browser(const char *profile, const char *url) {
 
 trocar_status chromium_start(chromium *c, const char *url, report *why) {
     *c = (chromium){.profile = "/tmp/trocar-view-XXXXXX"};
-    if (!mkdtemp(c->profile)) return fail(why, TROCAR_SYSTEM, "%s: cannot be created: %s", c->profile, strerror(errno));
+    if (!mkdtemp(c->profile)) return fail(why, TROCAR_SYSTEM, "cannot create %s: %s", c->profile, strerror(errno));
     c->process = fork();
     if (c->process == 0) run_browser(c->profile, url);
     return c->process > 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot start a process: %s", strerror(errno));

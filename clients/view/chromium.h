@@ -1,4 +1,4 @@
-/* A headless Chromium on one page, in a profile of its own that goes away with it. */
+/* A headless Chromium that shows one page, with a temporary profile. */
 #ifndef TROCAR_CHROMIUM_H
 #define TROCAR_CHROMIUM_H
 
@@ -8,11 +8,11 @@
 #include "base/report.h"
 
 typedef struct {
-    pid_t process;           /* and its group; 0: none */
-    char profile[64];        /* its folder */
+    pid_t process;           /* process and process group; 0: none */
+    char profile[64];        /* folder of the profile */
 } chromium;
 
-/* SYSTEM when it cannot be started; whether it lives is for chromium_ended to say. */
+/* SYSTEM if the process cannot be created. Use chromium_ended to check whether it runs. */
 trocar_status chromium_start(chromium *c, const char *url, report *why);
 bool chromium_ended(chromium *c);
 void chromium_stop(chromium *c);

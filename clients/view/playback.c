@@ -7,7 +7,7 @@
 #include "poselog.h"
 #include "viewer_messages.h"
 
-static const double CLOCK = 1e-6; /* s, of the times in a log */
+static const double CLOCK = 1e-6; /* s, resolution of the times in a log */
 
 typedef struct {
     const scene *scene;
@@ -54,7 +54,7 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
     return TROCAR_OK;
 }
 
-/* Of the tick just played. */
+/* Adds a picture of the tick just played. */
 static trocar_status add_picture(playback *p, int tick, timeline *t, report *why) {
     viewer_messages_take(&p->messages, p->state, tick, p->poses.poses[tick].utime);
     return timeline_add_picture(t, pose_log_time(&p->poses, tick), &p->messages.contacts, &p->messages.deformation, why);
@@ -76,7 +76,7 @@ trocar_status playback_run(const scene *scene, const char *path, timeline *t, re
     return status;
 }
 
-/* The last pose not after `at`, -1 where all are before it. */
+/* Index of the last pose not after `at`, -1 if the log ends before it. */
 static int tick_at(const pose_log *poses, double at) {
     int tick = poses->count - 1;
     if (isfinite(at) && pose_log_time(poses, tick) < at - CLOCK) return -1;

@@ -1,18 +1,18 @@
-/* A recorded log, run again: its poses go through the mechanics in lockstep, as in trocar-replay. */
+/* Replays a recorded log: simulates its poses in lockstep, as trocar-replay does. */
 #ifndef TROCAR_PLAYBACK_H
 #define TROCAR_PLAYBACK_H
 
 #include "timeline.h"
 
-enum { PLAYBACK_HZ = 30 };  /* pictures a second of the log's time */
+enum { PLAYBACK_HZ = 30 };  /* pictures per second of log time */
 
-/* Plays the poses of the log at `path` in `scene` and brings what happens to `t`. A log that was cut short, or is still being
-   written, is played to its last whole event, and `cut` says where that is (empty for a whole log). BAD_INPUT as
+/* Simulates the poses of the log at `path` in `scene` and writes the result to `t`. A truncated log, or one that is still being
+   written, is played to its last complete event; `cut` then says where that is (empty for a complete log). BAD_INPUT as
    pose_log_read_to_cut. */
 trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *cut, report *why);
 
-/* Plays them to the last one not after `at` (s; INFINITY: the end) and brings that moment only, a sample and a picture, to
-   `t`. BAD_INPUT also where the log ends before `at`. */
+/* The same up to the last pose not after `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
+   BAD_INPUT also if the log ends before `at`. */
 trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *cut, report *why);
 
 #endif

@@ -15,8 +15,8 @@
 enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
-static const double LONGEST_STEP = 0.01;       /* s that a round may take the needle on by */
-static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops: the browser has hung or gone */
+static const double LONGEST_STEP = 0.01;       /* s, longest time step */
+static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, pose home, double needle_length, report *why) {
@@ -75,7 +75,7 @@ static void publish_pose(pose_publisher *p) {
 
 bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     bool goes_on = true;
-    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* before the orders: see publisher_hear */
+    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* read before the orders: see publisher_hear */
     for (publisher_order order; goes_on && spsc_ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
     if (!goes_on || !p->holding) return goes_on;
     if (now - heard > SERVER_SILENCE) {
@@ -88,7 +88,7 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     return true;
 }
 
-/* Where it is permitted: browsers beside it may keep the processors busy. */
+/* Uses real-time scheduling if permitted, because local browsers may keep the processors busy. */
 static void ask_realtime(void) {
     realtime_use_fifo(PRIORITY_DEVICE);
 }
@@ -98,7 +98,7 @@ void *publisher_run(void *context) {
     ask_realtime();
     int64_t before = monotonic_ns(), now = before;
     while (publisher_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
-        if (p->holding) sleep_until((now / PERIOD + 1) * PERIOD); /* periods that were missed are skipped */
+        if (p->holding) sleep_until((now / PERIOD + 1) * PERIOD); /* missed periods are skipped */
         else wait_for_wake(p->wake);
         before = now;
         now = monotonic_ns();

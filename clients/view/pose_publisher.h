@@ -1,5 +1,5 @@
-/* The thread that drives the needle for a browser: a device like any other, at 1 kHz. The needle stops when no orders come, and
-   no poses are sent while no server is heard: nobody would feel where the needle goes. */
+/* Thread that drives the needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive,
+   and no poses are sent while there is no server. */
 #ifndef TROCAR_POSE_PUBLISHER_H
 #define TROCAR_POSE_PUBLISHER_H
 
@@ -13,42 +13,42 @@ typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_RELEASE, ORDER_END } 
 
 typedef struct {
     order_kind kind;
-    pose base;               /* TAKE: where it begins */
+    pose base;               /* TAKE: initial pose */
     rate_control_command command;   /* STEER */
 } publisher_order;
 
 typedef struct {
-    lcm_t *lcm;              /* shared: lcm_publish is safe from any thread */
+    lcm_t *lcm;              /* shared: lcm_publish is thread-safe */
     int64_t session;
     rate_control_limits limits;
     pose home;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
-    _Atomic int64_t heard;   /* ns, monotonic: the server's last wrench */
+    _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
 
-    /* the thread's own */
+    /* used by the thread only */
     rate_control_state drive;
     rate_control_command command;
     bool holding;
     int64_t ordered;         /* ns, monotonic: last order */
-    int64_t seq;             /* of the last pose */
+    int64_t seq;             /* sequence number of the last pose */
 } pose_publisher;
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, pose home, double needle_length, report *why);
 void publisher_free(pose_publisher *p);
 
-/* From the web's thread; an order that finds the ring full is dropped (the next one follows). */
+/* Called by the web thread. An order is dropped if the ring is full; the next one follows. */
 void publisher_tell(pose_publisher *p, const publisher_order *order);
 
-/* From the thread that gives the orders: the server's last wrench came at `now` (ns, monotonic). Orders given before are obeyed
-   before the next pose is sent. */
+/* Called by the thread that gives the orders: a wrench arrived at `now` (ns, monotonic). Orders given before are executed before
+   the next pose is sent. */
 void publisher_hear(pose_publisher *p, int64_t now);
 
-/* Takes all orders, then moves by `dt` (s) and publishes if it holds the needle and a server is heard. Returns false after
-   ORDER_END. */
+/* Executes all orders, then advances by `dt` (s) and publishes a pose if it owns the needle and a server is running. Returns false
+   after ORDER_END. */
 bool publisher_round(pose_publisher *p, int64_t now, double dt);
 
-/* Body of the thread; `context` is a pilot. Ends with ORDER_END, having released the needle. */
+/* Thread function; `context` is a pose_publisher. Releases the needle and returns after ORDER_END. */
 void *publisher_run(void *context);
 
 #endif

@@ -11,14 +11,14 @@ void rate_control_begin(rate_control_state *d, pose home, pose base) { *d = (rat
 
 static double share(double asked) { return isfinite(asked) ? fmax(-1, fmin(1, asked)) : 0; }
 
-/* `value` brought towards `wanted` by at most `step`. */
+/* Moves `value` towards `wanted` by at most `step`. */
 static double approach(double value, double wanted, double step) { return value + fmax(-step, fmin(step, wanted - value)); }
 
 static vec3 approach_vector(vec3 value, vec3 wanted, vec3 step) {
     return v3(approach(value.x, wanted.x, step.x), approach(value.y, wanted.y, step.y), approach(value.z, wanted.z, step.z));
 }
 
-/* Moves a coordinate; at the edge of `low` .. `high` the speed ends. A start outside may only come back. */
+/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. From outside it may only move back. */
 static double move(double from, double *speed, double dt, double low, double high) {
     double to = from + *speed * dt;
     bool leaves = *speed > 0 ? to > high : to < low;
@@ -39,7 +39,7 @@ static double tilt_of(quat q) {
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts in the world's frame, rolls in the needle's. A tilt beyond the limit is not taken unless it leads back. */
+/* Tilts in the world frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat q = d->base.orientation;
     quat tilted = q_multiply(q_exp(v3(d->turn.x * dt, d->turn.y * dt, 0)), q);

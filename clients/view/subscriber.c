@@ -9,7 +9,7 @@
 
 enum { QUEUE = 512 }; /* half a second of wrenches */
 
-static const int64_t SILENCE = 500000000; /* ns without a wrench after which no server is there */
+static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
 
 /* ---- the channels ---- */
 
@@ -24,7 +24,7 @@ plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     return s;
 }
 
-/* What the server before has said is not true of another one. */
+/* Discards the data of the previous server when another one is followed. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     if (f->heard != 0 && w->server == f->wrench.server) return;
     f->servers++;
@@ -53,7 +53,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     s.compute_p99 = (float)f->timing.compute_p99;
     s.compute_max = (float)f->timing.compute_max;
     report why;
-    timeline_add_sample(f->timeline, &s, &why); /* live: the ring has its memory */
+    timeline_add_sample(f->timeline, &s, &why); /* cannot fail live: the ring is preallocated */
 }
 
 static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -96,7 +96,7 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
     trocar_contacts_t_decode_cleanup(&m);
 }
 
-/* Ticks are the server's clock, also for pictures that come later than their wrench. */
+/* Time from the tick number, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->wrench.tick - tick) * f->period;
 }
@@ -111,7 +111,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         f->refused++;
         return;
     }
-    report why; /* a picture without memory is left out */
+    report why; /* a picture is skipped if out of memory */
     if (f->contacts && f->contacts->tick == m.tick && f->contacts->server == m.server)
         timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
@@ -120,7 +120,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
-    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh comes in fragments */
+    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
     for (size_t i = 0; channels[i] != NULL; i++) {

@@ -19,7 +19,7 @@ void timeline_free(timeline *t) {
     *t = (timeline){0};
 }
 
-/* A log's arrays grow; live, the oldest entry is written over. */
+/* The arrays of a log grow; live, the oldest entry is overwritten. */
 static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, report *why) {
     if (t->live || (size_t)count < *room) return TROCAR_OK;
     void *wider = realloc(*array, 2 * *room * size);
@@ -48,11 +48,11 @@ trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why
     t->gathered.events = events;
     t->gathered.membrane = membrane;
     if (s->time < t->slot_end) return TROCAR_OK;
-    t->slot_end = s->time + 0.99 * SAMPLE_SLOT; /* less than a slot: the next tick on its edge ends it */
+    t->slot_end = s->time + 0.99 * SAMPLE_SLOT; /* slightly less than a slot, so that a tick at its end starts the next one */
     return close_slot(t, why);
 }
 
-/* Every second picture goes. */
+/* Removes every second picture. */
 static void thin_out(timeline *t) {
     int64_t kept = 0;
     for (int64_t i = 0; i < t->picture_end; i++) {
@@ -65,7 +65,7 @@ static void thin_out(timeline *t) {
     t->picture_stride *= 2;
 }
 
-/* Where the next picture goes. In a log the newest one makes way for it unless it is one of those that stay. */
+/* Slot for the next picture. In a log it replaces the newest one unless that is to be kept. */
 static byte_buffer *next_place(timeline *t) {
     if (!t->live && t->picture_end > 0 && (t->pictures_given - 1) % t->picture_stride != 0) t->picture_end--;
     if (!t->live && t->picture_bytes > t->picture_bytes_most && t->picture_end > 2) thin_out(t);
@@ -93,7 +93,7 @@ bool timeline_has_news(const timeline *t, const timeline_cursor *cursor) {
 
 static int64_t oldest_kept(int64_t end, size_t room) { return end > (int64_t)room ? end - (int64_t)room : 0; }
 
-/* Up to where the ring wraps: the rest comes with the next call. */
+/* Copies samples up to the end of the ring; the rest follows in the next call. */
 static void read_samples(const timeline *t, timeline_cursor *cursor, byte_buffer *out) {
     int64_t oldest = oldest_kept(t->sample_end, t->sample_room);
     if (cursor->sample < oldest) cursor->sample = oldest;

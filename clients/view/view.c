@@ -1,4 +1,4 @@
-/* trocar-view: the live scene, or a recorded log, in a browser; and pictures of a log. */
+/* trocar-view: shows a live scene or a recorded log in browsers, and makes pictures of a log. */
 #define _GNU_SOURCE
 #include <argp.h>
 #include <errno.h>
@@ -26,20 +26,20 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
 
-/* What a picture shows and how large it is. */
+/* Content and size of a picture. */
 typedef struct {
     int width, height;       /* pixels */
-    int view;                /* 1 .. 4, as the page's keys have it */
+    int view;                /* 1 .. 4, as the keys of the page */
     const char *theme;
     char cut;                /* axis normal to the cut, 0: none */
-    double place;            /* m, where the cut crosses its axis; NAN: where the needle's tip is */
+    double place;            /* m, position of the cut on its axis; NAN: at the tip */
 } picture;
 
 typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
     double at;               /* s; INFINITY: the end of the log */
     picture picture;
-    const char *picture_option;   /* the last one given, NULL: none */
+    const char *picture_option;   /* last option that needs --png, NULL: none */
     web_settings web;
 } options;
 
@@ -59,9 +59,9 @@ typedef struct {
     subscriber feed;
     pose_publisher pilot;
     pthread_t pilot_thread;
-    bool piloting;           /* that thread runs */
-    int64_t servers;         /* as the feed counts them: the one that browsers have been driving on */
-    report cut;              /* where the log ends within an event, empty if it is whole */
+    bool piloting;           /* the publisher's thread runs */
+    int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
+    report cut;              /* where the log is truncated, empty if it is complete */
 
     output png;              /* --png only */
     bool png_taken;
@@ -72,29 +72,29 @@ typedef struct {
 enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
        OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME };
 
-enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels: twice as many are drawn for smooth edges */ };
+enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; rendered at twice the resolution for anti-aliasing */ };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
-    {0, 0, 0, 0, "Where browsers find it:", 1},
+    {0, 0, 0, 0, "Web server:", 1},
     {"port", 'p', "PORT", 0, "TCP port (default 8686; 0: any free one)", 1},
     {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on (default 127.0.0.1: this machine only)", 1},
     {"socket", OPTION_SOCKET, "PATH", 0, "Listen on a Unix socket instead, for a proxy", 1},
-    {"host", OPTION_HOST, "NAME", 0, "Name of this machine under which its page may be opened, besides localhost and ADDRESS", 1},
+    {"host", OPTION_HOST, "NAME", 0, "Host name under which the page may be opened, besides localhost and ADDRESS", 1},
     {"page", OPTION_PAGE, "FOLDER", 0, "The built page (default: the one built with this program)", 1},
     {0, 0, 0, 0, "Recorded logs:", 2},
-    {"log", OPTION_LOG, "FILE", 0, "Show this LCM event log, its poses run again in lockstep; needs no network", 2},
-    {"png", OPTION_PNG, "FILE", 0, "Write one picture of the log and end; uses headless Chromium", 2},
-    {"at", OPTION_AT, "SECONDS", 0, "Time of the picture, from the log's first pose (default: the end)", 2},
+    {"log", OPTION_LOG, "FILE", 0, "Show this LCM event log by simulating its poses in lockstep; needs no network", 2},
+    {"png", OPTION_PNG, "FILE", 0, "Write one picture of the log and exit; uses headless Chromium", 2},
+    {"at", OPTION_AT, "SECONDS", 0, "Time of the picture after the first pose of the log (default: the end)", 2},
     {"size", OPTION_SIZE, "WIDTHxHEIGHT", 0, "Size of the picture in pixels, 320 to 4096 each (default 1600x1000)", 2},
-    {"view", OPTION_VIEW, "NAME", 0, "Seen from: oblique (default), side, above, or along the needle", 2},
-    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue open in a sagittal, coronal or axial plane, at MM along x, y or z (default: through the tip)", 2},
-    {"theme", OPTION_THEME, "NAME", 0, "light (default) or dark", 2},
+    {"view", OPTION_VIEW, "NAME", 0, "View: oblique (default), side, above, or along the needle", 2},
+    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue in a sagittal, coronal or axial plane, at MM along x, y or z (default: at the tip)", 2},
+    {"theme", OPTION_THEME, "NAME", 0, "Theme: light (default) or dark", 2},
     {0},
 };
 
-/* Place of `text` among `count` names; otherwise ends the program through argp_error. */
+/* Index of `text` in `names`; otherwise exits through argp_error. */
 static int parse_name(struct argp_state *state, const char *option, const char *text, const char *const *names, int count) {
     int place = 0;
     while (place < count && strcmp(text, names[place]) != 0) place++;
@@ -161,7 +161,7 @@ static const struct argp parser = {
     "Shows a running trocar-server, or a recorded log, in any number of browsers, and lets one of them drive the needle.",
     NULL, NULL, NULL};
 
-/* ---- what the web asks ---- */
+/* ---- callbacks of the web server ---- */
 
 static void write_status(const view *v, FILE *out) {
     const trocar_status_t *s = v->feed.status;
@@ -174,7 +174,7 @@ static void write_status(const view *v, FILE *out) {
             s->flags);
 }
 
-/* The browser's part of the state and the server's: see page/src/link.js. */
+/* State of the browser and of the server, as JSON: see page/src/link.js. */
 static char *describe(void *context, bool drives, bool driven) {
     const view *v = context;
     char *text = NULL;
@@ -215,20 +215,21 @@ static void act(void *context, const web_action *action) {
     publisher_tell(&v->pilot, &order);
 }
 
-/* Takes what has come from the network. A server that was not there before knows nothing of an insertion: nobody drives on. */
+/* Receives messages. After a change of server the driving browser loses the needle, because the new server starts without an
+   insertion. */
 static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     if (v->feed.servers != v->servers) web_let_go(v->web);
     v->servers = v->feed.servers;
 }
 
-/* A server feels the needle, and no other client holds it. */
+/* Whether a server is running and the needle is not owned by another client. */
 static bool has_needle(const view *v) {
     int64_t owner = v->feed.wrench.session;
     return subscriber_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
 }
 
-/* What still waits to be received counts as heard. */
+/* Receives pending messages first. */
 static bool may_drive(void *context) {
     view *v = context;
     if (!v->lcm) return false;
@@ -276,7 +277,7 @@ static trocar_status watch_signals(view *v, report *why) {
 
 /* ---- set-up ---- */
 
-/* A needle along z, its tip 2 mm in front of where the middle of the body begins. */
+/* Needle along z with its tip 2 mm in front of the surface at the middle of the body. */
 static pose find_home(const mesh *m, double needle_length) {
     vec3 low = m->bvh[0].low, high = m->bvh[0].high;
     double x = 0.5 * (low.x + high.x), y = 0.5 * (low.y + high.y), margin = 0.002;
@@ -285,7 +286,7 @@ static pose find_home(const mesh *m, double needle_length) {
     return (pose){v3(x, y, skin - margin - needle_length), {1, 0, 0, 0}};
 }
 
-/* The page is beside the program where that was built, in share/trocar where it is installed. */
+/* The page is in the build folder of the program, or in share/trocar if it is installed. */
 static const char *page_folder(const options *o, char *place, size_t size) {
     static const char beside[] = "/page", installed[] = "/../share/trocar/page";
     if (o->web.page) return o->web.page;
@@ -318,7 +319,7 @@ static trocar_status open_live(view *v, report *why) {
     const char *url = v->options->lcm_url;
     v->lcm = lcm_create(url);
     if (!v->lcm)
-        return fail(why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
+        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, &v->mesh, v->scene.rate_hz, &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->scene.simulation.needle.length, why);
@@ -336,7 +337,7 @@ static trocar_status open_log(view *v, report *why) {
     if (status != TROCAR_OK) return status;
     status = o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, &v->cut, why)
                          : playback_run(&v->scene, o->log_path, &v->timeline, &v->cut, why);
-    if (*v->cut.text) fprintf(stderr, "trocar-view: %s; it is shown up to there\n", v->cut.text);
+    if (*v->cut.text) fprintf(stderr, "trocar-view: %s; showing it up to there\n", v->cut.text);
     return status;
 }
 
@@ -346,7 +347,7 @@ static trocar_status check_cut(const view *v, report *why) {
     vec3 low = v->mesh.bvh[0].low, high = v->mesh.bvh[0].high;
     double from = p->cut == 'x' ? low.x : p->cut == 'y' ? low.y : low.z, to = p->cut == 'x' ? high.x : p->cut == 'y' ? high.y : high.z;
     if (p->place > from && p->place < to) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "--cut: %c = %g mm does not cross the body, which lies from %.1f to %.1f mm", p->cut, 1e3 * p->place,
+    return fail(why, TROCAR_BAD_INPUT, "--cut: %c = %g mm does not cross the body, which extends from %.1f to %.1f mm", p->cut, 1e3 * p->place,
                 1e3 * from, 1e3 * to);
 }
 
@@ -366,7 +367,7 @@ static trocar_status prepare(view *v, report *why) {
 }
 
 static void clean_up(view *v) {
-    if (v->web) web_free(v->web); /* first: a browser that drives releases the needle when its connection ends */
+    if (v->web) web_free(v->web); /* first, because a driving browser releases the needle when its connection closes */
     if (v->piloting) {
         publisher_tell(&v->pilot, &(publisher_order){.kind = ORDER_END});
         pthread_join(v->pilot_thread, NULL);
@@ -396,7 +397,7 @@ static void serve(view *v) {
     while (!v->stop) web_round(v->web);
 }
 
-/* The page with what it needs to draw the picture: see pose in page/src/main.js. */
+/* URL of the page with the parameters of the picture: see pose in page/src/main.js. */
 static void picture_url(const view *v, size_t size, char *url) {
     const picture *p = &v->options->picture;
     int length = snprintf(url, size, "http://127.0.0.1:%d/?picture&width=%d&height=%d&view=%d&theme=%s", web_port(v->web), p->width, p->height,
@@ -405,7 +406,7 @@ static void picture_url(const view *v, size_t size, char *url) {
     if (p->cut && !isnan(p->place)) snprintf(url + length, size - (size_t)length, "&place=%.9g", p->place);
 }
 
-/* The page draws the picture and sends it back. */
+/* The page renders the picture and sends it back. */
 static trocar_status take_picture(view *v, report *why) {
     char url[256];
     picture_url(v, sizeof url, url);
@@ -413,20 +414,20 @@ static trocar_status take_picture(view *v, report *why) {
     trocar_status status = chromium_start(&browser, url, why);
     int64_t deadline = monotonic_ns() + PICTURE_PATIENCE;
     while (status == TROCAR_OK && !v->stop) {
-        web_round(v->web); /* at least every tenth of a second: the web's timer */
+        web_round(v->web); /* returns at least every 0.1 s because of its timer */
         if (chromium_ended(&browser))
-            status = fail(why, TROCAR_SYSTEM, "chromium ended without a picture: is Debian's package chromium installed?");
+            status = fail(why, TROCAR_SYSTEM, "chromium exited without a picture: is Debian's package chromium installed?");
         else if (monotonic_ns() > deadline) status = fail(why, TROCAR_SYSTEM, "no picture from chromium in %d s", (int)(PICTURE_PATIENCE / 1000000000));
     }
     chromium_stop(&browser);
-    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: interrupted before it was written", v->options->png_path);
+    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: not written because of an interrupt", v->options->png_path);
     return status == TROCAR_OK ? output_commit(&v->png, why) : status;
 }
 
 int main(int count, char **arguments) {
     options o = {.at = INFINITY, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    realtime_flush_denormals();   /* a log gives the same numbers as in trocar-replay */
+    realtime_flush_denormals();   /* as in trocar-replay, so that results are the same */
 
     static view v;
     v.options = &o;

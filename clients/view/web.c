@@ -8,12 +8,12 @@
 #include <unistd.h>
 
 enum {
-    IN_FLIGHT = 2,           /* updates that a browser may have without an answer */
-    UPDATE_BYTES = 1 << 18,  /* about, of one update */
-    PNG_BYTES = 64 << 20,    /* longest picture that is taken */
+    IN_FLIGHT = 2,           /* unacknowledged updates per browser */
+    UPDATE_BYTES = 1 << 18,  /* approximate size of an update */
+    PNG_BYTES = 64 << 20,    /* largest accepted picture */
     WATCHES = 4,
-    HANDSHAKE_PATIENCE = 5,  /* s for a request to be complete */
-    TRY_AGAIN_LATER = 1013,  /* status code of a WebSocket's end, RFC 6455 and IANA */
+    HANDSHAKE_PATIENCE = 5,  /* s, timeout of a request */
+    TRY_AGAIN_LATER = 1013,  /* WebSocket close code, IANA registry (RFC 6455) */
 };
 
 static const lws_usec_t STATUS_PERIOD = 100000; /* us */
@@ -24,10 +24,10 @@ typedef struct browser {
     struct lws *wsi;
     timeline_cursor cursor;
     bool has_scene, wants_status;
-    bool refused;            /* is told why and disconnected; not among `browsers` */
+    bool refused;            /* is sent the reason and disconnected; not in `browsers` */
     int in_flight;
     int silent;              /* statuses since its last message */
-    byte_buffer received;    /* of the message that is arriving */
+    byte_buffer received;    /* part of the message received so far */
 } browser;
 
 typedef struct {
@@ -40,16 +40,16 @@ struct web {
     struct lws_vhost *host;
     lws_sorted_usec_list_t timer;
     browser *browsers;
-    browser *driver;         /* the one that drives, or NULL */
+    browser *driver;         /* the driving browser, or NULL */
     int browser_count;
     watch watches[WATCHES];
     int watch_count;
-    byte_buffer update;      /* being sent, behind LWS_PRE bytes */
+    byte_buffer update;      /* being sent, after LWS_PRE bytes */
 };
 
-/* ---- who may ---- */
+/* ---- access control ---- */
 
-/* Is `given`, "name:port" or "[v6]:port", at `name`? */
+/* Whether `given`, "name:port" or "[v6]:port", has the host `name`. */
 static bool is_host(const char *given, const char *name) {
     size_t length = strlen(name);
     bool v6 = strchr(name, ':') != NULL;
@@ -75,7 +75,7 @@ static int forbid(struct lws *wsi, const char *reason) {
     return -1;
 }
 
-/* What every request must satisfy, for a page's files (`socket` false) and for WebSockets. Returns -1 for one that was refused. */
+/* Access check of every request, for files of the page (`socket` false) and WebSockets. Returns -1 if it was refused. */
 static int filter(const web *w, struct lws *wsi, bool socket) {
     const web_settings *s = &w->settings;
     char origin[256] = "", host[256] = "";
@@ -83,8 +83,8 @@ static int filter(const web *w, struct lws *wsi, bool socket) {
     lws_hdr_copy(wsi, host, sizeof host, WSI_TOKEN_HOST);
     bool has_origin = lws_hdr_total_length(wsi, WSI_TOKEN_ORIGIN) > 0;
     if (!web_host_allowed(host, s->address, s->host))
-        return forbid(wsi, "trocar-view does not answer under this name. Open the page at 127.0.0.1 or localhost, or start trocar-view "
-                           "with --host and this name.");
+        return forbid(wsi, "trocar-view does not accept this host name. Open the page at 127.0.0.1 or localhost, or start trocar-view "
+                           "with this name as --host.");
     if ((socket || has_origin) && !web_origin_allowed(origin, host, s->address, s->host))
         return forbid(wsi, "Pages of other sites may not connect to trocar-view.");
     return 0;
@@ -99,7 +99,7 @@ static void append_status(web *w, browser *b) {
     free(json);
 }
 
-/* Returns -1: the connection is closed. */
+/* Sends the reason. Returns -1 to close the connection. */
 static int send_refusal(const browser *b) {
     char reason[100];
     int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);
@@ -148,8 +148,9 @@ void web_let_go(web *w) {
 
 static bool may_drive(const web *w) { return !w->settings.may_drive || w->settings.may_drive(w->settings.context); }
 
-/* A page that lives answers each status. They are counted, not timed: a pause of this program is no silence of theirs. One that
-   has hung must not keep the needle, nor a place that another could have: it is disconnected, and comes back when it goes on. */
+/* Sends the status to all browsers and disconnects those that no longer answer, so that a page that hangs keeps neither the needle
+   nor a connection; it reconnects when it continues. Unanswered statuses are counted instead of time, so that a pause of this program
+   does not disconnect anyone. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);
     for (browser *b = w->browsers; b; b = b->next) {
@@ -165,7 +166,7 @@ static void on_timer(lws_sorted_usec_list_t *timer) {
 
 /* ---- receiving ---- */
 
-/* The needle is taken by the first who asks; what others ask of it is passed over. */
+/* The first browser that requests the needle gets it; requests of others are ignored. */
 static void take_action(web *w, browser *b, const web_action *action) {
     switch (action->kind) {
     case ACTION_ACKNOWLEDGE:
@@ -186,7 +187,7 @@ static void take_action(web *w, browser *b, const web_action *action) {
     }
 }
 
-/* Returns false for what is no message of the page. */
+/* Returns false for an invalid message. */
 static bool take_message(web *w, browser *b) {
     const byte_buffer *m = &b->received;
     web_action action;
@@ -214,7 +215,7 @@ static int receive(web *w, browser *b, const void *data, size_t length) {
     return good ? 0 : -1;
 }
 
-/* ---- browsers come and go ---- */
+/* ---- connections ---- */
 
 static void add_browser(web *w, browser *b, struct lws *wsi) {
     *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true, .refused = w->browser_count == WEB_BROWSERS};
@@ -235,11 +236,11 @@ static void remove_browser(web *w, browser *b) {
     bytes_free(&b->received);
 }
 
-/* The page's files. A WebSocket that names no protocol comes here, too. */
+/* Serves the page's files. Also called for a WebSocket without a protocol. */
 static int on_request(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
     switch (reason) {
     case LWS_CALLBACK_FILTER_HTTP_CONNECTION: return filter(lws_context_user(lws_get_context(wsi)), wsi, false);
-    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return forbid(wsi, "trocar-view has no such protocol.");
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return forbid(wsi, "Unknown WebSocket protocol.");
     default: return lws_callback_http_dummy(wsi, reason, user, data, length);
     }
 }
@@ -260,7 +261,7 @@ static int on_socket(struct lws *wsi, enum lws_callback_reasons reason, void *us
 
 static int on_descriptor(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *data, size_t length) {
     (void)user, (void)data, (void)length;
-    if (reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION) return forbid(wsi, "trocar-view has no such protocol.");
+    if (reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION) return forbid(wsi, "Unknown WebSocket protocol.");
     if (reason != LWS_CALLBACK_RAW_RX_FILE) return 0;
     web *w = lws_context_user(lws_get_context(wsi));
     const watch *seen = lws_get_opaque_user_data(wsi);
@@ -281,7 +282,7 @@ static trocar_status check_page(const char *page, report *why) {
     char index[4096];
     snprintf(index, sizeof index, "%s/index.html", page);
     if (access(index, R_OK) == 0) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "%s: %s: the page is not built: install npm (scripts/setup), then scripts/build", index,
+    return fail(why, TROCAR_BAD_INPUT, "%s: %s: the page is not built: install npm (scripts/setup), then run scripts/build", index,
                 strerror(errno));
 }
 
@@ -301,8 +302,8 @@ static trocar_status listen_here(web *w, report *why) {
     w->lws = lws_create_context(&info);
     if (w->lws) w->host = lws_create_vhost(w->lws, &info);
     if (w->host) return TROCAR_OK;
-    if (s->socket) return fail(why, TROCAR_BAD_INPUT, "%s: cannot listen there: is its folder there, and is the file not in use?", place);
-    return fail(why, TROCAR_BAD_INPUT, "cannot listen on %s:%d: is another program there? choose another --port", place, s->port);
+    if (s->socket) return fail(why, TROCAR_BAD_INPUT, "%s: cannot listen on this socket: does its folder exist, or is the socket in use?", place);
+    return fail(why, TROCAR_BAD_INPUT, "cannot listen on %s:%d: is the port in use? Choose another --port", place, s->port);
 }
 
 trocar_status web_create(const web_settings *settings, web **created, report *why) {
@@ -332,8 +333,8 @@ void web_free(web *w) {
 int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
 
 trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why) {
-    if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "no more than %d descriptors can be watched", WATCHES);
-    int own = dup(descriptor); /* libwebsockets closes what it has adopted */
+    if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "cannot watch more than %d descriptors", WATCHES);
+    int own = dup(descriptor); /* libwebsockets closes adopted descriptors */
     watch *added = &w->watches[w->watch_count];
     *added = (watch){readable};
     lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own,

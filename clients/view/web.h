@@ -1,5 +1,5 @@
-/* The page and its WebSockets, through libwebsockets: one thread, no lock. Each browser is sent what it has not seen yet
-   once it has taken what it was sent before, so that a slow one sees fewer pictures and holds up nobody. */
+/* Web server for the page and its WebSockets, based on libwebsockets; single-threaded. Each browser gets new data after it has
+   acknowledged previous updates, so that a slow one receives fewer pictures and does not delay others. */
 #ifndef TROCAR_WEB_H
 #define TROCAR_WEB_H
 
@@ -9,7 +9,7 @@ typedef struct web web;
 
 enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100 };
 
-/* What a browser asks for; little-endian, 32 bytes. */
+/* Message from a browser; little-endian, 32 bytes. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE } action_kind;
 typedef struct {
     uint32_t kind;
@@ -22,41 +22,41 @@ typedef struct {
     const char *page;        /* folder of the built page */
     const char *address;     /* to listen on; NULL: 127.0.0.1 */
     const char *socket;      /* path of a Unix socket to listen on instead, or NULL */
-    const char *host;        /* name under which browsers may open the page besides localhost and `address`, or NULL */
+    const char *host;        /* host name allowed besides localhost and `address`, or NULL */
     int port;                /* 0: any free one */
-    int patience;            /* tenths of a second without a message after which a browser has hung and is disconnected;
+    int patience;            /* tenths of a second without a message after which a browser is disconnected;
                                 0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* encoded: sent first */
-    void *context;           /* of the functions below */
-    char *(*describe)(void *context, bool drives, bool driven);  /* JSON of the state, to be freed; NULL: none now */
-    void (*act)(void *context, const web_action *action);        /* of the one browser that drives */
-    bool (*may_drive)(void *context);  /* whether a browser may take and keep the needle now; NULL: always */
-    void (*take_png)(void *context, const void *png, size_t size); /* NULL: none is taken */
+    void *context;           /* passed to the functions below */
+    char *(*describe)(void *context, bool drives, bool driven);  /* state as JSON, freed by the caller; NULL: none */
+    void (*act)(void *context, const web_action *action);        /* action of the driving browser */
+    bool (*may_drive)(void *context);  /* whether a browser may take and keep the needle; NULL: always */
+    void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;
 
-/* Listens; the strings in `settings` must outlive it. BAD_INPUT when the page is not there or the address cannot be had. */
+/* Listens; the strings in `settings` must outlive it. BAD_INPUT if the page does not exist or the address cannot be used. */
 trocar_status web_create(const web_settings *settings, web **created, report *why);
 void web_free(web *w);
 int web_port(const web *w);
 
-/* Watches a descriptor: `readable` is called whenever there is something to read. The descriptor stays the caller's. */
+/* Calls `readable` whenever the descriptor is readable. The caller keeps ownership of the descriptor. */
 trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why);
 
-/* Serves what is due, waiting for it. */
+/* Waits for events and handles them. */
 void web_round(web *w);
 
-/* There is news in the timeline. */
+/* Tells the server that the timeline has new data. */
 void web_news(web *w);
 
-/* Takes the needle from the browser that drives, if one does. */
+/* Takes the needle from the driving browser, if any. */
 void web_let_go(web *w);
 
-/* Whether a request with this Host header is meant for this program: under another name, a site could point it at 127.0.0.1. */
+/* Whether this Host header is allowed. Protects against DNS rebinding, where a site's name resolves to 127.0.0.1. */
 bool web_host_allowed(const char *host, const char *address, const char *name);
 
-/* Whether a page from `origin` may open a WebSocket here, given the request's Host header: only a page that came from here, under
-   an allowed name. Another site's page could otherwise drive the needle. */
+/* Whether a page from `origin` may open a WebSocket with this Host header: only pages served by this program under an allowed
+   name. Otherwise another site's page could drive the needle. */
 bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name);
 
 #endif

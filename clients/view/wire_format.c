@@ -5,7 +5,7 @@
 
 #include "json.h"
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs and arrays are sent as they are");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs and arrays are sent without conversion");
 
 /* ---- bytes ---- */
 
@@ -114,8 +114,8 @@ static void append_tets(byte_buffer *b, const mesh *m) {
     }
 }
 
-/* Three nodes (counter-clockwise from outside of `inner`), the groups of the regions behind and in front, bits of the
-   named surfaces. */
+/* Appends three nodes (counter-clockwise as seen from outside `tet`), the region groups behind and in front, and the bits of named
+   surfaces. */
 static void append_triangle(byte_buffer *b, const mesh *m, int tet, int face, int neighbour) {
     static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
     uint32_t triangle[6];
@@ -131,7 +131,7 @@ static void append_triangles(byte_buffer *b, const mesh *m) {
         for (int f = 0; f < 4; f++) {
             int n = m->neighbours[t][f];
             bool shown = n < 0 || m->region[n] != m->region[t] || m->face_groups[t][f] != 0;
-            if (shown && n < t) append_triangle(b, m, t, f, n);   /* an inner one is seen from both sides: the later tet's */
+            if (shown && n < t) append_triangle(b, m, t, f, n);   /* an interior triangle is sent once, with the later tet */
         }
 }
 
@@ -154,7 +154,7 @@ typedef struct {
 } picture_head;
 _Static_assert(sizeof(picture_head) == 64, "decode.js reads 64 bytes");
 
-/* Metres that one count of a displacement stands for. */
+/* Metres per count of a displacement. */
 static float displacement_scale(const trocar_deformation_t *d) {
     float largest = 0;
     for (int n = 0; n < d->node_count; n++)

@@ -1,5 +1,5 @@
-/* What a browser receives: sections of little-endian binary, each begun by its kind and its bytes (two u32) and padded to
-   eight bytes, so that the page can lay typed arrays over them. page/src/decode.js is the other side. */
+/* Binary format of messages to browsers: little-endian sections, each with a header of kind and size (two u32) and padded to eight
+   bytes, so that the page can use typed arrays. Decoded by page/src/decode.js. */
 #ifndef TROCAR_WIRE_FORMAT_H
 #define TROCAR_WIRE_FORMAT_H
 
@@ -7,7 +7,7 @@
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
-/* A buffer that grows. When memory runs out, `failed` is set and nothing more is appended until it is cleared. */
+/* Growing buffer. If memory runs out, `failed` is set and nothing is appended until it is cleared. */
 typedef struct {
     unsigned char *data;
     size_t length, room;
@@ -15,19 +15,19 @@ typedef struct {
 } byte_buffer;
 
 void bytes_append(byte_buffer *b, const void *data, size_t length);
-void bytes_clear(byte_buffer *b);  /* empty again, keeps its memory */
+void bytes_clear(byte_buffer *b);  /* empties the buffer, keeps its memory */
 void bytes_free(byte_buffer *b);
 
 typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS } section_kind;
 
-/* Begin a section, append its bytes, end it. `begin` returns what `end` wants. */
+/* Begin a section, append its bytes, end it. `begin` returns the argument of `end`. */
 size_t section_begin(byte_buffer *b, section_kind kind);
 void section_end(byte_buffer *b, size_t begun);
 
-/* One point of the plots: the newest values of a slot of time, all events in it. Sent as it is. */
+/* One point of the plots: the newest values in a time slot and all its events. Sent without conversion. */
 typedef struct {
     double time;             /* s */
-    float force[3];          /* N, world frame, as the device renders it */
+    float force[3];          /* N, world frame, as sent to the device */
     float torque[3];         /* N m */
     float depth;             /* m */
     float lateness_p99, lateness_max, compute_p99, compute_max; /* s, of the last interval of TROCAR_TIMING */
@@ -37,12 +37,12 @@ typedef struct {
 } plot_sample;
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
-/* The scene as the page needs it: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between
-   regions, on the outer surface and on named surfaces. `live`: poses come from a server, not from a log. */
+/* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the
+   outer surface and on named surfaces. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const scene *s, const mesh *m, pose home, bool live);
 
-/* One picture at `time` (s): needle, contacts and the displacement of every node, rounded to 1/32767 of the largest
-   component: of a millimetre to 30 nm. */
+/* One picture at `time` (s): needle, contacts and the displacements of all nodes, rounded to 1/32767 of the largest component
+   (30 nm per millimetre). */
 void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);

@@ -1,4 +1,4 @@
-/* Memory shared by two threads, aligned so that neither slows the other. */
+/* Memory shared by two threads, aligned to cache lines to avoid false sharing. */
 #ifndef TROCAR_CACHE_LINE_H
 #define TROCAR_CACHE_LINE_H
 
@@ -9,11 +9,11 @@
 
 enum { CACHE_LINE = 64 };
 
-/* Zeroed and touched, so that no page faults later; free() releases it. */
+/* Zeroed and touched, so that later accesses cause no page faults. Release with free(). */
 static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory, report *why) {
     size_t rounded = (bytes + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     *memory = aligned_alloc(CACHE_LINE, rounded);
-    if (*memory == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate %zu bytes to be shared by two threads", rounded);
+    if (*memory == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate %zu bytes of memory shared by two threads", rounded);
     memset(*memory, 0, rounded);
     return TROCAR_OK;
 }

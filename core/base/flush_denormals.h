@@ -1,5 +1,5 @@
-/* Denormals count as zero while the mechanics compute, in every thread alike: some processors take a hundred times longer for
-   them, and results would depend on the mode that the host happens to run in. */
+/* Denormals are flushed to zero in every thread of the simulation: on some processors operations on them are a hundred times slower,
+   and results must not depend on the floating-point mode of the host program. */
 #ifndef TROCAR_FLUSH_DENORMALS_H
 #define TROCAR_FLUSH_DENORMALS_H
 
@@ -10,7 +10,7 @@
 
 typedef uint64_t floating_mode;
 
-/* Returns the mode to go back to. RT */
+/* Returns the previous mode, for restore_floating_mode. RT */
 static inline floating_mode flush_denormals(void) {
     floating_mode before = 0;
 #if defined(__SSE2__)

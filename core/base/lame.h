@@ -1,4 +1,4 @@
-/* Lame's moduli of an isotropic elastic material, Pa. */
+/* Lame parameters of an isotropic elastic material, Pa. */
 #ifndef TROCAR_LAME_H
 #define TROCAR_LAME_H
 

@@ -1,4 +1,4 @@
-/* One way to fail: a function returns a status and leaves one clear message in a report. */
+/* Error handling: a function returns a status and writes one message into a report. */
 #ifndef TROCAR_REPORT_H
 #define TROCAR_REPORT_H
 
@@ -7,10 +7,10 @@
 
 #include "trocar.h"
 
-/* The message of the first failure: names the place (file, line, key) and the remedy. */
+/* Message of the first failure: the place (file, line, key) and the remedy. */
 typedef trocar_error report;
 
-/* Writes the message and returns `status`, so that a caller fails in one line. */
+/* Writes the message and returns `status`, so that a caller can return the result directly. */
 __attribute__((format(printf, 3, 4)))
 static inline trocar_status fail(report *why, trocar_status status, const char *format, ...) {
     va_list arguments;

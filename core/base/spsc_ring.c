@@ -20,7 +20,7 @@ static unsigned char *element_at(const spsc_ring *r, size_t count) {
 
 bool spsc_ring_push(spsc_ring *r, const void *element) {
     size_t written = atomic_load_explicit(&r->written, memory_order_relaxed);
-    size_t taken = atomic_load_explicit(&r->taken, memory_order_acquire); /* the reader has copied what we overwrite */
+    size_t taken = atomic_load_explicit(&r->taken, memory_order_acquire); /* the reader has copied the element that is overwritten */
     if (written - taken == r->capacity) return false;
     memcpy(element_at(r, written), element, r->size);
     atomic_store_explicit(&r->written, written + 1, memory_order_release);

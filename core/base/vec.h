@@ -1,4 +1,4 @@
-/* Small vectors, matrices and rotations by value. Right-handed; angles in rad. */
+/* Small vectors, matrices and rotations, passed by value. Right-handed frames, angles in rad. */
 #ifndef TROCAR_VEC_H
 #define TROCAR_VEC_H
 
@@ -6,7 +6,7 @@
 
 typedef struct { double x, y, z; } vec3;
 typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
-typedef struct { double w, x, y, z; } quat;    /* unit: rotates body coordinates into world coordinates */
+typedef struct { double w, x, y, z; } quat;    /* unit quaternion, rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
 static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
@@ -49,7 +49,7 @@ static inline double m3_determinant(const mat3 *a) {
          - a->m[0][1] * (a->m[1][0] * a->m[2][2] - a->m[1][2] * a->m[2][0])
          + a->m[0][2] * (a->m[1][0] * a->m[2][1] - a->m[1][1] * a->m[2][0]);
 }
-/* Inverse by cofactors; the caller knows that the determinant is not zero. */
+/* Inverse by cofactors; the determinant must not be zero. */
 static inline mat3 m3_inverse(const mat3 *a) {
     double s = 1.0 / m3_determinant(a);
     mat3 b;
@@ -60,7 +60,7 @@ static inline mat3 m3_inverse(const mat3 *a) {
         }
     return b;
 }
-/* sum += s times a 3 x 3 block of a larger matrix. */
+/* sum += s * block, a 3 x 3 block of a larger matrix. */
 static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
@@ -86,7 +86,7 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-/* The body's z axis: a needle's direction. */
+/* The body's z axis in world coordinates: the direction of a needle. */
 static inline vec3 q_axis(quat q) { return q_rotate(q, v3(0, 0, 1)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_rotate(q, v3(1, 0, 0)), q_rotate(q, v3(0, 1, 0)), q_axis(q)); }
 /* Rotation by the vector `r` (axis times angle). */
@@ -103,7 +103,7 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* A fraction of the way from one pose to another, turning about a fixed axis. */
+/* Interpolates between two poses, rotating about a fixed axis. */
 static inline pose pose_between(pose from, pose to, double fraction) {
     vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
     return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),

@@ -18,11 +18,11 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
 }
 
 inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
-    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; of the machine's memory */
+    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; fraction of the machine's memory */
     int nodes = facts->node_count, roi = facts->roi_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, condensed = 72e-9 * roi * roi, share = SHARE * 1e-9 * facts->memory;
-    if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "as the scene asks");
-    if (facts->dense_method) return choose(about, INVERSE_DENSE, "remeshing by %s works on all of it: %.3g GB", facts->dense_method, dense);
+    if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "set in the scene");
+    if (facts->dense_method) return choose(about, INVERSE_DENSE, "required by remeshing: %s, %.3g GB", facts->dense_method, dense);
     if (dense <= fmin(LITTLE, share)) return choose(about, INVERSE_DENSE, "%d nodes: %.3g GB", nodes, dense);
     if (!facts->roi_given)
         return choose(about, INVERSE_SPARSE, "%d nodes: dense would take %.3g GB, and there is no region_of_interest", nodes, dense);

@@ -1,4 +1,4 @@
-/* Which owner of the inverse a simulation takes. */
+/* Selects the implementation of the inverse. */
 #ifndef TROCAR_INVERSE_CHOICE_H
 #define TROCAR_INVERSE_CHOICE_H
 
@@ -7,7 +7,7 @@
 #include "base/report.h"
 
 typedef enum {
-    INVERSE_AUTO,            /* by size and memory: see inverse_choose */
+    INVERSE_AUTO,            /* depends on size and memory: see inverse_choose */
     INVERSE_DENSE,
     INVERSE_SPARSE,
     INVERSE_CONDENSED,
@@ -16,18 +16,18 @@ typedef enum {
 
 const char *inverse_choice_name(inverse_choice choice);
 
-/* What it depends on. */
+/* Inputs of the choice. */
 typedef struct {
     inverse_choice given;
     const char *dense_method;  /* name of a remeshing method that works on the whole inverse; NULL: the scene's does not */
     int node_count, dof_count;
-    bool roi_given;          /* the scene says where needles go, */
-    int roi_count;           /* to so many nodes */
+    bool roi_given;          /* the scene defines a region of interest */
+    int roi_count;           /* its number of nodes */
     double memory;           /* bytes, of the machine */
 } inverse_facts;
 
-/* What the scene gives; with auto: dense where the method works on all of it, or where it is small; else condensed where the
-   scene says where needles go and that much fits; else sparse. `about` gets its name and the reason. Never AUTO. */
+/* The scene's choice. If that is auto: dense if remeshing requires it or it is small; else condensed if the scene defines a region of
+   interest and it fits into memory; else sparse. `about` receives the name and the reason. Never returns AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, report *about);
 
 #endif

@@ -8,19 +8,19 @@
 #include "inverse/inverse_owner.h"
 #include "inverse/condensed_cache.h"
 
-/* The dense inverse between the nodes of a region of interest, K^-1_RR: Bro-Nielsen's condensation (1998). The rest is left to
-   a sparse owner, which exists from its first use on: with the cache on disk, a start needs no factor. */
+/* The dense inverse between the nodes of a region of interest, K^-1_RR (condensation, Bro-Nielsen 1998). Other
+   nodes are handled by a sparse inverse that is created on first use: a start with a cached inverse needs no factorisation. */
 typedef struct {
     inverse shared;
-    int count;               /* nodes of the region that can move */
-    int *nodes;              /* count: in the order of the matrix */
+    int count;               /* free nodes of the region */
+    int *nodes;              /* count, in the order of the matrix */
     int *place;              /* node_count: index in `nodes`, or -1 */
     double *matrix;          /* 3 count square, full, m/N */
-    mtx_t lock;              /* of the next three: worker, display and who prepares it may ask for it at once */
-    inverse *rest;           /* NULL: not needed yet, or it can't be made */
+    mtx_t lock;              /* protects the next three members: worker, display and preparation may use them concurrently */
+    inverse *rest;           /* NULL: not needed yet, or failed */
     trocar_status rest_status;
-    report no_rest;          /* why it can't be made */
-    int given_count, *given; /* nodes of the region as they came */
+    report no_rest;          /* reason of the failure */
+    int given_count, *given; /* nodes of the region as given */
 } condensed_inverse;
 
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */
@@ -29,7 +29,7 @@ static trocar_status factor_once(condensed_inverse *c, report *why) {
     return c->shared.tissue->factor ? TROCAR_OK : tissue_factor(c->shared.tissue, c->given_count, c->given, why);
 }
 
-/* One that can't be made is not tried again: that would take minutes each time. */
+/* Creates the sparse inverse once. A failure is not retried, because each attempt would take minutes. */
 static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
     mtx_lock(&c->lock);
     if (!c->rest && c->rest_status == TROCAR_OK) {
@@ -56,13 +56,13 @@ static bool is_inside(const condensed_inverse *c, int count, const int *nodes) {
 
 static void look_up(const condensed_inverse *c, int row, int column, double *out, int ld) {
     size_t n = 3 * (size_t)c->count;
-    bool zero = c->place[row] < 0 || c->place[column] < 0; /* inside, so fixed */
+    bool zero = c->place[row] < 0 || c->place[column] < 0; /* in the region, hence fixed */
     const double *block = c->matrix + (zero ? 0 : (size_t)(3 * c->place[row]) * n + (size_t)(3 * c->place[column]));
     for (size_t a = 0; a < 3; a++)
         for (size_t b = 0; b < 3; b++) out[a * (size_t)ld + b] = zero ? 0.0 : block[a * n + b];
 }
 
-/* Only what lies outside needs more than a look. */
+/* Copies blocks of the region; other blocks come from the sparse inverse. */
 static trocar_status condensed_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
                                       report *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
@@ -82,7 +82,7 @@ static void condensed_apply(inverse *inv, const double *force, double *displacem
     for (int i = 0; i < inv->tissue->dof_count && !forced; i++) forced = force[i] != 0.0;
     inverse *rest;
     if (forced && rest_of((condensed_inverse *)inv, &rest, &why) == TROCAR_OK) rest->owner->apply(rest, force, displacement);
-    else memset(displacement, 0, (size_t)inv->tissue->dof_count * sizeof *force); /* no force, no displacement; no factor either */
+    else memset(displacement, 0, (size_t)inv->tissue->dof_count * sizeof *force); /* no force, hence no displacement and no factorisation */
 }
 
 static void condensed_release(inverse *inv) {
@@ -107,7 +107,7 @@ static int by_column(const void *a, const void *b) {
     return p[0] - q[0];
 }
 
-/* The region's nodes in the factor's order. */
+/* Sorts the region's nodes by their position in the factor. */
 static bool order_nodes(condensed_inverse *c) {
     const tissue *t = c->shared.tissue;
     int (*ranked)[2] = malloc((size_t)(c->count + 1) * sizeof *ranked), found = 0;
@@ -122,7 +122,7 @@ static bool order_nodes(condensed_inverse *c) {
     return ranked != NULL;
 }
 
-/* Rows and columns of the region in L, dense. It is eliminated last: in its columns L has no other rows, so that
+/* Copies L_RR, dense. The region is eliminated last, so its columns of L have no other rows, and
    K^-1_RR = (L_RR L_RR^T)^-1. */
 static bool copy_factor(condensed_inverse *c) {
     const tissue *t = c->shared.tissue;
@@ -146,7 +146,7 @@ static bool copy_factor(condensed_inverse *c) {
     return true;
 }
 
-/* L becomes (L L^T)^-1, a block of columns at a time, in place: the columns left of a block are not needed any more. */
+/* Replaces L by (L L^T)^-1 in place, one block of columns at a time; columns to the left of a block are no longer needed. */
 static bool invert_factor(double *matrix, size_t n, inverse_progress progress) {
     enum { BLOCK = 192 };
     double *x = malloc(n * BLOCK * sizeof *x);
@@ -177,7 +177,7 @@ static trocar_status condense(condensed_inverse *c, inverse_progress progress, r
     return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to condense the inverse");
 }
 
-/* From the disk, or computed and put there. */
+/* Reads the matrix from the cache, or computes and caches it. */
 static trocar_status fill(condensed_inverse *c, const char *directory, inverse_progress progress, report *notice, report *why) {
     condensed_cache cache = condensed_cache_find(directory, c->shared.tissue, c->given_count, c->given);
     cache_state found = condensed_cache_read(&cache, c->count, c->nodes, c->matrix);
@@ -191,7 +191,7 @@ static trocar_status fill(condensed_inverse *c, const char *directory, inverse_p
     trocar_status status = condense(c, progress, why);
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", c->count,
-             found == CACHE_ABSENT ? "written to" : "was damaged, written again to", cache.path);
+             found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);
     report unwritten;
     if (condensed_cache_write(&cache, c->count, c->nodes, c->matrix, &unwritten) != TROCAR_OK) *notice = unwritten;
     return TROCAR_OK;
@@ -216,7 +216,7 @@ trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, c
         status = fail(why, TROCAR_NO_MEMORY, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller region_of_interest",
                       8e-9 * (double)n * (double)n, c->count);
     if (status == TROCAR_OK && c->count == 0)
-        status = fail(why, TROCAR_BAD_INPUT, "inverse: condensed needs a region_of_interest with nodes that can move");
+        status = fail(why, TROCAR_BAD_INPUT, "inverse: condensed needs a region_of_interest with nodes that are not fixed");
     if (status == TROCAR_OK) {
         memcpy(c->given, nodes, (size_t)count * sizeof *nodes);
         status = fill(c, directory, progress, notice, why);

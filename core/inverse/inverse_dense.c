@@ -6,7 +6,7 @@
 
 #include "inverse/inverse_owner.h"
 
-/* The paper's way: the whole inverse in memory. */
+/* The paper's method: the whole inverse in memory. */
 typedef struct {
     inverse shared;
     double *dense;           /* dof_count square, column-major, full */
@@ -61,7 +61,7 @@ static trocar_status dense_fill(tissue *t, double *dense, report *why) {
     return solved ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
 }
 
-/* Rounding differs above and below the diagonal: make the matrix exactly symmetric. */
+/* Makes the matrix exactly symmetric; rounding errors differ above and below the diagonal. */
 static void symmetrise(double *a, size_t n) {
     for (size_t j = 0; j < n; j++)
         for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);

@@ -1,4 +1,4 @@
-/* What an owner of K^-1 provides; for the owners' files only. */
+/* Interface of the implementations of K^-1; for use in their files only. */
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
@@ -12,17 +12,17 @@ typedef struct {
     const char *name;
     trocar_status (*gather)(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld, report *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
-    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: nothing was put off */
-    void (*release)(inverse *inv);                                          /* all but the shared part */
+    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
+    void (*release)(inverse *inv);                                          /* frees all but the common part */
     bool prefetches;                                                        /* see inverse_prefetches */
     bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
 } inverse_owner;
 
-/* First member of every owner's struct. */
+/* Common part, first member of each implementation's struct. */
 struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
-    mtx_t apply_lock;             /* of inverse_apply's scratch and the owner's */
+    mtx_t apply_lock;             /* protects the scratch memory of inverse_apply */
     double *force, *displacement; /* dof_count: scratch of inverse_apply */
 };
 

@@ -8,30 +8,30 @@
 #include "inverse/block_cache.h"
 #include "inverse/sparse_inverse_columns.h"
 
-/* Workspace of cholmod_solve2, kept between solves: no allocation after the first. One to a thread. */
+/* Workspace of cholmod_solve2, reused, so that only the first solve allocates. One per thread. */
 typedef struct {
     cholmod_common common;
     cholmod_dense *right, *solution, *y, *e;
 } solver;
 
-/* Half-solves of nodes on demand; they and the blocks made of them are kept, the least recently used go first. */
+/* Half-solves computed on demand; they and the resulting blocks are kept in LRU caches. */
 typedef struct {
     inverse shared;
     sparse_columns *half;
-    int slot_count;          /* half-solves that fit into the cache */
-    size_t slot_size;        /* numbers in the longest one */
-    int *slot;               /* node_count: where a node's half-solve is, or -1 */
-    int *node;               /* slot_count: whose it is, or -1 */
+    int slot_count;          /* capacity of the cache, in half-solves */
+    size_t slot_size;        /* length of the longest half-solve */
+    int *slot;               /* node_count: slot of a node's half-solve, or -1 */
+    int *node;               /* slot_count: node in the slot, or -1 */
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
     double *halves;          /* slot_count x slot_size */
-    mtx_t gather_lock;       /* of all above */
+    mtx_t gather_lock;       /* protects all members above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
-    solver field_solver;     /* of the thread that asks for whole fields: it may be another one */
+    solver field_solver;     /* for displacement fields, which another thread may request */
 } sparse_inverse;
 
-enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* what one product needs at once */
+enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* needed by one product */
 
 static int oldest_slot(const sparse_inverse *s) {
     int oldest = 0;
@@ -40,7 +40,7 @@ static int oldest_slot(const sparse_inverse *s) {
     return oldest;
 }
 
-/* Gives the node a slot of the cache, taking it from the one not used for longest. */
+/* Assigns the least recently used slot to the node. */
 static double *claim(sparse_inverse *s, int node) {
     int slot = oldest_slot(s);
     if (s->node[slot] >= 0) s->slot[s->node[slot]] = -1;
@@ -61,8 +61,8 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Of nodes that can move. Those that are there are kept from being the oldest before any other goes: LEAST_SLOTS nodes at once
-   stay together. */
+/* Computes missing half-solves of free nodes. Cached ones are marked as used first, so that up to LEAST_SLOTS nodes
+   are in the cache together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++)
@@ -76,7 +76,7 @@ static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     if (found > 0) solve_halves(s, found, missing);
 }
 
-/* One side of a block: the nodes that can move. */
+/* Rows or columns of a block: the free nodes among those given. */
 typedef struct {
     int count, node[PRODUCT_BLOCK], dof[PRODUCT_BLOCK], place[PRODUCT_BLOCK];
     const double *y[PRODUCT_BLOCK];
@@ -117,7 +117,7 @@ static void gather_block(sparse_inverse *s, int row_count, const int *rows, int 
 
 static int least(int a, int b) { return a < b ? a : b; }
 
-/* Without the blocks that are kept. */
+/* Does not use the cache of blocks. */
 static void gather_afresh(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
     for (int i = 0; i < row_count; i += PRODUCT_BLOCK)
         for (int j = 0; j < column_count; j += PRODUCT_BLOCK)
@@ -125,7 +125,7 @@ static void gather_afresh(sparse_inverse *s, int row_count, const int *rows, int
                          out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
 }
 
-/* Lists those of `nodes` that some block with `others` is missing for. */
+/* Lists the `nodes` that have no cached block with some node of `others`. */
 static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
     int found = 0;
     for (int i = 0; i < count; i++) {
@@ -170,13 +170,13 @@ static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows,
     return TROCAR_OK;
 }
 
-/* K x = right; the solution stays in the workspace. NULL without memory, which only the first call takes. */
+/* Solves K x = right; the solution is in the workspace. NULL if out of memory; only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
     bool solved = cholmod_solve2(CHOLMOD_A, t->factor, w->right, NULL, &w->solution, NULL, &w->y, &w->e, &w->common);
     return solved ? w->solution->x : NULL;
 }
 
-/* Solves once, so that a lack of memory shows here and not later. */
+/* Solves once, so that all memory is allocated here. */
 static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;

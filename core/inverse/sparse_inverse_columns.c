@@ -6,24 +6,24 @@
 
 enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* rows of Y packed at once */ };
 
-/* A supernode is a run of columns of L with one pattern: dense, its own triangle on top. CHOLMOD's arrays: `super` first
-   column, `pi` first row index in `s`, `px` first value in `x`. They are in postorder: the subtree under a supernode is the
-   run of supernodes that ends with it. */
+/* A supernode is a set of consecutive columns of L with the same pattern, stored as a dense block with its triangle on top. CHOLMOD's
+   arrays: `super` first column, `pi` first row index in `s`, `px` first value in `x`. Supernodes are in postorder: the subtree of a
+   supernode is a range of supernodes that ends with it. */
 struct sparse_columns {
     const tissue *tissue;
     const int *super, *pi, *px, *rows;
     const double *values;
     int supernodes;
     int *supernode;          /* dof_count: of each column */
-    int *parent;             /* supernodes: next on the way to the root, or -1 */
-    int *lowest;             /* supernodes: where the subtree starts */
-    int *height;             /* supernodes: columns from its first one to the root */
-    int *start;              /* supernodes: first column that the solve touches, or -1; -1 between calls */
+    int *parent;             /* per supernode: parent in the elimination tree, or -1 */
+    int *lowest;             /* per supernode: first supernode of its subtree */
+    int *height;             /* per supernode: number of columns on the path from its first column to the root */
+    int *start;              /* per supernode: first column used by the solve, or -1; -1 between calls */
     double *x;               /* dof_count x WIDTH, column-major; zero between calls */
     double *update;          /* CHOLMOD's maxesize x WIDTH */
     double *left, *right;    /* PANEL x SIDE: packed rows of Y */
     double *product;         /* SIDE x SIDE */
-    int *way;                /* supernodes: those that the product sums over */
+    int *way;                /* supernodes over which the product sums */
 };
 
 /* ---- the tree --------------------------------------------------------------------------------------------------------- */
@@ -67,7 +67,7 @@ static void touch(sparse_columns *h, int s, int column) {
     if (h->start[s] < 0 || column < h->start[s]) h->start[s] = column;
 }
 
-/* L x = right hand side in the columns of one supernode from `start` on, and what that changes further up. */
+/* Forward substitution in the columns of a supernode from `start` on, and the update of later rows. */
 static void eliminate(sparse_columns *h, int s, int right_sides) {
     int n = h->tissue->dof_count, ld = h->pi[s + 1] - h->pi[s], skipped = h->start[s] - h->super[s], below = count_below(h, s);
     int columns = width(h, s) - skipped;
@@ -115,9 +115,9 @@ void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, do
 
 /* ---- products --------------------------------------------------------------------------------------------------------- */
 
-/* One side of a product in one supernode. */
+/* Rows or columns of a product in one supernode. */
 typedef struct {
-    int count, place[PRODUCT_BLOCK]; /* those whose way leads through it */
+    int count, place[PRODUCT_BLOCK]; /* nodes whose path contains the supernode */
 } side;
 
 static side find_side(const sparse_columns *h, int s, int count, const int *dofs) {
@@ -127,7 +127,7 @@ static side find_side(const sparse_columns *h, int s, int count, const int *dofs
     return found;
 }
 
-/* Rows [from, from + rows) of supernode s of each Y; zero where a way starts later. Column-major, PANEL apart. */
+/* Packs rows [from, from + rows) of supernode s of each Y; zero above the start of a path. Column-major, leading dimension PANEL. */
 static void pack(const sparse_columns *h, int s, int from, int rows, const side *of, const int *dofs, const double *const *y, double *packed) {
     for (int i = 0; i < of->count; i++) {
         int dof = dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[s] + from;
@@ -146,7 +146,7 @@ static void add_product(const sparse_columns *h, const side *rows, const side *c
             out[(size_t)(3 * rows->place[i / 3] + i % 3) * (size_t)ld + (size_t)(3 * columns->place[j / 3] + j % 3)] += h->product[j * SIDE + i];
 }
 
-/* The supernodes on the ways of all rows, each once. */
+/* Collects the supernodes on the paths of all rows, without duplicates. */
 static int collect_ways(sparse_columns *h, int count, const int *dofs) {
     int found = 0;
     for (int i = 0; i < count; i++)

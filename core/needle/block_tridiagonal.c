@@ -20,7 +20,7 @@ static int pivot_row(tridiagonal_block a, int column) {
     return best;
 }
 
-/* Gauss-Jordan in place with row exchanges, which come back as column exchanges of the inverse. */
+/* Inverts in place by Gauss-Jordan elimination with row exchanges, undone as column exchanges of the inverse. */
 static void invert(tridiagonal_block a) {
     int exchanged[TRIDIAGONAL_ROWS];
     for (int p = 0; p < TRIDIAGONAL_ROWS; p++) {
@@ -90,7 +90,7 @@ void tridiagonal_solve(const block_tridiagonal *chain, double (*x)[TRIDIAGONAL_R
     }
 }
 
-/* The inverse's own block k from that of k + 1: G_k = S_k^-1 + T_k G_{k+1} T_k^T with T_k = S_k^-1 B_k. */
+/* Diagonal block k of the inverse from block k + 1: G_k = S_k^-1 + T_k G_{k+1} T_k^T with T_k = S_k^-1 B_k. */
 static void next_own_block(block_tridiagonal *chain, int k, tridiagonal_block own) {
     tridiagonal_block product, turned;
     multiply(chain->upper[k], own, product);

@@ -1,13 +1,13 @@
-/* Symmetric block tridiagonal systems, as they come from a chain of sections each coupled to its two neighbours. The
-   matrix may be indefinite: rows are exchanged inside a block, never between blocks. */
+/* Symmetric block tridiagonal systems, as for a chain of sections coupled to their neighbours. The matrix may be indefinite:
+   rows are exchanged within blocks, never between them. */
 #ifndef TROCAR_BLOCK_TRIDIAGONAL_H
 #define TROCAR_BLOCK_TRIDIAGONAL_H
 
 enum {
-    TRIDIAGONAL_BLOCKS = 64,       /* at most */
-    TRIDIAGONAL_ROWS = 15,         /* of a block */
-    TRIDIAGONAL_LD = 16,           /* the last column is padding for whole vectors and stays zero */
-    TRIDIAGONAL_HEAD = 3,          /* leading rows of each block, between which the inverse is wanted */
+    TRIDIAGONAL_BLOCKS = 64,       /* maximum number */
+    TRIDIAGONAL_ROWS = 15,         /* per block */
+    TRIDIAGONAL_LD = 16,           /* the last column is zero padding for vectorisation */
+    TRIDIAGONAL_HEAD = 3,          /* leading rows of each block, for which the inverse is computed */
 };
 
 typedef double tridiagonal_block[TRIDIAGONAL_ROWS][TRIDIAGONAL_LD];
@@ -20,7 +20,7 @@ typedef struct {
     tridiagonal_rows columns[2][TRIDIAGONAL_ROWS];            /* scratch of tridiagonal_inverse_heads */
 } block_tridiagonal;
 
-/* Block elimination from the first block to the last, in place. 6 TRIDIAGONAL_ROWS^3 operations a block. */
+/* Block elimination from the first block to the last, in place. 6 TRIDIAGONAL_ROWS^3 operations per block. */
 void tridiagonal_factor(block_tridiagonal *chain);
 
 /* x: count x TRIDIAGONAL_ROWS, right-hand side in, solution out. */

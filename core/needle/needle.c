@@ -23,7 +23,7 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
     return model->kind->create(model, why);
 }
 
-/* ---- the model chosen -------------------------------------------------------------------------------------------------- */
+/* ---- dispatch to the model -------------------------------------------------------------------------------------------------- */
 
 void needle_rest(const needle_model *model, pose base, needle_state *state) { model->kind->rest(model, base, state); }
 

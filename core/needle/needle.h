@@ -1,4 +1,4 @@
-/* The needle, clamped in the hand at its base: a centreline of segments, with the elasticity of one of two models.
+/* The needle, clamped at its base: a centreline of segments, with one of two elastic models.
    Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle".
    - rod: geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints;
    - tetrahedra: solid of linear tetrahedra with quadratic strain, five nodes a section (needle_tets.c). */
@@ -10,10 +10,10 @@
 /* BAD_INPUT for values out of range, NO_MEMORY. Nothing to free. */
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why);
 
-/* Straight, unloaded, held at `base`. RT */
+/* Sets the needle straight and unloaded, with its base at `base`. RT */
 void needle_rest(const needle_model *model, pose base, needle_state *state);
 
-/* Moves the base and shifts the rest with it; the segments keep their orientation in space (the next solve bends them). RT */
+/* Moves the base and translates the needle with it; segments keep their orientation until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);
 
 /* RT */
@@ -22,14 +22,14 @@ needle_point needle_at(const needle_model *model, const needle_state *state, dou
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
-/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which enter the rod's geometric
-   stiffness (the tetrahedra have it from their stress); compliance for joints >= first. RT */
+/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the rod's
+   geometric stiffness (that of the tetrahedra follows from their stress); compliance for joints >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment, rad. RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* Elastic moment at the base in its present shape, world frame, N m: in equilibrium the loads' moment about the base. */
+/* Elastic moment at the base in the current shape, world frame, N m; in equilibrium equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */

@@ -1,11 +1,11 @@
-/* What a model of the needle's elasticity provides; for the models' files and needle.c only. */
+/* Interface of an elastic model of the needle; for use in the models' files and needle.c only. */
 #ifndef TROCAR_NEEDLE_KIND_H
 #define TROCAR_NEEDLE_KIND_H
 
 #include "needle/needle_model.h"
 
 struct needle_kind {
-    trocar_status (*create)(needle_model *, report *);               /* the parameters are checked, EI and GJ are set */
+    trocar_status (*create)(needle_model *, report *);               /* called with checked parameters and with EI and GJ set */
     void (*rest)(const needle_model *, pose base, needle_state *);
     void (*hold)(const needle_model *, pose base, needle_state *);
     void (*linearise)(const needle_model *, const needle_state *, const vec3 *load, int first, needle_tangent *);

@@ -9,7 +9,7 @@
 enum {
     NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
     NEEDLE_LD = 3 * (NEEDLE_MAX_SEGMENTS + 1),
-    NEEDLE_RIM = 4,                         /* nodes of a section of the tetrahedra around its centre node */
+    NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
     NEEDLE_SECTION = 1 + NEEDLE_RIM,
     NEEDLE_LAYER_TETS = 3 * NEEDLE_RIM,     /* tetrahedra between two sections */
 };
@@ -24,7 +24,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bevel_slope;      /* sideways cut per forward cut, away from the bevel's face (toward local -y) */
+    double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
     needle_choice kind;
 } needle_parameters;
@@ -39,8 +39,8 @@ typedef struct {
     layer_tet layers[2][NEEDLE_LAYER_TETS]; /* between sections k and k + 1, for even and odd k: mirror images */
     vec3 rim[NEEDLE_RIM];    /* m, from the centre of a section at rest */
     double volume;           /* m^3, of each tetrahedron */
-    double lambda, mu;       /* Pa, Lame's moduli after calibration */
-    double calibration;      /* factor on Young's modulus that gives the rod's deflection under a small load on the tip */
+    double lambda, mu;       /* Pa, Lame parameters after calibration */
+    double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals the rod's */
 } needle_solid;
 
 typedef struct {
@@ -57,7 +57,7 @@ typedef struct {
     pose base;
     quat frames[NEEDLE_MAX_SEGMENTS];      /* orientation of each segment; its axis is local +z */
     vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m; joints[0] is the base, the last one the tip */
-    vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; of the tetrahedra, whose centre nodes are the joints */
+    vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; tetrahedra only; the centre nodes are the joints */
 } needle_state;
 
 /* A point on the centreline: quadratic B-spline over three joints (linear at both ends), so that its tangent is
@@ -69,11 +69,11 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Tangent at the current shape (scratch of one pass). */
+/* Tangent at the current shape (scratch of one Newton iteration). */
 typedef struct {
-    int unstable;                               /* of the rod: ways in which it would give under these loads if nothing held it,
-                                                   negative eigenvalues of the tangent stiffness; 0 of the tetrahedra */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* joints' displacement if all forces vanished (linearised), m */
+    int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
+                                                   unsupported needle under these loads; tetrahedra: 0 */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints for zero load (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b] */
     union {
         struct {
@@ -83,8 +83,8 @@ typedef struct {
             double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint, rad/N */
         } rod;
         struct {
-            block_tridiagonal stiffness;                      /* of sections 1..segments, factored, N/m */
-            vec3 internal[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_SECTION]; /* force that holds each node in its place, N */
+            block_tridiagonal stiffness;                      /* of sections 1..segments, factorised, N/m */
+            vec3 internal[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_SECTION]; /* external force that keeps each node in place, N */
         } tets;
     };
 } needle_tangent;

@@ -23,7 +23,7 @@ static void rod_hold(const needle_model *model, pose base, needle_state *state) 
 
 /* ---- elasticity of the joints -------------------------------------------------------------------------------------- */
 
-/* Joint k sits before segment k; the one at the base has half a segment to bend over, the others one. */
+/* Joint k precedes segment k. The joint at the base represents half a segment of bending length, the others one segment. */
 static double joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
 static vec3 joint_curvature(const needle_state *state, int k) {
@@ -71,7 +71,7 @@ static double rod_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- tangent ------------------------------------------------------------------------------------------------------- */
 
-/* Second variation of -N.t under spatial rotations of a segment (N: force beyond it times its length). */
+/* Second variation of -N.t under spatial rotations of a segment (N: sum of the forces beyond it times its length). */
 static mat3 geometric_stiffness(vec3 n, vec3 t) {
     const double a[3] = {n.x, n.y, n.z}, b[3] = {t.x, t.y, t.z};
     mat3 k;
@@ -80,15 +80,15 @@ static mat3 geometric_stiffness(vec3 n, vec3 t) {
     return k;
 }
 
-/* Of a symmetric matrix: the changes of sign in the row of its leading minors (Jacobi). */
+/* Number of negative eigenvalues of a symmetric matrix: sign changes in the sequence of leading minors (Jacobi). */
 static int negative_eigenvalues(const mat3 *a) {
     double second = a->m[0][0] * a->m[1][1] - a->m[0][1] * a->m[1][0];
     bool first_negative = a->m[0][0] < 0.0, second_negative = second < 0.0, third_negative = m3_determinant(a) < 0.0;
     return first_negative + (first_negative != second_negative) + (second_negative != third_negative);
 }
 
-/* Block L D L^T of the tangent stiffness, from the base outward; D may be indefinite (a needle alone may be buckled
-   where needle and tissue together are stable). */
+/* Block L D L^T factorisation of the tangent stiffness from base to tip. D may be indefinite: needle and tissue together may be
+   stable when the needle alone would buckle. */
 static void factor_tangent(const needle_model *model, const needle_state *state, const vec3 *load, needle_tangent *tangent) {
     int n = model->given.segments;
     vec3 beyond[NEEDLE_MAX_SEGMENTS + 1];
@@ -105,7 +105,7 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
         if (k + 1 < n) {
             vec3 m = tangent->rod.moments[k + 1] = joint_stiffness(model, state, k + 1, &next);
             m3_add_scaled(&pivot, 1.0, &next);
-            /* coupling of segment k with k + 1: -H + [m]x / 2, the second term from the order of the two rotations */
+            /* coupling of segment k with k + 1: -H + [m]x / 2, the second term because rotations do not commute */
             coupling = (mat3){{{-next.m[0][0], -next.m[0][1] - 0.5 * m.z, -next.m[0][2] + 0.5 * m.y},
                                {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
                                {-next.m[2][0] - 0.5 * m.y, -next.m[2][1] + 0.5 * m.x, -next.m[2][2]}}};
@@ -120,7 +120,7 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
     }
 }
 
-/* Solves the tangent system for the segments' rotations in place. */
+/* Solves the tangent system in place for the rotations of the segments. */
 static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) {
     for (int k = 1; k < n; k++) rotation[k] = v3_sub(rotation[k], m3_apply(&tangent->rod.lower[k], rotation[k - 1]));
     for (int k = n - 1; k >= 0; k--) {
@@ -129,7 +129,7 @@ static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) 
     }
 }
 
-/* to -= m * from, or m^T * from, for three rows of columns. */
+/* to -= m * from, or m^T * from, for three rows. */
 static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_LD], double (*to)[NEEDLE_LD], int begin, int end) {
     for (int a = 0; a < 3; a++) {
         double x = transposed ? m->m[0][a] : m->m[a][0], y = transposed ? m->m[1][a] : m->m[a][1], z = transposed ? m->m[2][a] : m->m[a][2];
@@ -137,8 +137,8 @@ static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_
     }
 }
 
-/* Rotations under unit forces at all joints >= first, one column each: a unit force at a joint turns every segment
-   before it by length * axis x force. */
+/* Rotations under unit forces at all joints >= first, one column each: a force at a joint exerts the moment length * axis x force on
+   every segment before it. */
 static void solve_unit_forces(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
     int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
     for (int k = 0; k < n; k++) {
@@ -164,12 +164,12 @@ static void solve_unit_forces(const needle_model *model, const needle_state *sta
     }
 }
 
-/* A joint moves by the sum over the segments before it of length * rotation x axis. */
+/* Displacement of a joint: sum of length * rotation x axis over the segments before it. */
 static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
     int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
     double sum[3][NEEDLE_LD];
     memset(sum, 0, sizeof sum);
-    for (int a = 0; a < 3 && first == 0; a++) memset(tangent->compliance[a], 0, (size_t)end * sizeof(double)); /* the base is held */
+    for (int a = 0; a < 3 && first == 0; a++) memset(tangent->compliance[a], 0, (size_t)end * sizeof(double)); /* the base is fixed */
     for (int k = 0; k < n; k++) {
         vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
         const double (*r)[NEEDLE_LD] = (const double (*)[NEEDLE_LD])&tangent->rod.rotation[3 * k];
@@ -183,7 +183,7 @@ static void sum_displacements(const needle_model *model, const needle_state *sta
     }
 }
 
-/* Rotations that would release the elastic moments with no load at all. */
+/* Rotations that relax the elastic moments at zero load. */
 static void release_moments(int n, const needle_tangent *tangent, vec3 *rotation) {
     for (int k = 0; k < n; k++)
         rotation[k] = v3_sub(k + 1 < n ? tangent->rod.moments[k + 1] : v3(0, 0, 0), tangent->rod.moments[k]);

@@ -1,6 +1,6 @@
 /* The needle as a solid of linear tetrahedra with quadratic (Green-Lagrange) strain and the St. Venant-Kirchhoff
-   material. A section is a centre node and four on a rim; the four prisms between two sections are split into three
-   tetrahedra each, all alike under a quarter turn, so that the needle bends alike in all directions:
+   material. A section has a centre node and four rim nodes; each of the four prisms between two sections is split into
+   three tetrahedra, symmetric under quarter turns, so that bending stiffness is the same in all directions:
 
            section above        diagonals of the prism of rim nodes i and i + 1, from below to above:
               1   0                centre - rim i   (with its neighbour: centre - rim i + 1)
@@ -9,8 +9,8 @@
                / \               a pull does not twist the needle.
               2   3
 
-   Such flat elements lock: they see bending mostly as shear. Young's modulus is scaled so that a small load on the tip
-   gives the rod's deflection; extension becomes softer with it (README.md, "Tetrahedra"). */
+   Such flat elements lock: bending appears mostly as shear. Young's modulus is scaled so that the deflection under a small tip
+   load equals the rod's; this also makes extension softer (README.md, "Tetrahedra"). */
 #include "base/lame.h"
 #include "needle/needle_kind.h"
 
@@ -20,7 +20,7 @@
 
 /* ---- the mesh -------------------------------------------------------------------------------------------------------- */
 
-/* Node of a layer; mirrored layers have above and below exchanged. */
+/* Node of a layer; in mirrored layers above and below are exchanged. */
 static int layer_node(bool above, bool mirrored, int node) { return (above != mirrored ? NEEDLE_SECTION : 0) + node; }
 
 static vec3 rest_of(const needle_model *model, int node) {
@@ -80,7 +80,7 @@ static void place_section(const needle_model *model, needle_state *state, int se
         state->rim[section][i] = v3_add(state->joints[section], q_rotate(state->base.orientation, model->solid.rim[i]));
 }
 
-/* Rotation of the orthonormal axes in the columns of m (Shepperd 1978: by the largest of the four components). */
+/* Quaternion of the orthonormal axes in the columns of m (Shepperd 1978: uses the largest of the four components). */
 static quat q_of_axes(const mat3 *m) {
     double trace = m->m[0][0] + m->m[1][1] + m->m[2][2];
     if (trace > 0.0)
@@ -95,7 +95,7 @@ static quat q_of_axes(const mat3 *m) {
     return q_unit((quat){m->m[k][j] - m->m[j][k], v[0], v[1], v[2]});
 }
 
-/* Axis of a segment from centre to centre, its roll from the first two rim nodes on either side. */
+/* Axis of a segment from the centre nodes, roll angle from the first two rim nodes at both ends. */
 static void find_frames(const needle_model *model, needle_state *state) {
     for (int k = 0; k < model->given.segments; k++) {
         vec3 axis = v3_unit(v3_sub(state->joints[k + 1], state->joints[k]));
@@ -112,8 +112,8 @@ static void tets_rest(const needle_model *model, pose base, needle_state *state)
     for (int k = 0; k < model->given.segments; k++) state->frames[k] = base.orientation;
 }
 
-/* The roll of the base is passed on to all sections: left to the first layer, a fast one would strain it beyond what
-   Newton's method comes back from within a tick. */
+/* Rolls all sections with the base: if only the first layer rolled, a fast roll would strain it so much that Newton's method
+   would not converge within a tick. */
 static void tets_hold(const needle_model *model, pose base, needle_state *state) {
     vec3 shift = v3_sub(base.position, state->base.position);
     vec3 turn = q_log(q_multiply(base.orientation, q_conjugate(state->base.orientation)));
@@ -140,7 +140,7 @@ typedef struct {
 
 static mat3 deformation_of(const layer_tet *tet, const needle_state *state, int layer) {
     mat3 f = {{{0}}};
-    vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients add up to zero: no rounding from afar */
+    vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients sum to zero, so a local origin reduces rounding errors */
     for (int a = 0; a < 3; a++) {
         vec3 x = v3_sub(position_of(state, layer, tet->nodes[a]), origin), g = tet->gradients[a];
         const double p[3] = {x.x, x.y, x.z}, q[3] = {g.x, g.y, g.z};
@@ -169,7 +169,7 @@ static strained strain_tet(const needle_solid *solid, const layer_tet *tet, cons
     return s;
 }
 
-/* Force that holds node a of the tetrahedron in its place: V F S g_a. */
+/* Force on node a of the tetrahedron in equilibrium with its stress: V F S g_a. */
 static vec3 nodal_force(const needle_solid *solid, const layer_tet *tet, const strained *s, int a) {
     vec3 traction = m3_apply(&s->stress, tet->gradients[a]);
     return v3_scale(solid->volume, m3_apply(&s->deformation, traction));
@@ -192,14 +192,14 @@ static void add_stiffness(const needle_solid *solid, const layer_tet *tet, const
 
 /* ---- the solid ------------------------------------------------------------------------------------------------------- */
 
-/* A tetrahedron's stiffness into the blocks of its two sections; the base's section is held, block k is section k + 1. */
+/* Adds a tetrahedron's stiffness to the blocks of its two sections; the base section is fixed, block k is section k + 1. */
 static void assemble_tet(const needle_solid *solid, const layer_tet *tet, const strained *s, int layer, block_tridiagonal *chain) {
     mat3 turned = m3_transposed(&s->deformation), spread = m3_multiply(&s->deformation, &turned);
     for (int a = 0; a < 4; a++)
         for (int b = 0; b < 4; b++) {
             int above_a = tet->nodes[a] / NEEDLE_SECTION, above_b = tet->nodes[b] / NEEDLE_SECTION;
             int block = layer + above_a - 1;
-            if (above_a > above_b || block < 0) continue; /* by symmetry; held */
+            if (above_a > above_b || block < 0) continue; /* symmetric part; fixed */
             double (*rows)[TRIDIAGONAL_LD] = above_a == above_b ? chain->diagonal[block] : chain->upper[block];
             int row = 3 * (tet->nodes[a] % NEEDLE_SECTION), column = 3 * (tet->nodes[b] % NEEDLE_SECTION);
             add_stiffness(solid, tet, s, &spread, a, b, (double (*)[TRIDIAGONAL_LD])&rows[row][column]);
@@ -226,7 +226,7 @@ static void assemble(const needle_model *model, const needle_state *state, needl
         }
 }
 
-/* Displacements of sections 1..n that the linearised needle takes under `load` on its centre nodes (NULL: none). */
+/* Displacements of sections 1..n of the linearised needle under `load` on its centre nodes (NULL: none). */
 static void solve_step(int n, const needle_tangent *tangent, const vec3 *load, double (*step)[TRIDIAGONAL_ROWS]) {
     for (int k = 0; k < n; k++)
         for (int i = 0; i < NEEDLE_SECTION; i++) {
@@ -239,7 +239,7 @@ static void solve_step(int n, const needle_tangent *tangent, const vec3 *load, d
 
 static void tets_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first,
                            needle_tangent *tangent) {
-    (void)load; /* dead forces; the stress they cause is in the shape */
+    (void)load; /* constant forces add no stiffness; their stress is part of the shape */
     int n = model->given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS];
     tangent->unstable = 0;
@@ -261,7 +261,7 @@ static vec3 step_of(double (*step)[TRIDIAGONAL_ROWS], int section, int node) {
     return v3(d[0], d[1], d[2]);
 }
 
-/* Rotation of a section in a step of its nodes: least squares over the rim. */
+/* Least-squares rotation of a section from the displacements of its rim nodes. */
 static vec3 rotation_of(const vec3 *arm, const vec3 *change) {
     mat3 inertia = {{{0}}};
     vec3 momentum = v3(0, 0, 0);
@@ -275,13 +275,13 @@ static vec3 rotation_of(const vec3 *arm, const vec3 *change) {
     return m3_apply(&inverse, momentum);
 }
 
-/* `arm` after `change`, of which the rotation `turn` is taken as a finite one. */
+/* `arm` after `change`, with its rotational part `turn` applied as a finite rotation. */
 static vec3 turned_arm(vec3 arm, vec3 change, vec3 turn) {
     vec3 rest = v3_sub(v3_add(arm, change), v3_cross(turn, arm));
     return q_rotate(q_exp(turn), rest);
 }
 
-/* The rim around the centre node of a section that has moved already. Returns the rotation, rad. */
+/* Moves the rim of a section whose centre node has already moved. Returns the rotation, rad. */
 static double move_rim(needle_state *state, int section, vec3 centre_before, double (*step)[TRIDIAGONAL_ROWS]) {
     vec3 arm[NEEDLE_RIM], change[NEEDLE_RIM];
     for (int i = 0; i < NEEDLE_RIM; i++) {
@@ -294,8 +294,8 @@ static double move_rim(needle_state *state, int section, vec3 centre_before, dou
     return v3_norm(turn);
 }
 
-/* The step with the rotations of sections and segments taken as finite ones: added as they are they would stretch the
-   needle, and Newton's method would need many more steps. */
+/* Applies the step with finite rotations of sections and segments: linear displacements would stretch the needle, and
+   Newton's method would need many more iterations. */
 static double tets_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {
     int n = model->given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS], largest = 0.0;
@@ -312,9 +312,9 @@ static double tets_advance(const needle_model *model, const needle_tangent *tang
     return largest;
 }
 
-/* ---- what the shape holds -------------------------------------------------------------------------------------------- */
+/* ---- moment and energy ----------------------------------------------------------------------------------------------- */
 
-/* Moment of the first layer's forces on the held section. */
+/* Moment of the first layer's forces on the base section. */
 static vec3 tets_root_moment(const needle_model *model, const needle_state *state) {
     vec3 moment = v3(0, 0, 0);
     for (int t = 0; t < NEEDLE_LAYER_TETS; t++) {
@@ -344,7 +344,7 @@ static void set_modulus(needle_model *model, double youngs_modulus) {
     model->solid.lambda = lame_lambda(youngs_modulus, model->given.poisson_ratio);
 }
 
-/* The needle's compliance at the tip goes with 1 / E: one solve gives the factor for L^3 / 3 EI. */
+/* The compliance at the tip is proportional to 1 / E, so one solve gives the factor for L^3 / 3 EI. */
 static trocar_status calibrate(needle_model *model, report *why) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state *state = malloc(sizeof *state);

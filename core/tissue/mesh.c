@@ -3,13 +3,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Face i lies opposite vertex i; seen from outside a tet of positive volume its nodes run counter-clockwise. */
+/* Face i is opposite vertex i; for a tet of positive volume its nodes are counter-clockwise as seen from outside. */
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-static const double FLAT = 1e-9;            /* volume / longest edge^3 below which a tet counts as flat (ideal: 0.118) */
-static const double INSIDE = -1e-12;        /* least barycentric weight of a point that counts as inside */
+static const double FLAT = 1e-9;            /* a tet with volume / longest edge^3 below this is degenerate (regular tet: 0.118) */
+static const double INSIDE = -1e-12;        /* smallest barycentric weight of a point considered inside */
 static const double SLACK = 1e-12;          /* tolerance on distances, relative to the body's size */
-enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* the tree halves at each level: 64 levels hold any mesh */
+enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the faces, so 64 levels suffice for any mesh */
 
 /* ---- geometry of one tetrahedron ---- */
 
@@ -70,7 +70,7 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face) {
     return v3_unit(gradients[face]);
 }
 
-/* The weight of vertex i falls at a constant rate along d and reaches zero on face i. */
+/* The barycentric weight of vertex i changes linearly along d and is zero on face i. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     vec3 corners[4], gradients[4];
     double weights[4];
@@ -143,8 +143,8 @@ static int locate_by_search(const mesh *m, vec3 x) {
     return best;
 }
 
-/* The walk crosses the face that x lies farthest behind. It may run in circles or into a notch of the outer surface;
-   then every tet is tried. */
+/* Walks through the face with the most negative barycentric weight. If the walk cycles or leaves a non-convex body, every tet is
+   tested. */
 int mesh_locate(const mesh *m, vec3 x, int start) {
     int tet = start >= 0 ? start : 0;
     int steps = 64 + 8 * (int)cbrt(m->tet_count);
@@ -176,13 +176,13 @@ static bool meets_box(const segment *ray, const bvh_node *box, double limit) {
         && clip_axis(ray->from.z, ray->along.z, box->low.z - slack, box->high.z + slack, &enter, &leave);
 }
 
-/* Does the line pass the edge p -> q on its left, seen against `along`? Rounding in the triple product is below
-   1e-14 of the product of lengths: within that both triangles of an edge accept, so that no line slips between them. */
+/* True if the line passes to the left of the edge p -> q, seen against `along`. The rounding error of the triple product is below
+   1e-14 of the product of lengths; within that both triangles of an edge accept the line, so that it cannot pass between them. */
 static bool left_of_edge(vec3 along, vec3 p, vec3 q) {
     return v3_dot(along, v3_cross(p, q)) <= 1e-14 * v3_norm(along) * v3_norm(p) * v3_norm(q);
 }
 
-/* Fraction at which the segment enters through the triangle abc (counter-clockwise from outside), or INFINITY. */
+/* Fraction of the segment at which it enters through triangle abc (counter-clockwise from outside), or INFINITY. */
 static double enters_triangle(const segment *ray, vec3 a, vec3 b, vec3 c) {
     vec3 normal = v3_cross(v3_sub(b, a), v3_sub(c, a));
     double inward = -v3_dot(normal, ray->along);
@@ -236,14 +236,14 @@ void mesh_remark(mesh *m, const char *format, ...) {
 }
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
-    static const double LARGEST_BODY = 10.0, SMALLEST_BODY = 0.05, COARSEST = 50.0; /* needle's lengths, and diameters */
+    static const double LARGEST_BODY = 10.0, SMALLEST_BODY = 0.05, COARSEST = 50.0; /* in needle lengths; the last in needle diameters */
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;
     for (int n = 0; n < m->node_count; n++) least = fmin(least, m->node_size[n]);
     if (size > LARGEST_BODY * length || size < SMALLEST_BODY * length)
-        mesh_remark(m, "the body is %.3g m across, the needle %.3g m long: is the mesh in another unit? Set mesh_unit (m, cm, mm) in the scene",
+        mesh_remark(m, "the body is %.3g m across and the needle %.3g m long: is the mesh in another unit? Set mesh_unit (m, cm, mm) in the scene",
                     size, length);
     else if (least > COARSEST * diameter)
-        mesh_remark(m, "the needle, %.3g m thick, is far smaller than the smallest elements, %.3g m: refine the mesh, or check mesh_unit and the "
+        mesh_remark(m, "the needle's diameter, %.3g m, is much smaller than the smallest elements, %.3g m: refine the mesh, or check mesh_unit and the "
                     "needle's diameter", diameter, least);
 }
 
@@ -253,7 +253,7 @@ static trocar_status check_nodes(const mesh *m, const char *name, report *why) {
     for (int n = 0; n < m->node_count; n++) {
         vec3 x = m->nodes[n];
         if (!isfinite(x.x) || !isfinite(x.y) || !isfinite(x.z))
-            return fail(why, TROCAR_BAD_INPUT, "%s: node %d has a coordinate that is not finite: mend the mesh", name, n);
+            return fail(why, TROCAR_BAD_INPUT, "%s: node %d has a coordinate that is not finite: repair the mesh", name, n);
     }
     return TROCAR_OK;
 }
@@ -284,7 +284,7 @@ static trocar_status orient_tets(mesh *m, const char *name, report *why) {
     return TROCAR_OK;
 }
 
-/* Mean edge of the ideal tets of the same volumes around each node. */
+/* Size at each node: mean edge length of regular tets with the volumes of those around the node. */
 static trocar_status measure_nodes(mesh *m, const char *name, report *why) {
     int *valence = calloc(m->node_count, sizeof *valence);
     if (!valence) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d nodes", name, m->node_count);
@@ -331,7 +331,7 @@ static int compare_keys(const int a[3], const int b[3]) {
     return 0;
 }
 
-/* Ties by tet, so that the order, and with it the boundary's, does not depend on the sort. */
+/* Ties are broken by tet, so that the order of records and boundary faces does not depend on the sorting algorithm. */
 static int compare_records(const void *left, const void *right) {
     const face_record *a = left, *b = right;
     int order = compare_keys(a->key, b->key);
@@ -353,7 +353,7 @@ static face_record *sorted_faces(const mesh *m) {
     return faces;
 }
 
-/* Two tets that share a face lie on both sides of it, so that they run round it in opposite senses. */
+/* Two tets that share a face are on opposite sides of it, so that its nodes have opposite orientations in them. */
 static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, report *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {
@@ -397,7 +397,7 @@ static trocar_status mark_surfaces(mesh *m, const face_record *faces, int triang
         const face_record *f = find_face(faces, count, key);
         if (!f)
             return fail(why, TROCAR_BAD_INPUT,
-                        "%s: surface \"%s\" has a triangle (nodes %d %d %d) that is no tetrahedron's face: "
+                        "%s: surface \"%s\" has a triangle (nodes %d %d %d) that is not a face of any tetrahedron: "
                         "mesh surface and volume together", name, m->groups[triangle_group[i]].name, key[0], key[1], key[2]);
         for (; f < faces + count && compare_keys(f->key, key) == 0; f++)
             m->face_groups[f->tet][f->face] |= UINT32_C(1) << triangle_group[i];
@@ -405,7 +405,7 @@ static trocar_status mark_surfaces(mesh *m, const face_record *faces, int triang
     return TROCAR_OK;
 }
 
-/* Nodes that the shape of the anatomy depends on. */
+/* Marks the nodes that define the shape of the anatomy. */
 static void mark_anatomy(mesh *m) {
     for (int t = 0; t < m->tet_count; t++)
         for (int i = 0; i < 4; i++) {
@@ -461,7 +461,7 @@ static void rank_along_longest_axis(const mesh *m, const bvh_node *node, ranked_
     qsort(faces, count, sizeof *faces, compare_ranks);
 }
 
-/* Halves `all[first .. first + count)` until a leaf is small; `used` counts the nodes of the tree. */
+/* Splits `all[first .. first + count)` recursively down to leaves; `used` counts the nodes of the tree. */
 static void split_node(mesh *m, int index, ranked_face *all, int first, int count, int *used) {
     bvh_node *node = &m->bvh[index];
     bound_faces(m, all + first, count, node);

@@ -18,9 +18,9 @@ typedef struct {
     int *nodes;              /* node_count, ascending */
 } mesh_group;
 
-/* One triangle of the outer surface. */
+/* A triangle of the outer surface. */
 typedef struct {
-    int nodes[3];            /* seen from outside: counter-clockwise */
+    int nodes[3];            /* counter-clockwise as seen from outside */
     int tet, face;           /* the tetrahedron behind it, and its face (opposite vertex `face`) */
 } boundary_face;
 
@@ -32,58 +32,57 @@ typedef struct {
 
 typedef struct {
     int node_count, tet_count;
-    vec3 *nodes;             /* node_count: nominal position, m */
+    vec3 *nodes;             /* node_count: nominal positions, m */
     int (*tets)[4];          /* tet_count: nodes, positive volume */
-    int (*neighbours)[4];    /* tet_count: tet across the face opposite vertex i, or -1 outside */
+    int (*neighbours)[4];    /* tet_count: neighbour at the face opposite vertex i, -1 at the boundary */
     int *region;             /* tet_count: index into groups of the containing region (dimension 3) */
-    uint32_t (*face_groups)[4]; /* tet_count: bit g set where face i lies on the named surface groups[g] */
+    uint32_t (*face_groups)[4]; /* tet_count: bit g is set if face i is on the named surface groups[g] */
     int group_count;
     mesh_group groups[MESH_MAX_GROUPS];
     int boundary_count;
     boundary_face *boundary; /* boundary_count */
     bvh_node *bvh;           /* tree over `boundary` */
     int *bvh_order;          /* boundary_count */
-    double *node_size;       /* node_count: mean edge of the ideal tets around the node, m (continuous over faces) */
-    bool *anatomical;        /* node_count: on the outer surface, between regions, or of a named surface, line or point */
-    report remarks;          /* what was done to the file's mesh, or looks wrong in it; empty: nothing */
+    double *node_size;       /* node_count: mean edge length of equivalent regular tets around the node, m */
+    bool *anatomical;        /* node_count: on the outer surface, an interface of regions, or a named surface, line or point */
+    report remarks;          /* changes made to the file's mesh and suspected errors in it; may be empty */
 } mesh;
 
-/* Reads any format that Gmsh reads (the only function that knows Gmsh), with coordinates in `unit` (m); checks nodes, tets,
-   orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. Not thread-safe:
-   Gmsh is one global. */
+/* Reads any format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets, orientation and conformity, and joins bodies
+   whose faces match. Errors: BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
 
 /* The same in metres. */
 static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
 
-/* The same from arrays, which are copied. BAD_INPUT for indices out of range, names that repeat, and as in mesh_finish. */
+/* The same from arrays, which are copied. BAD_INPUT for indices out of range, duplicate names, and as in mesh_finish. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
-trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* its first part: indices and names are there */
+trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* only checks indices and names */
 
-/* Completes a mesh whose node_count, tet_count, nodes, tets, region and groups are given: orients the tets,
-   finds neighbours and the boundary, builds the tree. `triangles` are the named surface triangles (group index each).
-   `name` is for messages. Takes ownership of the arrays in `m`; on failure `mesh_free` releases them. */
+/* Completes a mesh that has node_count, tet_count, nodes, tets, region and groups: orients the tets, finds neighbours and the
+   boundary, and builds the tree. `triangles`: triangles of named surfaces; `triangle_group`: their group indices. `name` is
+   used in messages. Takes ownership of the arrays in `m`; also after a failure release them with `mesh_free`. */
 trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3], const int *triangle_group,
                           const char *name, report *why);
 
 void mesh_free(mesh *m);
 
-/* Adds a sentence to the remarks. */
+/* Appends a sentence to the remarks. */
 __attribute__((format(printf, 2, 3))) void mesh_remark(mesh *m, const char *format, ...);
 
-/* Adds to the remarks if the body or its elements are out of all proportion to a needle, as when the unit is wrong. */
+/* Appends a remark if the body or its elements are implausibly large or small compared with the needle, as with a wrong unit. */
 void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
 /* Index of the group of this name and dimension (any if -1), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
 
-/* Barycentric weights of x in tet t: they sum to 1, all >= 0 inside. RT */
+/* Barycentric weights of x in tet t: they sum to 1 and are all >= 0 inside. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 
-/* The same in any tetrahedron. RT */
+/* The same for a tetrahedron given by its corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 
-/* The tetrahedra around a node of tet `start`, found from neighbour to neighbour. Returns how many, or -1 if more than `most`. RT */
+/* Finds the tetrahedra around a node of tet `start`. Returns their number, or -1 if there are more than `most`. RT */
 int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
@@ -92,10 +91,10 @@ vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
 /* Unit normal of a tet's face, toward the opposite corner. RT */
 vec3 mesh_face_normal(const mesh *m, int tet, int face);
 
-/* Gradient of the four linear shape functions, 1/m. Returns the volume. RT */
+/* Gradients of the four linear shape functions, 1/m. Returns the volume. RT */
 double tet_gradients(const vec3 corners[4], vec3 gradients[4]);
 
-/* Where the segment from a to b first enters the nominal body from outside. Time O(log boundary). RT */
+/* First point at which the segment from a to b enters the nominal body from outside. Time O(log boundary). RT */
 typedef struct {
     bool hit;
     double fraction;         /* 0..1 along the segment */
@@ -104,11 +103,11 @@ typedef struct {
 } surface_hit;
 surface_hit mesh_enter(const mesh *m, vec3 a, vec3 b);
 
-/* The tetrahedron that contains x, or -1: a walk from `start` (any tet if -1), safe on every mesh. */
+/* The tetrahedron that contains x, or -1. The search starts at tet `start` (-1: any) and succeeds on non-convex meshes as well. */
 int mesh_locate(const mesh *m, vec3 x, int start);
 
-/* Leaving tet `t` from inside point x along direction d: the face first reached (>= 0) and the distance in units of d;
-   -1 if d is zero. A start slightly outside a face counts as on it. RT */
+/* Face through which the ray from x in tet `tet` along d leaves it, and the distance in units of d; -1 if d is zero. A start
+   slightly outside a face is treated as on it. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
 #endif

@@ -1,4 +1,4 @@
-/* A mesh from the caller's arrays. */
+/* Makes a mesh from the caller's arrays. */
 #include "tissue/mesh.h"
 
 #include <stdlib.h>
@@ -7,28 +7,28 @@
 static trocar_status check_indices(const trocar_mesh *g, report *why) {
     for (int i = 0; i < 4 * g->tet_count; i++)
         if (g->tets[i] < 0 || g->tets[i] >= g->node_count)
-            return fail(why, TROCAR_BAD_INPUT, "mesh: tetrahedron %d has node %d: there are %d", i / 4, g->tets[i], g->node_count);
+            return fail(why, TROCAR_BAD_INPUT, "mesh: tetrahedron %d has node %d, but there are %d nodes", i / 4, g->tets[i], g->node_count);
     for (int e = 0; e < g->tet_count && g->tet_region; e++)
         if (g->tet_region[e] < 0 || g->tet_region[e] >= g->region_count)
-            return fail(why, TROCAR_BAD_INPUT, "mesh: tetrahedron %d is in region %d: there are %d", e, g->tet_region[e], g->region_count);
+            return fail(why, TROCAR_BAD_INPUT, "mesh: tetrahedron %d is in region %d, but there are %d regions", e, g->tet_region[e], g->region_count);
     for (int i = 0; i < 3 * g->triangle_count; i++)
         if (g->triangles[i] < 0 || g->triangles[i] >= g->node_count)
-            return fail(why, TROCAR_BAD_INPUT, "mesh: triangle %d has node %d: there are %d", i / 3, g->triangles[i], g->node_count);
+            return fail(why, TROCAR_BAD_INPUT, "mesh: triangle %d has node %d, but there are %d nodes", i / 3, g->triangles[i], g->node_count);
     for (int i = 0; i < g->triangle_count; i++)
         if (g->triangle_surface[i] < 0 || g->triangle_surface[i] >= g->surface_count)
-            return fail(why, TROCAR_BAD_INPUT, "mesh: triangle %d is on surface %d: there are %d", i, g->triangle_surface[i], g->surface_count);
+            return fail(why, TROCAR_BAD_INPUT, "mesh: triangle %d is on surface %d, but there are %d surfaces", i, g->triangle_surface[i], g->surface_count);
     return TROCAR_OK;
 }
 
 trocar_status mesh_arrays_check(const trocar_mesh *g, report *why) {
-    if (g->node_count < 4 || g->tet_count < 1 || !g->nodes || !g->tets) return fail(why, TROCAR_BAD_INPUT, "mesh: it has no tetrahedra");
+    if (g->node_count < 4 || g->tet_count < 1 || !g->nodes || !g->tets) return fail(why, TROCAR_BAD_INPUT, "mesh: no tetrahedra");
     if (g->node_count > INT32_MAX / 4 || g->tet_count > INT32_MAX / 4 || g->triangle_count < 0 || g->triangle_count > INT32_MAX / 4)
         return fail(why, TROCAR_BAD_INPUT, "mesh: %d nodes, %d tetrahedra and %d triangles: too many", g->node_count, g->tet_count, g->triangle_count);
     if (g->region_count < 1 || g->surface_count < 0 || g->region_count + g->surface_count > MESH_MAX_GROUPS || !g->regions)
-        return fail(why, TROCAR_BAD_INPUT, "mesh: %d regions and %d surfaces: at least one region, and at most %d of both", g->region_count,
+        return fail(why, TROCAR_BAD_INPUT, "mesh: %d regions and %d surfaces; expected at least one region and at most %d in total", g->region_count,
                     g->surface_count, MESH_MAX_GROUPS);
     if ((g->triangle_count > 0 && !(g->triangles && g->triangle_surface)) || (g->surface_count > 0 && !g->surfaces))
-        return fail(why, TROCAR_BAD_INPUT, "mesh: triangles need triangle_surface, surfaces need names");
+        return fail(why, TROCAR_BAD_INPUT, "mesh: triangles given without triangle_surface, or surfaces without names");
     for (int i = 0; i < 3 * g->node_count; i++)
         if (!isfinite(g->nodes[i])) return fail(why, TROCAR_BAD_INPUT, "mesh: node %d has a coordinate that is not finite", i / 3);
     return check_indices(g, why);
@@ -36,7 +36,7 @@ trocar_status mesh_arrays_check(const trocar_mesh *g, report *why) {
 
 static trocar_status name_group(mesh *m, const char *name, int dimension, report *why) {
     size_t length = name ? strlen(name) : 0;
-    if (length == 0 || length >= MESH_NAME) return fail(why, TROCAR_BAD_INPUT, "mesh: a region's or surface's name needs 1 to %d characters", MESH_NAME - 1);
+    if (length == 0 || length >= MESH_NAME) return fail(why, TROCAR_BAD_INPUT, "mesh: the name of a region or surface must have 1 to %d characters", MESH_NAME - 1);
     if (mesh_find_group(m, name, -1) >= 0) return fail(why, TROCAR_BAD_INPUT, "mesh: two regions or surfaces are named \"%s\"", name);
     mesh_group *group = &m->groups[m->group_count++];
     memcpy(group->name, name, length + 1);
@@ -67,7 +67,7 @@ static trocar_status collect_nodes(mesh *m, const trocar_mesh *g, int index, rep
                                  : fail(why, TROCAR_BAD_INPUT, "mesh: \"%s\" has no %s", group->name, surface < 0 ? "tetrahedra" : "triangles");
 }
 
-/* Each triangle's surface as a group index. NULL: no memory. */
+/* Group index of each triangle's surface. NULL: no memory. */
 static int *triangle_groups(const trocar_mesh *g) {
     int *groups = malloc(((size_t)g->triangle_count + 1) * sizeof *groups);
     for (int t = 0; groups && t < g->triangle_count; t++) groups[t] = g->region_count + g->triangle_surface[t];
@@ -90,7 +90,7 @@ static trocar_status copy_arrays(const trocar_mesh *g, mesh *m, report *why) {
     for (int i = 0; i < m->group_count && status == TROCAR_OK; i++) status = collect_nodes(m, g, i, why);
     return status;
 }
-_Static_assert(sizeof(vec3) == 3 * sizeof(double) && sizeof(int) == sizeof(int32_t), "arrays are copied as they are");
+_Static_assert(sizeof(vec3) == 3 * sizeof(double) && sizeof(int) == sizeof(int32_t), "arrays are copied byte by byte");
 
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why) {
     memset(m, 0, sizeof *m);

@@ -1,4 +1,4 @@
-/* Reading meshes. All that is known of Gmsh is in this file. */
+/* Reads mesh files with Gmsh; the only file that depends on it. */
 #include <errno.h>
 #include <gmshc.h>
 #include <limits.h>
@@ -13,13 +13,13 @@ enum { TRIANGLE = 2, TETRAHEDRON = 4 }; /* Gmsh's element types, linear */
 
 typedef struct { size_t tag; int index; } numbered_node;
 
-/* What is known while one file is read. */
+/* State while one file is read. */
 typedef struct {
     const char *path;
     double unit;             /* m */
     mesh *mesh;
     report *why;
-    numbered_node *nodes;    /* all nodes of the file, ascending tags; index -1 where no tetrahedron uses the node */
+    numbered_node *nodes;    /* all nodes of the file by ascending tag; index -1 if no tetrahedron uses the node */
     int node_count;
     double *coordinates;     /* 3 node_count, in the order of `nodes` */
     size_t *corners;         /* 4 tet_count: node tags */
@@ -30,7 +30,7 @@ typedef struct {
 
 static trocar_status no_memory(reader *r) { return fail(r->why, TROCAR_NO_MEMORY, "%s: no memory for the mesh", r->path); }
 
-/* Gmsh's own words for its last failure. */
+/* Reports Gmsh's last error message. */
 static trocar_status gmsh_failed(reader *r) {
     char *reason = NULL;
     int error = 0;
@@ -42,7 +42,7 @@ static trocar_status gmsh_failed(reader *r) {
     return TROCAR_BAD_INPUT;
 }
 
-/* Gmsh takes a missing or unreadable file for an empty model. */
+/* Gmsh treats a missing or unreadable file as an empty model. */
 static trocar_status check_readable(reader *r) {
     FILE *file = fopen(r->path, "rb");
     if (!file) return fail(r->why, TROCAR_BAD_INPUT, "%s: cannot open the mesh: %s", r->path, strerror(errno));
@@ -73,13 +73,13 @@ static numbered_node *find_node(const reader *r, size_t tag) {
     return bsearch(&wanted, r->nodes, r->node_count, sizeof *r->nodes, compare_tags);
 }
 
-/* Index of the node in the mesh, -1 if no tetrahedron uses it. */
+/* Index of the node with this tag, -1 if no tetrahedron uses it. */
 static int node_index(const reader *r, size_t tag) {
     const numbered_node *node = find_node(r, tag);
     return node ? node->index : -1;
 }
 
-/* Gmsh hands out the nodes entity by entity; ascending tags are the file's order for all that Gmsh writes. */
+/* Gmsh returns nodes entity by entity; ascending tags restore the order of files written by Gmsh. */
 static trocar_status sort_nodes(reader *r, const size_t *tags, const double *coordinates, size_t count) {
     r->nodes = malloc(count * sizeof *r->nodes);
     r->coordinates = malloc(3 * count * sizeof *r->coordinates);
@@ -103,7 +103,7 @@ static trocar_status read_nodes(reader *r) {
     trocar_status status;
     if (error) status = gmsh_failed(r);
     else if (count == 0)
-        status = fail(r->why, TROCAR_BAD_INPUT, "%s: holds no nodes: is it a mesh that Gmsh reads?", r->path);
+        status = fail(r->why, TROCAR_BAD_INPUT, "%s: contains no nodes: is it a mesh in a format that Gmsh reads?", r->path);
     else if (count > INT_MAX / 3) status = fail(r->why, TROCAR_BAD_INPUT, "%s: too many nodes (%zu)", r->path, count);
     else status = sort_nodes(r, tags, coordinates, count);
     gmshFree(tags);
@@ -132,7 +132,7 @@ static trocar_status name_group(reader *r, mesh_group *group, int dimension, int
     return TROCAR_OK;
 }
 
-/* The new group has no nodes yet: those that tetrahedra use are known only when all regions are. */
+/* Adds a group without nodes: those used by tetrahedra are known only after all regions have been read. */
 static trocar_status add_group(reader *r, int dimension, int tag) {
     if (r->mesh->group_count == MESH_MAX_GROUPS)
         return fail(r->why, TROCAR_BAD_INPUT, "%s: more than %d physical groups: merge or remove some", r->path,
@@ -143,8 +143,8 @@ static trocar_status add_group(reader *r, int dimension, int tag) {
     return status;
 }
 
-/* Names the physical groups in Gmsh's order (dimension, then tag); without any volume among them all tetrahedra
-   form the region "tissue". `tags` receives each group's tag. */
+/* Reads the physical groups in Gmsh's order (by dimension, then tag). Without a physical volume all tetrahedra form the region
+   "tissue". `tags` receives the tag of each group. */
 static trocar_status read_groups(reader *r, int tags[MESH_MAX_GROUPS]) {
     int *pairs = NULL, error = 0;
     size_t count = 0;
@@ -159,7 +159,7 @@ static trocar_status read_groups(reader *r, int tags[MESH_MAX_GROUPS]) {
     gmshFree(pairs);
     if (status != TROCAR_OK || has_volume) return status;
     if (r->mesh->group_count == MESH_MAX_GROUPS)
-        return fail(r->why, TROCAR_BAD_INPUT, "%s: %d physical groups and no volume among them: name the volumes", r->path,
+        return fail(r->why, TROCAR_BAD_INPUT, "%s: %d physical groups, but none is a volume: name the volumes", r->path,
                     MESH_MAX_GROUPS);
     tags[r->mesh->group_count] = 0;
     r->mesh->groups[r->mesh->group_count++] = (mesh_group){.name = "tissue", .dimension = 3};
@@ -182,7 +182,7 @@ static trocar_status check_element_types(reader *r) {
         if (types[i] != TETRAHEDRON) other = types[i];
     gmshFree(types);
     if (error) return gmsh_failed(r);
-    if (count == 0) return fail(r->why, TROCAR_BAD_INPUT, "%s: holds no tetrahedra: mesh the volume", r->path);
+    if (count == 0) return fail(r->why, TROCAR_BAD_INPUT, "%s: contains no tetrahedra: mesh the volume", r->path);
     if (!other) return TROCAR_OK;
 
     char *name = NULL;
@@ -190,14 +190,14 @@ static trocar_status check_element_types(reader *r) {
     int dimension, order, nodes, primary;
     size_t local_count;
     gmshModelMeshGetElementProperties(other, &name, &dimension, &order, &nodes, &local, &local_count, &primary, &error);
-    fail(r->why, TROCAR_BAD_INPUT, "%s: holds elements of type \"%s\": only linear tetrahedra (4 nodes) are supported",
+    fail(r->why, TROCAR_BAD_INPUT, "%s: contains elements of type \"%s\": only linear tetrahedra (4 nodes) are supported",
          r->path, error == 0 && name ? name : "unknown");
     gmshFree(name);
     gmshFree(local);
     return TROCAR_BAD_INPUT;
 }
 
-/* The region that the model entity belongs to: exactly one physical volume, or the only region when there is none. */
+/* Region of the model entity: its only physical volume, or "tissue" if there are no physical volumes. */
 static trocar_status region_of_entity(reader *r, const int tags[], int entity, int *region) {
     int *physical = NULL, error = 0;
     size_t count = 0;
@@ -210,7 +210,7 @@ static trocar_status region_of_entity(reader *r, const int tags[], int entity, i
         return fail(r->why, TROCAR_BAD_INPUT, "%s: volume %d is in the regions \"%s\" and \"%s\": leave it in one physical "
                     "volume", r->path, entity, r->mesh->groups[*region].name, r->mesh->groups[second].name);
     if (*region < 0)
-        return fail(r->why, TROCAR_BAD_INPUT, "%s: the tetrahedra of volume %d are in no physical volume: add them to one",
+        return fail(r->why, TROCAR_BAD_INPUT, "%s: the tetrahedra of volume %d are not in a physical volume: add them to one",
                     r->path, entity);
     return TROCAR_OK;
 }
@@ -253,13 +253,13 @@ static trocar_status read_tets(reader *r, const int tags[]) {
     return status;
 }
 
-/* Drops the nodes that no tetrahedron uses, keeps the order of the others, and numbers the tetrahedra's corners. */
+/* Removes unused nodes, keeps the order of the others, and converts the corners of tetrahedra from tags to indices. */
 static trocar_status compact_nodes(reader *r) {
     mesh *m = r->mesh;
     for (size_t i = 0; i < 4 * (size_t)m->tet_count; i++) {
         numbered_node *node = find_node(r, r->corners[i]);
         if (!node)
-            return fail(r->why, TROCAR_BAD_INPUT, "%s: a tetrahedron names node %zu, which the file lacks: export it again",
+            return fail(r->why, TROCAR_BAD_INPUT, "%s: a tetrahedron refers to node %zu, which does not exist: export the file again",
                         r->path, r->corners[i]);
         node->index = 0;
     }
@@ -277,7 +277,7 @@ static trocar_status compact_nodes(reader *r) {
     return TROCAR_OK;
 }
 
-/* Joins bodies that were meshed apart where their faces match; says so, and where they do not. */
+/* Joins separately meshed bodies at matching faces; adds remarks about joined nodes and about faces that do not match. */
 static trocar_status merge_nodes(reader *r) {
     mesh *m = r->mesh;
     mesh_merge_result result;
@@ -291,10 +291,10 @@ static trocar_status merge_nodes(reader *r) {
             r->nodes[i].index = renumbered[r->nodes[i].index];
         }
         if (result.merged > 0)
-            mesh_remark(m, "%s: %d nodes that lie where others do were merged with these", r->path, result.merged);
+            mesh_remark(m, "%s: merged %d duplicate nodes", r->path, result.merged);
         if (result.apart > 0)
-            mesh_remark(m, "%s: %d nodes lie where others do (node %d, for one), but faces there do not match: the bodies are taken as touching, "
-                        "not as grown together; mesh them together if they are one", r->path, result.apart, tag);
+            mesh_remark(m, "%s: %d nodes coincide with others (node %d, for example), but their faces do not match: the bodies are not connected there; "
+                        "mesh them together if they should be", r->path, result.apart, tag);
     }
     free(renumbered);
     return status == TROCAR_OK ? TROCAR_OK : no_memory(r);
@@ -404,17 +404,17 @@ static trocar_status read_model(reader *r) {
     return status;
 }
 
-/* Gmsh is one global. Where the host has a session of its own, the mesh becomes a model beside the host's, and goes again. */
+/* Gmsh has one global session. If the host program already uses it, the mesh is added as a separate model and removed again. */
 static trocar_status read_in_session(reader *r) {
     int error = 0;
-    double terminal = -1.0; /* stays so while Gmsh is not running */
+    double terminal = -1.0; /* unchanged if Gmsh is not running */
     gmshOptionGetNumber("General.Terminal", &terminal, &error);
     bool hosted = error == 0 && terminal >= 0.0;
     char *host_model = NULL;
     error = 0;
     if (hosted) gmshModelGetCurrent(&host_model, &error);
     else gmshInitialize(0, NULL, 0, &error);
-    if (error) return fail(r->why, TROCAR_SYSTEM, "%s: Gmsh does not start (error %d)", r->path, error);
+    if (error) return fail(r->why, TROCAR_SYSTEM, "%s: cannot start Gmsh (error %d)", r->path, error);
     trocar_status status = read_model(r);
     if (!hosted) {
         gmshFinalize(&error);

@@ -2,12 +2,12 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6;                            /* of the body's size: what files in single precision keep apart */
-static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* a direction that nodes of a regular mesh do not line up along */
+static const double SAME_PLACE = 1e-6;                            /* tolerance relative to the body's size, for files in single precision */
+static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* sorting direction, not aligned with the axes of regular meshes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* by the first node at each place, ascending; and its own nodes */
+typedef struct { int place[3], nodes[3]; } placed_face;            /* first node at each place, ascending; and the face's own nodes */
 
 static int compare_placed(const void *left, const void *right) {
     const placed_node *a = left, *b = right;
@@ -31,11 +31,11 @@ static double body_size(const mesh *m) {
     return v3_norm(v3_sub(high, low));
 }
 
-/* place[n]: the lowest node that lies where n does. Returns how many nodes are not alone. */
+/* place[n]: lowest node at the position of n. Returns the number of nodes that coincide with another. */
 static int find_places(const mesh *m, placed_node *order, int *place) {
     double near = SAME_PLACE * body_size(m);
     int shared = 0;
-    if (!(near > 0.0 && near < INFINITY)) near = -1.0; /* refused later, by mesh_finish */
+    if (!(near > 0.0 && near < INFINITY)) near = -1.0; /* rejected later by mesh_finish */
     for (int n = 0; n < m->node_count; n++) {
         order[n] = (placed_node){v3_dot(ORDER, m->nodes[n]), n};
         place[n] = n;
@@ -83,7 +83,7 @@ static placed_face face_at(const int *place, const int nodes[4], int face) {
     return f;
 }
 
-/* Joins the nodes of faces that match. `parent` is each node itself at first. */
+/* Joins the nodes of matching faces (union-find). On entry parent[n] = n. */
 static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
     bool *shared = calloc((size_t)m->node_count, sizeof *shared);
     placed_face *faces = malloc(4 * (size_t)m->tet_count * sizeof *faces);

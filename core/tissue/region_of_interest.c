@@ -21,14 +21,14 @@ static trocar_status mark_given(const mesh *m, const roi_config *given, bool *in
     }
     for (int i = 0; i < m->node_count && given->radius > 0.0; i++)
         if (distance_to_segment(m->nodes[i], given->from, given->to) <= given->radius) any = inside[i] = true;
-    return any ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "region_of_interest: no node of the mesh is in it; widen the corridor");
+    return any ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "region_of_interest contains no node of the mesh: increase the radius of the corridor");
 }
 
-/* ---- what is usual ---------------------------------------------------------------------------------------------------- */
+/* ---- default region ---------------------------------------------------------------------------------------------------- */
 
 typedef struct { vec3 point, direction; } line;
 
-/* Through the middle of an outer surface, inwards; direction zero where there is no such surface. */
+/* Line through the centroid of an outer surface, pointing inwards; direction zero if there is no such surface. */
 static line line_into(const mesh *m, int surface) {
     double area = 0.0;
     vec3 middle = v3(0, 0, 0), outwards = v3(0, 0, 0);
@@ -41,7 +41,7 @@ static line line_into(const mesh *m, int surface) {
         middle = v3_axpy(v3_norm(normal) / 3.0, v3_add(p, v3_add(q, r)), middle);
         outwards = v3_add(outwards, normal);
     }
-    bool flat = v3_norm(outwards) > 0.1 * area; /* not all around the body */
+    bool flat = v3_norm(outwards) > 0.1 * area; /* rather than closed */
     return flat ? (line){v3_scale(1.0 / area, middle), v3_scale(-1.0 / v3_norm(outwards), outwards)} : (line){.direction = v3(0, 0, 0)};
 }
 

@@ -37,7 +37,7 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* With the volumetric part apart: the same mu, no lambda. */
+/* If the volumetric part is integrated separately: the same mu, and lambda = 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;
@@ -67,7 +67,7 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
         }
 }
 
-/* One element's share in the mean volumetric strain of its nodes: a column for each node of the region. */
+/* Adds an element's contribution to the mean volumetric strain of its nodes; one column per node of the region. */
 static void add_divergence(const tissue *t, int tet, const double *node_volume, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];
@@ -91,7 +91,7 @@ static void add_divergence(const tissue *t, int tet, const double *node_volume, 
     }
 }
 
-/* B B^T of one region: sum over its nodes of lambda V (mean of div u)^2, V a quarter of the elements around the node. */
+/* B B^T of one region: sum over its nodes of lambda V (mean of div u)^2; V is a quarter of the volume of the elements around a node. */
 static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *node_volume) {
     const mesh *m = t->mesh;
     size_t tets = 0;
@@ -142,15 +142,15 @@ static trocar_status assemble(tissue *t, report *why) {
     return whole ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
 }
 
-/* About the least eigenvalue of K over the greatest: the Rayleigh quotient after two steps of inverse iteration.
-   Rounding may leave a singular K harmless-looking pivots (7e-9 of the largest was seen where a body could turn about
-   two nodes), but no quotient much above 1e-16. Negative without memory. */
+/* Estimate of the ratio of the smallest to the largest eigenvalue of K: Rayleigh quotient after two steps of inverse iteration.
+   Because of rounding a singular K may have inconspicuous pivots (7e-9 of the largest was observed for a body free to rotate
+   about two nodes), but its quotient is not much above 1e-16. Negative if out of memory. */
 static double least_stiffness(tissue *t) {
     int n = t->dof_count;
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
     cholmod_dense *x = cholmod_ones((size_t)n, 1, CHOLMOD_REAL, &t->common);
     cholmod_dense *force = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
-    for (int i = 0; x && i < n; i++) ((double *)x->x)[i] += 0.37 * (i % 7); /* orthogonal to no rigid motion */
+    for (int i = 0; x && i < n; i++) ((double *)x->x)[i] += 0.37 * (i % 7); /* not orthogonal to any rigid motion */
     for (int step = 0; step < 2 && x; step++) {
         cholmod_dense *next = cholmod_solve(CHOLMOD_A, t->factor, x, &t->common);
         cholmod_free_dense(&x, &t->common);
@@ -166,7 +166,7 @@ static double least_stiffness(tissue *t) {
 
 /* ---- factor ---- */
 
-/* The pattern of K by nodes: the three dofs of a node have the same neighbours. */
+/* Sparsity pattern of K by nodes: the three dofs of a node have the same neighbours. */
 static cholmod_sparse *node_graph(tissue *t) {
     const int *start = t->stiffness->p, *row = t->stiffness->i;
     size_t nodes = (size_t)t->dof_count / 3;
@@ -183,8 +183,8 @@ static cholmod_sparse *node_graph(tissue *t) {
     return graph;
 }
 
-/* Nested dissection of the nodes, those marked `last` (by first dof over three) taken out and put behind: what separates
-   the mesh still separates what is left of it. */
+/* Nested dissection of the nodes; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators of the
+   mesh still separate the remaining nodes. */
 static bool order_dofs(tissue *t, const bool *last, int *order) {
     int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
     cholmod_sparse *graph = scratch ? node_graph(t) : NULL;
@@ -197,7 +197,7 @@ static bool order_dofs(tissue *t, const bool *last, int *order) {
     return done;
 }
 
-/* Where each node's dofs are in the factor. They stay together: their columns of K have the same pattern. */
+/* Position of each node's dofs in the factor. They are contiguous, because their columns of K have the same pattern. */
 static void find_columns(tissue *t) {
     const int *order = t->factor->Perm;
     for (int i = 0; i < t->dof_count; i += 3) t->column[order[i] / 3] = i;
@@ -227,8 +227,8 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
     if (!factored || least < 0.0)
         return fail(why, TROCAR_NO_MEMORY, "no memory to factor the stiffness matrix (%d unknowns)", t->dof_count);
     if (!(least >= LOOSE))
-        return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not hold the whole body: name a surface or region "
-                    "under `fixed` that every part of the mesh hangs on");
+        return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not constrain the whole body: name a surface or region "
+                    "under `fixed` that every part of the mesh is connected to");
     return TROCAR_OK;
 }
 

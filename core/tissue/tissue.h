@@ -1,4 +1,4 @@
-/* Linear elastic tissue: materials by region, the sparse stiffness matrix K and its factor. */
+/* Linear elastic tissue: materials of regions, the sparse stiffness matrix K and its Cholesky factor. */
 #ifndef TROCAR_TISSUE_H
 #define TROCAR_TISSUE_H
 
@@ -6,53 +6,52 @@
 
 #include "tissue/mesh.h"
 
-/* What one region is made of. */
+/* Material of a region. */
 typedef struct {
     double youngs_modulus;     /* Pa */
     double poisson_ratio;      /* below 0.5 */
-    double cutting_force;      /* N, resistance at the tip; INFINITY: bone, never cut */
-    double cutting_viscosity;  /* N s/m, added resistance per tip speed */
-    double friction_static;    /* N/m, shaft friction limit per length while stuck */
-    double friction_kinetic;   /* N/m, the same after sliding on */
-    double friction_viscous;   /* N s/m^2, added friction per length and sliding speed */
+    double cutting_force;      /* N, resistance at the tip; INFINITY: bone, cannot be cut */
+    double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
+    double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
+    double friction_kinetic;   /* N/m, the same after sliding over the weakening distance */
+    double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
-/* Where the volumetric strain's energy, lambda/2 (div u)^2, is taken. Linear tetrahedra lock when it is counted element by
-   element (at nu = 0.45 a needle feels 10 to 15 % too much); averaged at the nodes, region by region, they do not
-   (Bonet and Burton 1998). The rest of the energy, mu eps:eps, is taken element by element either way, which keeps K
-   positive definite. */
+/* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are
+   10 to 15 % too large); with the strain averaged at the nodes of each region they do not (Bonet and Burton 1998). The remaining
+   energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
 typedef enum { STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
     const region_material *materials; /* by group index; only the entries of dimension 3 count */
-    bool *fixed;               /* node_count: held at zero displacement */
+    bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */
-    int *dof;                  /* node_count: first of the node's three dofs, or -1 where fixed */
+    int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
     cholmod_common common;     /* of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
-    int *column;               /* dof_count / 3: where the three dofs from 3 i on stand in the factor */
+    int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
 /* Assembles K. `mesh` and `materials` must outlive the tissue. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factors K. These nodes are eliminated last: rows of the inverse between them then cost a small part of the factor.
-   BAD_INPUT when the fixed nodes do not hold the body. There is no factor where it fails. */
+/* Factorises K. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of the
+   factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-/* Both, in an order that favours no node: for tests. A simulation factors when it knows which nodes come last, or never. */
+/* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
-/* Moduli that give the part of an element's energy which is taken element by element. */
+/* Moduli of the part of the energy that is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 
-/* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs a node), N/m. Zienkiewicz & Taylor, vol. 1. */
+/* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */
 void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]);
 
 /* 3 x 3 block of the same for shape-function gradients ga, gb: V (lambda ga gb^T + mu gb ga^T + mu (ga.gb) I). */

@@ -1,4 +1,4 @@
-# bash completion of trocar's programs: options from --help, values by kind of option.
+# bash completion for trocar's programs: options from --help, values by type of option.
 _trocar() {
     local cur prev words cword split
     _init_completion -s || return

@@ -1,5 +1,5 @@
-# documents_linked_from(RESULT DOCUMENT...): these files of the repository and all those that they and Markdown files among them
-# link to, so that installed at the same relative paths their links hold. A link to a file that does not exist is an error.
+# documents_linked_from(RESULT DOCUMENT...): returns these files and, recursively, all files that the Markdown files among them link
+# to, so that their relative links work once installed. A link to a missing file is an error.
 function(documents_linked_from result)
     set(found)
     set(queue ${ARGN})
@@ -15,13 +15,13 @@ function(documents_linked_from result)
         set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${document})
         file(READ ${PROJECT_SOURCE_DIR}/${document} text)
         string(REPLACE "](" "@link(" text "${text}")
-        string(REGEX REPLACE "[][;]" " " text "${text}") # these have a meaning in CMake's lists
+        string(REGEX REPLACE "[][;]" " " text "${text}") # these are special characters in CMake lists
         string(REGEX MATCHALL "@link\\([^) ]+" links "${text}")
         cmake_path(GET document PARENT_PATH folder)
         foreach(link ${links})
             string(REGEX REPLACE "^@link\\(([^#]*).*" "\\1" target "${link}")
             if(target STREQUAL "" OR target MATCHES ":")
-                continue() # within the document, or on the web
+                continue() # anchor in the document, or a web link
             endif()
             cmake_path(SET path NORMALIZE "${folder}/${target}")
             string(REGEX REPLACE "^/" "" path "${path}")

@@ -1,5 +1,5 @@
-# find_package(trocar COMPONENTS library types): trocar::trocar, the mechanics (include <trocar.h>), and trocar::types, the messages'
-# C bindings (include "trocar_needle_pose_t.h"). Without components: both.
+# find_package(trocar COMPONENTS library types): trocar::trocar is the simulation library (include <trocar.h>), trocar::types the C
+# bindings of the messages (include "trocar_needle_pose_t.h"). Both if no component is given.
 if(NOT trocar_FIND_COMPONENTS)
     set(trocar_FIND_COMPONENTS library types)
 endif()
@@ -11,7 +11,7 @@ foreach(component ${trocar_FIND_COMPONENTS})
         pkg_check_modules(LCM REQUIRED IMPORTED_TARGET lcm)
     elseif(NOT component STREQUAL library)
         set(trocar_FOUND FALSE)
-        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}, but library and types")
+        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}; components: library, types")
         return()
     endif()
     include(${CMAKE_CURRENT_LIST_DIR}/trocar-${component}.cmake)

@@ -231,7 +231,7 @@ try {
     await second.keyboard.down('w')
     await until(second, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     await stop(server, 'SIGKILL')
-    await until(second, `${badge('no server')} && ${banner('Last heard')} && !trocar.status.drives && document.getElementById('controls').hidden`)
+    await until(second, `${badge('no server')} && ${banner('Last data')} && !trocar.status.drives && document.getElementById('controls').hidden`)
     await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
     const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()

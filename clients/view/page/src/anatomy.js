@@ -1,4 +1,4 @@
-// The tissue in three.js: the translucent body, what lies inside, the cut, the shape at rest.
+// The tissue in three.js: translucent body, inner structures, cut, shape at rest.
 import * as THREE from 'three'
 import { Filled, show } from './buffers.js'
 import { ramp, regionColour } from './colours.js'
@@ -20,7 +20,7 @@ const VERTEX = `
     #include <clipping_planes_vertex>
   }`
 
-// Glass: more opaque where seen at a slant and where it has moved. FACETS have their own normals, and no gloss.
+// Glass-like: more opaque at grazing angles and where displaced. FACETS: flat normals, no specular highlights.
 const FRAGMENT = `
   uniform vec3 colour; uniform float opacity, slant, shown, range; uniform sampler2D ramp;
   varying vec3 place; varying vec3 outward; varying float displaced;
@@ -59,7 +59,7 @@ function glass(ramp, colour, look) {
   })
 }
 
-/** Pairs of nodes: each edge of the triangles once. */
+/** Unique edges of the triangles, as pairs of nodes. */
 function edgesOf(triangles) {
   const seen = new Set(), edges = []
   for (let t = 0; t < triangles.length; t += 3)
@@ -72,7 +72,7 @@ function edgesOf(triangles) {
   return edges
 }
 
-/** The group of the region that has most of the outer surface. */
+/** Group of the region with the largest part of the outer surface. */
 export function hostOf({ triangles }) {
   const faces = new Map()
   for (let t = 0; t < triangles.length; t += 6)
@@ -80,11 +80,11 @@ export function hostOf({ triangles }) {
   return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
 }
 
-/** Of the surfaces that nothing goes through. */
+/** Bits of the surfaces that cannot be punctured. */
 export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
 export class Anatomy {
-  /** `ramp`: texture of the displacement's colours; `slicer` fills the cut; `planes`: three.js clipping planes in force. */
+  /** `ramp`: texture of the displacement's colours; `slicer` fills the cut; `planes`: active clipping planes of three.js. */
   constructor(scene, ramp, slicer, planes) {
     this.scene = scene
     this.slicer = slicer
@@ -103,7 +103,7 @@ export class Anatomy {
     this.addCut()
   }
 
-  /** Node triples of the triangles that are `wanted(inside, outside, bits)`; turned over where that gives -1. */
+  /** Node triples of the triangles for which `wanted(inside, outside, bits)` is not 0; flipped if it is -1. */
   pick(wanted) {
     const { triangles } = this.scene, picked = []
     for (let t = 0; t < triangles.length; t += 6) {
@@ -144,7 +144,7 @@ export class Anatomy {
     return new THREE.LineSegments(this.geometry(indices, false), material)
   }
 
-  /** Without bone, whose surface the tissue may end at. */
+  /** The body, excluding bone surfaces at which the tissue ends. */
   addBody() {
     const bone = bitsOfBone(this.scene)
     const outer = this.pick((inside, outside, bits) => (outside === OUTSIDE && !(bits & bone) ? 1 : 0)), geometry = this.geometry(outer, false)
@@ -165,7 +165,7 @@ export class Anatomy {
     if (!solid) this.addRest(region, surface)
   }
 
-  /** Where the region was before anything moved, as faint lines. */
+  /** Outline of the region at rest, as faint lines. */
   addRest(region, surface) {
     const geometry = new THREE.BufferGeometry()
     geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(this.scene.nodes), 3))
@@ -175,7 +175,7 @@ export class Anatomy {
     this.add('shape at rest', lines, 11)
   }
 
-  /** Bone; named surfaces inside one region, and the lines of those that bound one. */
+  /** Bone, named surfaces inside a region, and the edges of those that bound a region. */
   addMembrane(membrane) {
     const bit = 1 << membrane.group
     if (membrane.bone) this.add(membrane.name, this.mesh(this.geometry(this.pick((inside, outside, bits) => (bits & bit ? -1 : 0)), true), regionColour(membrane), SOLID), 2)
@@ -187,10 +187,10 @@ export class Anatomy {
     this.add(membrane.name, this.lines(edgesOf(inner), '#ffd9df', 0.22), 12)
   }
 
-  /** The tissue's face in the cutting plane. */
+  /** Cross-section of the tissue in the cutting plane. */
   addCut() {
     this.cutGeometry = new THREE.BufferGeometry()
-    this.cutTints = new Filled() // 3 a vertex
+    this.cutTints = new Filled() // 3 per vertex
     this.cutColours = new Map()
     this.scene.regions.forEach((region, i) => this.cutColours.set(region.group, new THREE.Color(region.group === this.host ? '#7d8fa3' : regionColour(region, i))))
     const material = new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide, transparent: true, opacity: 0.82,
@@ -201,7 +201,7 @@ export class Anatomy {
     this.add('cut', edge, 6)
   }
 
-  /** Takes a picture's displacement; returns the largest, m. */
+  /** Applies a picture's displacements; returns the largest, m. */
   deform(picture) {
     const { nodes } = this.scene, place = this.place.array, moved = this.moved.array
     let largest = 0
@@ -218,7 +218,7 @@ export class Anatomy {
     return largest
   }
 
-  /** Cuts along normal . x = offset, or not at all where `normal` is null. */
+  /** Cuts at normal . x = offset; no cut if `normal` is null. */
   cut(normal, offset) {
     for (const object of this.layers.get('cut')) object.visible = normal !== null
     if (!normal) return
@@ -232,7 +232,7 @@ export class Anatomy {
     show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside), 3)
   }
 
-  /** The region's colour, turned towards that of the displacement. */
+  /** Region's colour, blended with that of the displacement. */
   colourOfCut(v) {
     const { place, nominal, region } = this.slicer, i = 3 * v
     const moved = Math.hypot(place.array[i] - nominal.array[i], place.array[i + 1] - nominal.array[i + 1], place.array[i + 2] - nominal.array[i + 2])

@@ -1,9 +1,9 @@
-// Numbers for the graphics that change with every picture, in buffers that only grow; and what is shown no more.
+// Growing buffers for vertex data that changes with every picture, and release of graphics resources.
 import * as THREE from 'three'
 
-/** A list of numbers that grows and is filled anew each time: set `count` to 0, reserve, write. */
+/** Growing array that is refilled each time: set `count` to 0, reserve, write. */
 export class Filled {
-  constructor() { this.array = new Float32Array(3 << 13); this.count = 0 } // whole vertices, also of 3 numbers
+  constructor() { this.array = new Float32Array(3 << 13); this.count = 0 } // a multiple of 3
   reserve(more) {
     if (this.count + more <= this.array.length) return
     const wider = new Float32Array(2 * (this.count + more))
@@ -12,10 +12,10 @@ export class Filled {
   }
 }
 
-/** Makes what is `filled` the attribute `name` of a geometry, `size` numbers a vertex, and draws as many vertices. */
+/** Sets `filled` as attribute `name` of a geometry, with `size` numbers per vertex, and its draw range. */
 export function show(geometry, name, filled, size) {
   if (geometry.getAttribute(name)?.array !== filled.array) {
-    geometry.dispose() // the graphics' copies of it
+    geometry.dispose() // frees its GPU buffers
     geometry.setAttribute(name, new THREE.BufferAttribute(filled.array, size).setUsage(THREE.DynamicDrawUsage))
   }
   const attribute = geometry.getAttribute(name)
@@ -25,7 +25,7 @@ export function show(geometry, name, filled, size) {
   geometry.setDrawRange(0, filled.count / size)
 }
 
-/** Gives back what the graphics hold of an object and of all that is in it. */
+/** Frees the GPU resources of an object and its children. */
 export function discard(object) {
   object.traverse((part) => { for (const held of [part.geometry, part.material, part]) held?.dispose?.() })
 }

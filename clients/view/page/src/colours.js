@@ -1,9 +1,9 @@
-// Colours of the anatomy, of contacts and of displacement; one set for both themes but for the ground.
+// Colours of anatomy, contacts and displacement; the same for both themes, except the background.
 
-/** Dark blue over green to yellow, evenly bright steps (after matplotlib's viridis). */
+/** Perceptually uniform, dark blue to yellow (after matplotlib's viridis). */
 const RAMP = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]]
 
-/** r, g, b in 0 .. 1 of a fraction. */
+/** Colour of a fraction; r, g, b in 0 .. 1. */
 export function ramp(fraction) {
   const x = Math.min(Math.max(fraction, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(x), RAMP.length - 2), f = x - i
   return [0, 1, 2].map((k) => (RAMP[i][k] + f * (RAMP[i + 1][k] - RAMP[i][k])) / 255)
@@ -19,5 +19,5 @@ export function regionColour(region, index) {
   return REGIONS.find(([name]) => region.name.toLowerCase().includes(name))?.[1] ?? OTHERS[index % OTHERS.length]
 }
 
-export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticks, slides in, slides out
+export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z

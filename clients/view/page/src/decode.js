@@ -1,11 +1,11 @@
-// What trocar-view sends: see clients/view/wire_format.h.
+// Decodes messages from trocar-view: see clients/view/wire_format.h.
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
 
-/** Each section of a message as [name, what it holds]. */
+/** Each section of a message as [name, decoded content]. */
 export function* sections(message) {
   const head = new DataView(message)
   for (let at = 0; at + 8 <= message.byteLength;) {
@@ -21,7 +21,7 @@ function decodeText(message, at, length) {
   return JSON.parse(new TextDecoder().decode(new Uint8Array(message, at, length)))
 }
 
-/** `nodes` 3 each (m); `tets` region group and 4 nodes each; `triangles` 3 nodes, group inside, group outside, surface bits. */
+/** `nodes`: 3 per node (m); `tets`: region group and 4 nodes; `triangles`: 3 nodes, group inside, group outside, surface bits. */
 function decodeScene(message, start, length) {
   const text = new DataView(message).getUint32(start, true)
   const scene = decodeText(message, start + 8, text)
@@ -38,7 +38,7 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** `joints` 3 each (m), `contacts` 8 each: position, force on the tissue (N), arc (m), state; `displacement` counts of `scale` m. */
+/** `joints`: 3 per joint (m); `contacts`: 8 each, position, force on the tissue (N), arc (m), state; `displacement`: in units of `scale` m. */
 function decodePicture(message, at, length) {
   const head = new DataView(message, at, 64)
   const joints = head.getUint32(44, true), contacts = head.getUint32(48, true), nodes = head.getUint32(52, true)

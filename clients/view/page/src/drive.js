@@ -1,14 +1,14 @@
-// The needle driven by hand: pads, keys and a gamepad become one command, sent while the needle is held here.
+// Manual control of the needle: combines pads, keys and a gamepad into one command, sent while this page has the needle.
 
 const PERIOD = 30 // ms between commands
 const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
-const DEAD = 0.12 // of a gamepad's stick
+const DEAD = 0.12 // dead zone of a gamepad's stick
 const LOST = { server: 'the server stopped', unconnected: 'the connection ended', refused: 'the connection ended' } // by the state's name
 const HOLD = 800 // ms, also in style.css
 
-/** A pad whose knob springs back: `value` [x, y] in -1 .. 1, y up. */
+/** Self-centring pad: `value` [x, y] in -1 .. 1, y up. */
 class Spring {
   constructor(element, horizontal, vertical) {
     this.element = element
@@ -36,7 +36,7 @@ class Spring {
   }
 }
 
-/** A button that acts when it has been held down for a while. */
+/** Button that acts after it has been held down for HOLD. */
 class Hold {
   constructor(button, act) {
     Object.assign(this, { button, act, timer: null })
@@ -49,7 +49,7 @@ class Hold {
   press() {
     if (this.timer !== null) return
     this.button.classList.add('held')
-    this.timer = setTimeout(() => { this.button.classList.remove('held'); this.act() }, HOLD) // again only after it was let go
+    this.timer = setTimeout(() => { this.button.classList.remove('held'); this.act() }, HOLD) // once per press
   }
 
   rest() {
@@ -65,8 +65,8 @@ export class Drive {
     this.elements = elements
     this.pressed = new Set()
     this.driving = false  // this page has the needle
-    this.steering = false // and may move it
-    this.lost = ''        // why the needle was let go without this page's asking
+    this.steering = false // and can move it
+    this.lost = ''        // why the needle was released without a request of this page
     this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
@@ -76,7 +76,7 @@ export class Drive {
     setInterval(() => { if (this.driving) link.steer(this.command()) }, PERIOD)
   }
 
-  /** Returns whether the key is one that steers. One that comes up is forgotten whoever has the needle by then. */
+  /** Returns whether the key steers. Releases are processed even if this page no longer has the needle. */
   key(event, down) {
     this.slow = event.shiftKey
     if (!down) this.pressed.delete(event.code)
@@ -86,11 +86,11 @@ export class Drive {
       return this.steering
     }
     if (!(event.code in KEYS) || !this.steering) return false
-    if (down && !event.repeat) this.pressed.add(event.code) // a key held since before the needle was had must be pressed anew
+    if (down && !event.repeat) this.pressed.add(event.code) // a key held before the needle was taken must be pressed again
     return true
   }
 
-  /** Nothing is held: what is let go of unseen must not move the needle later. */
+  /** Clears all inputs, so that a release that was missed cannot move the needle later. */
   rest() {
     this.pressed.clear()
     for (const held of [this.lever, this.pad, this.roll, this.reset]) held.rest()
@@ -128,11 +128,11 @@ export class Drive {
     else this.link.take()
   }
 
-  /** `status` as trocar-view sends it, `state` as stateOf returns it. The needle is held still while the person does not see what it
-   *  does: in the past, and while nothing is heard. */
+  /** `status` as sent by trocar-view, `state` from stateOf. The needle does not move unless the live picture is shown, that is, neither
+   *  in the past nor without data. */
   show(status, state) {
     const { take, note, controls } = this.elements, past = state.name === 'past', driving = status.drives && status.alive
-    if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was started anew'}.`
+    if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was restarted'}.`
     if (driving !== this.driving) this.asked = false
     this.driving = driving
     this.steering = driving && ['live', 'stale'].includes(state.name)

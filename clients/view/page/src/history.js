@@ -1,11 +1,11 @@
-// What has been seen: live the last minute, of a log all that trocar-view sends. Bounded in memory.
+// Received data: live the last minute, of a log everything that trocar-view sends. Bounded in memory.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // live; of a log trocar-view sends no more
-export const GAP = 0.1 // s between two samples, which come every 10 ms, beyond which nothing is known in between
+const PICTURE_BYTES = 256e6 // live; trocar-view limits logs to the same
+export const GAP = 0.1 // s, longer distances between samples (normally 10 ms) are gaps
 const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
 
-/** Bits of insertion_event in core/insertion/insertion.h. `quiet`: drawn small and without a name. */
+/** Bits of insertion_event in core/insertion/insertion.h. `quiet`: drawn small and without label. */
 export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
@@ -38,7 +38,7 @@ export class History {
     if (this.live) this.forget(this.end - SPAN)
   }
 
-  /** Live, the older half goes; a log's arrays grow. */
+  /** Live, drops the older half; the arrays of a log grow. */
   makeRoom() {
     const columns = this.columns
     const keep = this.live ? this.room >> 1 : this.count
@@ -56,7 +56,7 @@ export class History {
       if (!(sample.events & event.bit)) continue
       const name = event.name === 'puncture' ? membranes[sample.membrane]?.name ?? 'puncture' : event.name
       const last = this.marks.findLast((mark) => mark.event === event)
-      if (event.alarm && last && sample.time - last.until < 0.5) last.until = sample.time // one that lasts
+      if (event.alarm && last && sample.time - last.until < 0.5) last.until = sample.time // continues
       else this.marks.push({ time: sample.time, until: sample.time, event, name })
     }
   }
@@ -73,7 +73,7 @@ export class History {
     let old = 0
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
-    if (this.marks[0]?.time < before) this.marks = this.marks.filter((mark) => mark.until >= before) // the first may last
+    if (this.marks[0]?.time < before) this.marks = this.marks.filter((mark) => mark.until >= before) // the first may continue
   }
 
   /** Index of the newest picture not after `time`; 0 before the first. */
@@ -97,7 +97,7 @@ export class History {
     return Math.min(low, this.count - 1)
   }
 
-  /** Index of the sample at `time`, -1 where none is near: before the first one and in gaps. */
+  /** Index of the sample at `time`, -1 before the first one and in gaps. */
   sampleNear(time) {
     const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
     return near(after) ? after : near(after - 1) ? after - 1 : -1

@@ -1,13 +1,13 @@
-// The WebSocket to trocar-view: comes back by itself; answers each update, which asks for the next one.
+// WebSocket to trocar-view: reconnects automatically; acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
-const TRY_AGAIN_LATER = 1013 // status code: trocar-view has refused this page and says why
+const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
 export class Link {
-  /** `handlers`: scene, picture, samples, status (each with what was decoded), received (after each message), open, closed (with
-   *  the reason if trocar-view has refused this page, else ''). */
+  /** `handlers`: scene, picture, samples, status (with the decoded content), received (after each message), open, closed (with
+   *  the reason if trocar-view refused this page, else ''). */
   constructor(handlers) {
     this.handlers = handlers
     this.connect()
@@ -45,7 +45,7 @@ export class Link {
   take() { this.send(TAKE) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** right, up, forward, pitch, yaw, roll: each -1 .. 1 of the greatest speed. */
+  /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. */
   steer(command) { this.send(STEER, command) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

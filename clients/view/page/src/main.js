@@ -1,4 +1,4 @@
-// The page: brings together what is received, the time that is shown, the 3D view, the slice, the plots and the needle's drive.
+// Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
 import { CONTACT, rampCss, regionColour } from './colours.js'
 import { Drive } from './drive.js'
@@ -12,7 +12,7 @@ import { Stage } from './view3d.js'
 import { showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const asked = new URLSearchParams(location.search), posing = asked.has('picture') // draw the one picture there is, send it back, and that is all
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // only render one picture and send it back
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -21,17 +21,17 @@ if (!document.createElement('canvas').getContext('webgl2')) {
 }
 
 const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
-const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between drawings of the plots
+const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between updates of the plots
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
-let shown = null                 // picture on the screen
-let clock = { following: true, playing: true, time: 0, at: 0 } // `time` counts when not following
+let shown = null                 // displayed picture
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when not following
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
 let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
 
-/* ---- what comes in ---- */
+/* ---- received data ---- */
 
 const link = new Link({
   open() { connected = true },
@@ -72,14 +72,14 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-/** s, on the clock of trocar-view, which goes on whether it is heard or not. */
+/** s, extrapolated clock of trocar-view. */
 function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
 
 function showState() {
   const now = performance.now(), dt = (now - checked) / 1000
   checked = now
   silence.pass(dt)
-  if (status.alive && !status.shown) pictureSilence.end() // there are none before the first engagement
+  if (status.alive && !status.shown) pictureSilence.end() // no pictures before the first engagement
   else pictureSilence.pass(dt)
   if (!scene && !refusal) return // connecting
   const live = scene?.live ?? true
@@ -95,7 +95,7 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
+const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real-time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
 
 function noticeOf({ flags = 0, scene: served = '', message = '' }) {
   const words = FLAGS.filter(([bit]) => flags & bit).map(([, text]) => text)
@@ -153,7 +153,7 @@ function frame(now) {
   }
 }
 
-/** Only when the graphics have finished what was drawn before: what waits in a queue would be old when it is seen. */
+/** Draws after the GPU has finished the previous frame; queued frames would be outdated when displayed. */
 function draw(now) {
   noteLatency()
   showPicture()
@@ -181,7 +181,7 @@ function showPicture() {
   if (element('follow').checked) followTip()
 }
 
-/** What another server has shown is not this one's. */
+/** Clears the picture of the previous server. */
 function showHome() {
   if (!shown) return
   shown = null
@@ -190,13 +190,13 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** A needle at rest sends the same picture over and over. */
+/** A needle at rest gives identical pictures. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   return a.scale === b.scale && equal(a.joints, b.joints) && equal(a.contacts, b.contacts) && equal(a.orientation, b.orientation) && equal(a.displacement, b.displacement)
 }
 
-/** The colours' full scale: 0.2, 0.5, 1, 2, 5 ... mm. */
+/** Full scale of the colours: 0.2, 0.5, 1, 2, 5 ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
@@ -204,7 +204,7 @@ function setRange(largest) {
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
-/** From the device's pose to the finished picture, on one machine's clock; of the last pictures. */
+/** Latency from the device's pose to the finished picture, over the last pictures; valid if all run on one machine. */
 function noteLatency() {
   if (drawing?.poseTime) latency.push(performance.timeOrigin + performance.now() - drawing.poseTime)
   if (latency.length > 30) latency.shift()
@@ -237,7 +237,7 @@ function showNumbers() {
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
-/** A bar of a round length, about 100 pixels. */
+/** Scale bar of a round length, about 100 pixels. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
@@ -254,7 +254,7 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** At the tip; in the middle while the tip is outside. */
+/** Moves the slice to the tip, or to the middle while the tip is outside. */
 function followTip() {
   const tip = stage.needle.tip, { from, to } = echo.range
   setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
@@ -290,7 +290,7 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme
   element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
-  try { localStorage.setItem('theme', theme) } catch { /* a private window: next time the default again */ }
+  try { localStorage.setItem('theme', theme) } catch { /* not stored in a private window */ }
   if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
 }
@@ -303,9 +303,9 @@ const toggleLayer = (name) => element('layer-list').querySelector(`input[name="$
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
                   KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
-                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // where they do not move the needle
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // if they do not move the needle
 
-const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these go on while they are held
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these repeat while held
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
@@ -320,7 +320,7 @@ element('theme').addEventListener('click', toggleTheme)
 element('help').addEventListener('click', () => element('keys').showModal())
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
-element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // the second click of two is none
+element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // ignores the second click of a double click
 element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
@@ -341,7 +341,7 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres; without one, through the tip if that is inside. */
+/** Applies the options of trocar-view --png; `cut`: axis, `place`: position on it in metres, default: at the tip if that is inside. */
 async function pose() {
   const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
   setTheme(asked.get('theme') ?? 'light')

@@ -1,16 +1,16 @@
-// The needle with its true bend, its hub, and where it touches the tissue.
+// The needle with its actual bending, its hub, and its contacts.
 import * as THREE from 'three'
 import { CONTACT } from './colours.js'
 
 const RINGS = 180, SIDES = 14
-const BEVEL = 4          // length of the tip's slope, diameters
-const MARK = 0.01        // m between the marks on the shaft
+const BEVEL = 4          // length of the tip's bevel in diameters
+const MARK = 0.01        // m, spacing of the marks on the shaft
 const MAX_CONTACTS = 65
 const ARROW_HEAD = 0.003 // m
 
 export const FORCE_SCALE = 0.04 // m of arrow per N
 
-/** Points and directions along the centreline at equal steps, through the joints. */
+/** Interpolated points and tangents at equal steps along the centreline. */
 function trace(joints, count) {
   const points = []
   for (let j = 0; j < joints.length; j += 3) points.push(new THREE.Vector3(joints[j], joints[j + 1], joints[j + 2]))
@@ -23,7 +23,7 @@ function trace(joints, count) {
   return { places, tangents }
 }
 
-/** Copies of one shape, one for each contact. */
+/** Instances of a shape, one per contact. */
 function instances(geometry) {
   const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial(), MAX_CONTACTS)
   mesh.frustumCulled = false
@@ -96,7 +96,7 @@ export class Needle {
     return line
   }
 
-  /** Rings around the centreline, their first normal carried along without twist; the tip is cut off at a slope. */
+  /** Rings around the centreline with a twist-free frame; the tip is bevelled. */
   bend({ places, tangents }, base) {
     const up = new THREE.Vector3(0, 1, 0).applyQuaternion(base), side = new THREE.Vector3(), out = new THREE.Vector3(), { radius } = this
     const place = this.place.array, normal = this.normal.array
@@ -117,7 +117,7 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** A dot for each contact, an arrow for its force on the tissue. The last contact is the tip if its arc is the needle's length. */
+  /** A dot for each contact and an arrow for its force on the tissue. The last contact is the tip if its arc equals the needle's length. */
   touch(contacts) {
     const count = contacts.length / 8, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
     const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()

@@ -1,14 +1,14 @@
-// A picture of the view for papers: the needle in the tissue, beside it the slice, and under that numbers and scales.
+// A picture for publication: the needle in the tissue, the slice, values and scales.
 import { CONTACT, rampCss } from './colours.js'
 import { FORCE_SCALE } from './needle.js'
 
-const FINE = 2          // drawn pixels a pixel of the picture, for smooth edges
-const MOST = 8192       // pixels along a side that graphics can be expected to draw
+const FINE = 2          // supersampling factor, for anti-aliasing
+const MOST = 8192       // pixels per side that GPUs can be expected to support
 export const SIZE = { width: 1600, height: 1000 }
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
-/** Where the parts lie in a picture of `width` x `height`: slice and legend in a column on the right, in a row below if it is upright. */
+/** Layout of a picture of `width` x `height`: slice and legend in a column on the right, or in a row below if it is upright. */
 export function arrange({ width, height }) {
   const beside = width >= 1.1 * height, side = Math.round(beside ? Math.min(0.45 * height, 0.34 * width) : Math.min(0.36 * height, 0.48 * width))
   const margin = Math.round(0.05 * side), band = side + 2 * margin
@@ -18,21 +18,21 @@ export function arrange({ width, height }) {
            legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
 }
 
-/** As `arrange`, with the 3D view as wide for its height as on the screen. */
+/** As `arrange`, with the aspect ratio of the 3D view on the screen. */
 export function arrangeLike({ clientWidth, clientHeight }) {
   const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
   const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** A PNG, drawn anew at the plan's sizes whatever the screen has. */
+/** Renders a PNG at the sizes of the plan, independent of the screen. */
 export function compose(plan, { stage, echo, shown, history, time, range }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan
   Object.assign(canvas, { width, height })
   ink.imageSmoothingQuality = 'high'
   ink.fillStyle = colour('--ground')
   ink.fillRect(0, 0, width, height)
-  // What WebGL has drawn lasts until this task ends.
+  // The WebGL drawing buffer is valid until this task ends.
   const fine = Math.min(FINE, MOST / Math.max(plan.stage.width, plan.stage.height))
   ink.drawImage(stage.drawAt(plan.stage.width, plan.stage.height, fine), 0, 0, plan.stage.width, plan.stage.height)
   ink.fillStyle = '#06080b'

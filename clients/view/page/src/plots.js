@@ -1,10 +1,10 @@
-// Force, torque, depth and timing over time, with what happened as marks; and the strip to move through time.
+// Plots of force, torque, depth and timing with event marks, and the timeline strip.
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
 import { GAP } from './history.js'
 
-const SLOT = 0.01 // s from sample to sample
+const SLOT = 0.01 // s, period of samples
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -15,10 +15,10 @@ const PLOTS = [
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
-/** Without the sign of a zero. */
+/** Avoids a negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
 
-/** For uPlot: from where to where, in pixels, nothing was received: no line is drawn there. */
+/** For uPlot: pixel ranges without data, in which no line is drawn. */
 function gaps(u, series, first, last, missing) {
   const times = u.data[0]
   for (let i = Math.max(first, 1); i <= last; i++)
@@ -33,7 +33,7 @@ export class Plots {
     this.container = container
     this.history = null
     this.budget = 1e-3 // s
-    this.time = null   // s, where the picture is if not at the end
+    this.time = null   // s, time of the picture if not at the end
     this.plots = []
     this.plots = PLOTS.map((plot) => this.build(plot))
     new ResizeObserver(() => this.resize()).observe(container)
@@ -74,7 +74,7 @@ export class Plots {
     return [plot.fromZero ? 0 : Math.min(low - margin, -plot.least / plot.scale), Math.max(high + margin, plot.least / plot.scale)]
   }
 
-  /** All as high as there is room for; the last one that is shown has the time below it. */
+  /** Divides the available height; the last visible plot has the time axis. */
   resize() {
     const shown = this.plots.filter(({ holder }) => holder.clientHeight > 0), last = shown.at(-1)
     for (const plot of shown) plot.holder.classList.toggle('last', plot === last)
@@ -84,7 +84,7 @@ export class Plots {
     }
   }
 
-  /** Shows `from` .. `to` (s); `time` is where the picture is, or null at the end. */
+  /** Shows `from` .. `to` (s); `time`: time of the picture, null at the end. */
   show(history, from, to, time) {
     this.history = history
     this.time = time
@@ -109,7 +109,7 @@ export class Plots {
     ink.rect(left, top, width, height)
     ink.clip()
     ink.textAlign = 'left'
-    let free = left // where the next name has room
+    let free = left // left end of the space for the next label
     for (const mark of this.history.marks) {
       if (mark.until < u.scales.x.min || mark.time > u.scales.x.max) continue
       const x = u.valToPos(mark.time, 'x', true)
@@ -119,7 +119,7 @@ export class Plots {
       this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
       if (plot === PLOTS[0]) {
         ink.font = `${10 * ratio}px system-ui, sans-serif`
-        const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio // before the line at the right edge
+        const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio // to the left of the line near the right edge
         if (start < free) continue
         this.label(ink, mark.name, start, top + 10 * ratio, ratio)
         free = start + room
@@ -140,7 +140,7 @@ export class Plots {
     ink.restore()
   }
 
-  /** Readable on top of curves. */
+  /** Text with a background, readable on top of curves. */
   label(ink, text, x, y, ratio) {
     ink.save()
     ink.strokeStyle = css('--panel')
@@ -165,7 +165,7 @@ export class Plots {
   restyle() { for (const { chart } of this.plots) chart.redraw() }
 }
 
-/** The last minute, or the whole log, at a glance: depth as a hill, marks, and where the picture is. */
+/** Overview of the last minute or the whole log: depth as a filled curve, marks, and the time of the picture. */
 export class Strip {
   constructor(canvas, onSeek) {
     this.canvas = canvas

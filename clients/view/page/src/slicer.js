@@ -1,7 +1,7 @@
-// Cuts through the deformed tetrahedra: filled triangles and outlines of surfaces.
+// Cross-sections of the deformed tetrahedra: filled triangles and outlines of surfaces.
 import { Filled } from './buffers.js'
 
-// Corners of a tetrahedron whose sides of the plane make up the index: those below first; how many are below.
+// For each combination of corners below the plane (bit mask): the corners, those below first, and the number below.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
   const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
   if (below.length === 0 || above.length === 0) return []
@@ -11,14 +11,14 @@ const CASES = Array.from({ length: 16 }, (_, mask) => {
 })
 
 export class Slicer {
-  /** `scene` as decoded; afterwards `cut` and `outline` work on any deformation of its nodes. */
+  /** `scene` as decoded; `cut` and `outline` then accept any deformation of its nodes. */
   constructor(scene) {
     this.scene = scene
     this.distance = new Float32Array(scene.nodes.length / 3)
-    this.place = new Filled()   // 3 a vertex, m, deformed
-    this.nominal = new Filled() // 3 a vertex, m, undeformed
-    this.region = new Filled()  // 1 a vertex
-    this.edges = new Filled()   // 3 an end of a segment, m
+    this.place = new Filled()   // 3 per vertex, m, deformed
+    this.nominal = new Filled() // 3 per vertex, m, undeformed
+    this.region = new Filled()  // 1 per vertex
+    this.edges = new Filled()   // 3 per endpoint of a segment, m
   }
 
   measure(nodes, normal, offset) {
@@ -27,7 +27,7 @@ export class Slicer {
       this.distance[n] = (a * nodes[i] + b * nodes[i + 1] + c * nodes[i + 2] - offset) || 1e-12 // a node on the plane counts as above it
   }
 
-  /** Triangles where the plane normal . x = offset passes through `nodes`; fills place, nominal, region. Returns the vertices. */
+  /** Triangles of the cross-section with the plane normal . x = offset; fills place, nominal, region. Returns the number of vertices. */
   cut(nodes, normal, offset) {
     const { tets, nodes: rest } = this.scene, { distance, place, nominal, region } = this
     this.measure(nodes, normal, offset)
@@ -52,7 +52,7 @@ export class Slicer {
     return region.count
   }
 
-  /** Fills edges with the segments where the plane crosses those triangles of the scene that `wanted(inside, outside, bits)`. */
+  /** Fills edges with the intersections of the plane with the triangles for which `wanted(inside, outside, bits)` is true. */
   outline(nodes, normal, offset, wanted) {
     const { triangles } = this.scene, { distance, edges } = this
     this.measure(nodes, normal, offset)

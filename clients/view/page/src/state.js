@@ -1,9 +1,9 @@
-// What the page can vouch for: whether what it shows is live, and if not, why and how old it is.
+// State of the display: whether it is live, and if not, why and how old the data are.
 
-export const FRESH = 0.5 // s: what is called live has arrived within this time
-const STALL = 0.15       // s of silence that a pause of the page itself may count for: messages wait in its queue meanwhile
+export const FRESH = 0.5 // s, maximum age of live data
+const STALL = 0.15       // s, maximum silence counted for a pause of the page itself, during which messages wait in its queue
 
-/** Time since something arrived, in steps of the page's own running. */
+/** Time since the last arrival, counted only while the page runs. */
 export class Silence {
   constructor() { this.seconds = Infinity }
   end() { this.seconds = 0 }
@@ -14,8 +14,8 @@ const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${s.toFixed(0)
 
 /**
  * `link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
- * `status` as trocar-view sends it; `age`: s since the last sample; `behind`: s that a person looks back, null: follows.
- * Returns name, badge and its kind, and for what is not live the banner's title and text, and `age` (s) where the text ends with it.
+ * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s of the displayed time before now, null: live.
+ * Returns name, badge and its kind; if not live also title and text of the banner, and `age` (s) if the text ends with it.
  */
 export function stateOf({ live, link, status, age, behind }) {
   const state = linkState(live, link, status, age)
@@ -26,9 +26,9 @@ export function stateOf({ live, link, status, age, behind }) {
 
 function linkState(live, { connected, refusal, silence, pictures }, status, age) {
   const bad = (name, badge, title, text) => ({ name, badge, kind: 'bad', title, text, age: null })
-  const since = (name, badge, title, otherwise) => (Number.isFinite(age) ? { ...bad(name, badge, title, 'Last heard'), age } : bad(name, badge, title, otherwise))
+  const since = (name, badge, title, otherwise) => (Number.isFinite(age) ? { ...bad(name, badge, title, 'Last data'), age } : bad(name, badge, title, otherwise))
   if (refusal) return bad('refused', 'refused', 'Refused', refusal)
-  if (!connected) return bad('unconnected', 'no connection', 'No connection to trocar-view', 'Is it still running? The page connects again by itself.')
+  if (!connected) return bad('unconnected', 'no connection', 'No connection to trocar-view', 'Is it still running? The page reconnects automatically.')
   if (!live) return { name: 'log', badge: 'log', kind: 'calm' }
   if (silence > FRESH) return since('silent', 'stale', 'trocar-view does not answer', '')
   if (!status.alive) return since('server', 'no server', 'No server', 'Start trocar-server with this scene.')
@@ -36,7 +36,7 @@ function linkState(live, { connected, refusal, silence, pictures }, status, age)
   return { name: 'live', badge: 'live', kind: 'good' }
 }
 
-/** Fills the banner; hidden while all is as it should be. The age is beside the text, so that it is not read out again and again. */
+/** Fills the banner; hidden if there is no problem. The age is a separate element, so that screen readers do not repeat it. */
 export function showBanner(banner, state) {
   banner.hidden = !state.title
   const [title, text, age, back] = banner.children

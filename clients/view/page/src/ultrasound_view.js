@@ -1,5 +1,5 @@
-// An axial slice as a transrectal ultrasound probe would show it: grey tissue whose speckle moves with it, the flash of
-// the needle with its tail, outlines over it. A likeness for orientation, not a simulation of ultrasound.
+// Axial slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with reverberations,
+// and outlines. An illustration for orientation, not a simulation of ultrasound.
 import * as THREE from 'three'
 import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
 import { discard, Filled, show } from './buffers.js'
@@ -12,13 +12,13 @@ const VERTEX = `
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
-  // 1 inside the fan of the probe, soft at its edges
+  // 1 inside the probe's fan, with soft edges
   float fan(vec2 at) {
     vec2 from = at - probe; float range = length(from), angle = abs(atan(from.x, from.y));
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
   }`
 
-// Two sizes of grains fixed in the tissue, drawn out across the beam; weaker with depth.
+// Speckle of two grain sizes fixed to the tissue, elongated across the beam, attenuated with depth.
 const FRAGMENT = `
   precision highp float;
   varying vec3 seed; varying float level; varying vec2 place;
@@ -43,7 +43,7 @@ const FLASH = `
   varying vec2 place;
   uniform vec2 needle; uniform float visible;
   ${FAN}
-  // the needle's echo, and its reverberations behind it as seen from the probe
+  // echo of the needle and reverberations behind it
   void main() {
     vec2 away = normalize(needle - probe), from = place - needle;
     float along = dot(from, away), across = dot(from, vec2(away.y, -away.x));
@@ -55,10 +55,10 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const MOVING = 0.5 // drawn pixels a pixel, where the processor draws
+const MOVING = 0.5 // resolution with software rendering
 
 export class Echo {
-  /** `canvas` for the tissue, `marks` over it for outlines and scales. */
+  /** `canvas`: tissue; `marks`: overlay for outlines and scales. */
   constructor(canvas, marks) {
     this.canvas = canvas
     this.marks = marks
@@ -76,7 +76,7 @@ export class Echo {
     discard(this.world)
     this.world.clear()
     this.frameFan(scene)
-    this.range = { from: Infinity, to: -Infinity } // of the body along z
+    this.range = { from: Infinity, to: -Infinity } // extent of the body along z
     for (let i = 2; i < scene.nodes.length; i += 3) {
       this.range.from = Math.min(this.range.from, scene.nodes[i])
       this.range.to = Math.max(this.range.to, scene.nodes[i])
@@ -85,7 +85,7 @@ export class Echo {
     this.dirty = true
   }
 
-  /** The probe lies under the regions of interest; the fan takes them in. */
+  /** Places the probe below the regions of interest, with a fan that covers them. */
   frameFan(scene) {
     const host = hostOf(scene), wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== host).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
     for (let t = 0; t < scene.tets.length; t += 5)
@@ -106,7 +106,7 @@ export class Echo {
     this.outlined = (inside, outside) => inside !== outside && outside !== OUTSIDE
     this.bony = (inside, outside, bits) => (bits & bone) !== 0
     this.geometry = new THREE.BufferGeometry()
-    this.levels = new Filled() // grey of each vertex
+    this.levels = new Filled() // grey level of each vertex
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
     this.flash = new THREE.Mesh(new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0),
       new THREE.ShaderMaterial({ vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
@@ -116,7 +116,7 @@ export class Echo {
     this.world.add(this.tissue, this.flash)
   }
 
-  /** `line`: the needle's points from base to tip; `nodes` deformed. */
+  /** `line`: points of the needle from base to tip; `nodes`: deformed nodes. */
   show(nodes, line) {
     this.nodes = nodes
     this.line = line
@@ -134,7 +134,7 @@ export class Echo {
     this.setSize(clientWidth, clientHeight, devicePixelRatio)
   }
 
-  /** `ratio`: of the marks' pixels to those of the size; `unit`: of the size's pixels to those that text and lines are given in. */
+  /** `ratio`: canvas pixels of the marks per pixel of the size; `unit`: scale of text and line widths. */
   setSize(width, height, ratio, unit = 1) {
     Object.assign(this, { width, height, unit: ratio * unit, dirty: true })
     this.renderer.setSize(width, height, false)
@@ -142,14 +142,14 @@ export class Echo {
     this.marks.height = height * ratio
   }
 
-  /** Draws at another size than the screen's; returns the canvases from the lowest to the uppermost, for this task only. */
+  /** Renders at a given size; returns the canvases from bottom to top, valid until this task ends. */
   drawAt(width, height, ratio, unit) {
     this.setSize(width, height, ratio, unit)
     this.render(2)
     return [this.canvas, this.marks]
   }
 
-  /** Where the needle crosses the slice: x, y, or null. */
+  /** Intersection of the needle with the slice: x, y, or null. */
   crossing() {
     const points = this.line?.places ?? []
     for (let i = points.length - 1; i > 0; i--) {
@@ -162,7 +162,7 @@ export class Echo {
     return null
   }
 
-  /** If anything has changed, or was `coarse` and need not be any more. */
+  /** Draws if anything has changed, or if the last drawing was coarse and `coarse` is false. */
   draw(coarse) {
     if (!this.dirty && this.coarse === coarse || !this.scene || !this.width) return
     this.dirty = false
@@ -245,7 +245,7 @@ export class Echo {
     ink.setLineDash([])
   }
 
-  /** Millimetres along the left edge and the lower edge. */
+  /** Rulers in millimetres along the left and lower edges. */
   drawRulers(ink, ratio) {
     const step = 0.005, { width, height } = this.marks
     ink.strokeStyle = ink.fillStyle = 'rgba(200,212,226,0.55)'

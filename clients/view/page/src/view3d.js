@@ -1,4 +1,4 @@
-// The 3D view: camera, light, what is drawn when, and planes that can be dragged.
+// The 3D view: camera, lights, rendering, and draggable planes.
 import * as THREE from 'three'
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
@@ -7,9 +7,9 @@ import { ramp } from './colours.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
 
-const MOVING = 0.5, STILL = 1.5 // drawn pixels a pixel where the processor draws: while something moves, and once nothing does
-const REST = 250 // ms without a change after which nothing moves
-const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // camera's direction from the middle
+const MOVING = 0.5, STILL = 1.5 // resolution with software rendering, in motion and at rest
+const REST = 250 // ms without a change until the view is at rest
+const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // direction of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
 function rampTexture() {
@@ -22,7 +22,7 @@ function rampTexture() {
   return texture
 }
 
-/** How much farther away the camera has to be for a view of this aspect to show the same width. */
+/** Factor on the camera's distance for this aspect ratio, so that the same width is visible. */
 const room = (aspect) => Math.max(1, 1.25 / aspect)
 
 function drawsInSoftware() {
@@ -30,13 +30,13 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-/** The needle where driving by hand begins, the tissue at rest. */
+/** Picture with the needle at its home pose and the tissue at rest. */
 function pictureAtHome({ home, needle, nodes }) {
   const [x, y, z] = home
   return { orientation: [1, 0, 0, 0], scale: 0, joints: new Float32Array([x, y, z, x, y, z + needle.length]), contacts: new Float32Array(0), displacement: new Int16Array(nodes.length) }
 }
 
-/** A frame of four lines across the body, normal to an axis; dragged along it. */
+/** Rectangular frame normal to an axis, which can be dragged along it. */
 class Plane {
   constructor(axis, colour, box) {
     this.axis = axis
@@ -49,7 +49,7 @@ class Plane {
     this.set(0.5)
   }
 
-  /** `part` 0 .. 1 of the body's extent along the axis. */
+  /** `part`: fraction 0 .. 1 of the body's extent along the axis. */
   set(part) {
     this.part = Math.min(Math.max(part, 0), 1)
     this.place = this.box.min[this.axis] + this.part * (this.box.max[this.axis] - this.box.min[this.axis])
@@ -74,9 +74,9 @@ export class Stage {
     this.clipping = []
     this.addLights()
     this.addDragging()
-    this.dirty = true   // something has changed since it was drawn
-    this.end = null     // of what was drawn last, for the graphics
-    this.coarse = false // what is drawn is not as fine as it could be
+    this.dirty = true   // changed since the last rendering
+    this.end = null     // GPU fence of the last rendering
+    this.coarse = false // last rendered at low resolution
     this.changed = 0    // ms, of performance.now()
     this.onSlice = () => {}
     this.onCut = () => {}
@@ -104,7 +104,7 @@ export class Stage {
     this.look(1)
   }
 
-  /** The body and the part of the needle outside it, filling the view. */
+  /** Fits the body and the needle outside it into the view. */
   look(number) {
     const middle = this.box.getCenter(new THREE.Vector3()), size = this.box.getSize(new THREE.Vector3())
     middle.z -= 0.12 * size.z
@@ -115,7 +115,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** `axis` '' for none. What lies on the viewer's side is taken away. */
+  /** `axis`: '' for no cut. Removes the part on the viewer's side. */
   setCut(axis, part = 0.5) {
     if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())
     this.cutPlane = axis ? new Plane(axis, '#ffb454', this.box) : null
@@ -147,14 +147,14 @@ export class Stage {
     return largest
   }
 
-  /** Full scale of the displacement's colours, m; those of the cut are made anew. */
+  /** Full scale of the displacement's colours, m; recolours the cut. */
   setRange(range) {
     this.anatomy.setRange(range)
     if (this.cutPlane) this.recut()
     this.dirty = true
   }
 
-  /** The needle outside, for a server that has not shown one yet. */
+  /** Shows the needle outside the body, for a server that has not sent a picture yet. */
   showHome() { this.show(pictureAtHome(this.scene)) }
 
   setTheme(dark) {
@@ -185,7 +185,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Draws at another size than the screen's; returns the canvas, for this task only. */
+  /** Renders at a given size; returns the canvas, valid until this task ends. */
   drawAt(width, height, ratio) {
     this.setSize(width, height)
     this.controls.update()
@@ -193,7 +193,7 @@ export class Stage {
     return this.canvas
   }
 
-  /** Draws if anything has changed, and finely once nothing changes any more; returns whether it did. */
+  /** Renders if anything has changed, and at full resolution once at rest; returns whether it did. */
   draw(now) {
     this.controls.update()
     if (!this.scene) return false
@@ -203,7 +203,7 @@ export class Stage {
     return true
   }
 
-  /** `coarse`: with fewer pixels; or `ratio`: of drawn pixels to those of the size. */
+  /** `coarse`: at low resolution; `ratio`: rendered pixels per pixel of the size. */
   render(coarse, ratio = coarse ? MOVING : this.slow ? STILL : Math.min(devicePixelRatio, 2)) {
     if (this.cutPlane && this.cutSide !== (Math.sign(this.camera.position[this.cutPlane.axis] - this.cutPlane.place) || 1)) this.recut()
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
@@ -216,7 +216,7 @@ export class Stage {
     gl.flush()
   }
 
-  /** Whether the graphics have finished what was drawn. */
+  /** Whether the GPU has finished the last rendering. */
   finished() {
     const gl = this.renderer.getContext()
     if (this.end && gl.getSyncParameter(this.end, gl.SYNC_STATUS) === gl.UNSIGNALED) return false
@@ -225,7 +225,7 @@ export class Stage {
     return true
   }
 
-  /** Metres that a pixel stands for at the point that the camera turns about. */
+  /** Metres per pixel at the camera's target. */
   metresPerPixel(height = this.canvas.clientHeight) {
     const distance = this.camera.position.distanceTo(this.controls.target)
     return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / height
@@ -259,7 +259,7 @@ export class Stage {
     this.canvas.addEventListener('pointerup', () => { this.dragged = null; this.controls.enabled = true })
   }
 
-  /** Moves the plane to where its axis comes closest to the pointer's ray. */
+  /** Moves the plane to the point of its axis closest to the pointer's ray. */
   drag(ray) {
     const { plane, axis, start, from } = this.dragged, between = start.clone().sub(ray.origin)
     const slant = axis.dot(ray.direction), across = 1 - slant * slant

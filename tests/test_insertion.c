@@ -253,7 +253,7 @@ static void nodes_are_moved_and_come_back(void **unused) {
     for (int i = 0; i < count; i++) { /* the nominal inverse again */
         double block[9];
         report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, 1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3}, &why), TROCAR_OK);
         mat3 found = compliance_between(l->snapshot, MAX_CONTACTS + rows[i], MAX_CONTACTS + rows[0]);
         for (int k = 0; k < 9; k++) assert_true(fabs(found.m[k / 3][k % 3] - block[k]) < 1e-12 * largest);
     }

@@ -43,7 +43,7 @@ static void a_point_weighs_the_rows_of_its_corners(void **unused) {
     for (int c = 0; c < 4; c++) {
         double rows[12 * 3];
         report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, 4, m->tets[tet], 1, &m->tets[tet][c], rows, 3, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){4, m->tets[tet], 1, &m->tets[tet][c], rows, 3}, &why), TROCAR_OK);
         mat3 found = compliance_to_point(l->snapshot, handles, point.weights, handles[c]);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {

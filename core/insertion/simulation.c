@@ -110,8 +110,7 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
                            .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        trocar_status status = inverse_create_condensed(&s->tissue, roi_count, roi, config->cache, config->progress, &s->inverse,
-                                                        &notice, why);
+        trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){roi_count, roi, config->cache, config->progress}, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
@@ -228,7 +227,7 @@ void simulation_field(simulation *s, const insertion_state *state, const tissue_
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
     if (others) loads_spread(&s->mesh, others, nominal);
-    refined_displacement(s->inverse, &refined, nominal, force, scratch, nominal, added);
+    refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
 }
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {

@@ -31,7 +31,7 @@ static void list_nodes(const mesh *m, const remesh_request *request, const compl
 
 static trocar_status add_load(inverse *inv, const mesh *m, const tissue_load *load, node_field *field, report *why) {
     double blocks[3 * MAX_NODES][12];
-    trocar_status status = inverse_gather(inv, field->count, field->nodes, 4, m->tets[load->tet], blocks[0], 12, why);
+    trocar_status status = inverse_gather(inv, &(inverse_blocks){field->count, field->nodes, 4, m->tets[load->tet], blocks[0], 12}, why);
     if (status != TROCAR_OK) return status;
     for (int k = 0; k < field->count; k++)
         for (int c = 0; c < 4; c++) {

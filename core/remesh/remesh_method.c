@@ -69,7 +69,7 @@ void gather_column(remesher *r, int node) { list_once(node, r->gathered.column_o
 
 trocar_status gather_finish(remesher *r, report *why) {
     gathered_blocks *g = &r->gathered;
-    return inverse_gather(r->inverse, g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS, why);
+    return inverse_gather(r->inverse, &(inverse_blocks){g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS}, why);
 }
 
 mat3 nominal_block(remesher *r, int node, int other) {
@@ -81,20 +81,20 @@ mat3 nominal_block(remesher *r, int node, int other) {
         m3_add_block(&block, 1.0, g->blocks + (size_t)(3 * row) * 3 * MAX_COLUMNS + 3 * column, 3 * MAX_COLUMNS);
         return straight ? block : m3_transposed(&block);
     }
-    trocar_status status = inverse_gather(r->inverse, 1, &node, 1, &other, &block.m[0][0], 3, &g->why);
+    trocar_status status = inverse_gather(r->inverse, &(inverse_blocks){1, &node, 1, &other, &block.m[0][0], 3}, &g->why);
     if (status != TROCAR_OK) g->status = status;
     return block;
 }
 
 /* ---- low-rank changes -------------------------------------------------------------------------------------------- */
 
-trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why) {
+trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, report *why) {
     double system[MAX_RANK * MAX_RANK];
     lapack_int pivots[MAX_RANK];
-    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change, change_ld, block, block_ld, 0.0, system, n);
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change.entries, change.ld, block.entries, block.ld, 0.0, system, n);
     for (int a = 0; a < n; a++) {
         system[a * n + a] += 1.0;
-        memmove(middle + a * n, change + a * change_ld, (size_t)n * sizeof *middle);
+        memmove(middle + a * n, change.entries + a * change.ld, (size_t)n * sizeof *middle);
     }
     if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, n, system, n, pivots, middle, n) != 0)
         return fail(why, TROCAR_NUMERIC, "the change of stiffness at a contact node is singular");

@@ -45,7 +45,8 @@ struct remesher {
 
 /* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: what a change of stiffness at `n` dofs takes off the inverse
    between their columns (Woodbury), where `block` is the inverse between them. Row-major; `middle`, n square, may be `change`. */
-trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why);
+typedef struct { const double *entries; int ld; } strided_matrix;
+trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, report *why);
 
 trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why);
 void remesher_release(remesher *r); /* what init has allocated */

@@ -278,12 +278,6 @@ pose pose_of_message(const trocar_needle_pose_t *message) {
     return p;
 }
 
-trocar_pose library_pose(pose p) {
-    const vec3 x = p.position;
-    const quat q = p.orientation;
-    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
-}
-
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq) {
     return (trocar_needle_pose_t){
         .utime = utime, .session = session, .seq = seq,

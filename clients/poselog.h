@@ -51,7 +51,6 @@ double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
 /* The base's pose in a message, quaternion normalised; and the message of a pose. */
 pose pose_of_message(const trocar_needle_pose_t *message);
-trocar_pose library_pose(pose p); /* the same pose as trocar.h has it */
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM when it cannot be written. */

@@ -125,7 +125,7 @@ static void note_crossing(scale_run *run) {
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
     simulation *s = run->simulation;
-    insertion_wrench wrench;
+    tick_output wrench;
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();

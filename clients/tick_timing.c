@@ -12,7 +12,7 @@ typedef struct {
     simulation *simulation;
     insertion_state state;
     compliance_snapshot *snapshot;
-    insertion_wrench wrench;
+    tick_output wrench;
     const timing_case *wanted;
 } timing_run;
 
@@ -74,7 +74,7 @@ static trocar_status settle(timing_run *run, pose *base, report *why) {
     return TROCAR_OK;
 }
 
-static void record(const insertion_wrench *wrench, int64_t time, tick_timing *result) {
+static void record(const tick_output *wrench, int64_t time, tick_timing *result) {
     histogram_add(&result->time, time);
     result->passes += wrench->passes;
     result->switches += wrench->switches;

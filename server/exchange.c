@@ -6,9 +6,9 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "safety_limits.h"
-#include "pose_arbiter.h"
 #include "loop.h"
+#include "pose_arbiter.h"
+#include "safety_limits.h"
 #include "trocar_needle_wrench_t.h"
 
 enum { WRENCHES = 1024, LATENCIES = 4096 }; /* a second at 1 kHz; far more than a telemetry interval */
@@ -18,14 +18,34 @@ static trocar_status create_eventfd(int *descriptor, report *why) {
     return *descriptor >= 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
 }
 
-static trocar_status create_all(exchange *x, report *why) {
+/* The slot of this index. */
+static view_sample *view_at(const triple_buffer *views, size_t index) { return (view_sample *)(void *)(views->slots + index * views->size); }
+
+trocar_status views_create(triple_buffer *views, trocar_model *model, report *why) {
+    trocar_status status = triple_buffer_create(views, sizeof(view_sample), why);
+    for (size_t i = 0; i < 3 && model != NULL && status == TROCAR_OK; i++) status = trocar_picture_create(model, &view_at(views, i)->picture, why);
+    if (status != TROCAR_OK) views_free(views);
+    return status;
+}
+
+void views_free(triple_buffer *views) {
+    for (size_t i = 0; i < 3 && views->slots != NULL; i++) trocar_picture_free(view_at(views, i)->picture);
+    triple_buffer_free(views);
+}
+
+void view_copy(const view_sample *from, view_sample *to) {
+    trocar_picture *own = to->picture;
+    *to = *from;
+    to->picture = own;
+    if (own != NULL) trocar_picture_copy(from->picture, own);
+}
+
+static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     trocar_status status;
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->poses, sizeof(pose_sample), why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->requests, sizeof(request_sample), why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->snapshots, sizeof(compliance_snapshot), why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->views, sizeof(view_sample), why)) != TROCAR_OK) return status;
+    if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
@@ -33,18 +53,16 @@ static trocar_status create_all(exchange *x, report *why) {
     return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
 
-trocar_status exchange_create(exchange *x, report *why) {
+trocar_status exchange_create(exchange *x, trocar_model *model, report *why) {
     *x = (exchange){.io_wake = -1, .worker_wake = -1};
-    trocar_status status = create_all(x, why);
+    trocar_status status = create_all(x, model, why);
     if (status != TROCAR_OK) exchange_free(x);
     return status;
 }
 
 void exchange_free(exchange *x) {
     triple_buffer_free(&x->poses);
-    triple_buffer_free(&x->requests);
-    triple_buffer_free(&x->snapshots);
-    triple_buffer_free(&x->views);
+    views_free(&x->views);
     triple_buffer_free(&x->loops);
     triple_buffer_free(&x->intakes);
     spsc_ring_free(&x->wrenches);
@@ -53,11 +71,6 @@ void exchange_free(exchange *x) {
     if (x->io_wake >= 0) close(x->io_wake);
     if (x->worker_wake >= 0) close(x->worker_wake);
     x->io_wake = x->worker_wake = -1;
-}
-
-bool wake_pending(int eventfd) {
-    struct pollfd waiting = {.fd = eventfd, .events = POLLIN};
-    return poll(&waiting, 1, 0) > 0;
 }
 
 void wake(int eventfd) {

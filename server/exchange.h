@@ -1,9 +1,9 @@
 /* All that the server's threads share:
 
-                    poses                       requests
-     IO thread  ------------->  haptic thread  ---------->  worker
-     (LCM)      <-------------  (the tick)     <----------
-                  wrenches          |            snapshots     |
+                    poses
+     IO thread  ------------->  haptic thread  <--------->  worker
+     (LCM)      <-------------  (the tick)      (inside the
+                  wrenches          |            simulation)
         | intakes                   | views, loops,            | latencies
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
@@ -17,13 +17,7 @@
 
 #include "base/spsc_ring.h"
 #include "base/triple_buffer.h"
-#include "insertion/insertion.h"
-
-/* haptic -> worker */
-typedef struct {
-    int64_t requested;           /* ns, monotonic */
-    remesh_request request;
-} request_sample;
+#include "trocar.h"
 
 /* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
 typedef struct {
@@ -34,27 +28,33 @@ typedef struct {
     double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
     double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
-    insertion_state state;
+    int contacts;
+    trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
 } view_sample;
+
+/* A triple buffer of views, each with a picture of this model; NULL: without pictures, for tests. */
+trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
+void views_free(triple_buffer *views);
+
+/* Each keeps its own picture, whose content is copied. */
+void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
     triple_buffer poses;          /* pose_sample */
-    triple_buffer requests;       /* request_sample */
-    triple_buffer snapshots;      /* compliance_snapshot */
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
-    spsc_ring latencies;         /* int64_t: request to snapshot, ns */
+    spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: wrench computed to the arrival of a pose that names it, ns */
-    int io_wake, worker_wake;    /* eventfds; neither read nor write ever blocks */
+    int io_wake, worker_wake;    /* eventfds, the latter to stop the worker; neither read nor write ever blocks */
 } exchange;
 
-trocar_status exchange_create(exchange *x, report *why);
+/* `model` as in views_create. */
+trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
 void exchange_free(exchange *x);
 
 void wake(int eventfd);          /* RT */
-bool wake_pending(int eventfd);  /* wait_for_wake would return at once */
 void wait_for_wake(int eventfd); /* blocks until the next wake, or returns at once if there was one */
 
 #endif

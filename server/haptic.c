@@ -1,57 +1,53 @@
 #include "haptic.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "messages.h"
-#include "viewer_messages.h"
 #include "trocar_loop_timing_t.h"
 
-enum { VIEWS_HZ = 60 };
+enum { VIEWS_HZ = 60, NEEDLE = 0 };
 
-trocar_status haptic_create(haptic *h, const insertion_model *model, insertion_workspace *scratch, const device_limits *limits,
-                            double rate_hz, int flags, exchange *x, report *why) {
-    *h = (haptic){.model = model, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x,
-                  .scratch = scratch};
+void haptic_init(haptic *h, trocar_sim *sim, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x) {
+    *h = (haptic){.sim = sim, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
     atomic_init(&h->wind_down, false);
-    h->state = malloc(sizeof *h->state);
-    if (h->state == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the needle's state");
-    memset(h->state, 0, sizeof *h->state); /* touched, not only zero: no page faults later */
-    memset(scratch, 0, sizeof *scratch);
-    scratch->profile.clock = monotonic_ns;
-    return TROCAR_OK;
+    trocar_sim_set_clock(sim, monotonic_ns);
 }
 
-void haptic_free(haptic *h) {
-    free(h->state);
-    h->state = NULL;
+/* RT */
+static void reset_needle(haptic *h) {
+    trocar_pose base = library_pose(h->safety.base);
+    trocar_sim_reset(h->sim, NEEDLE, &base, NULL);
 }
 
-/* A number that is not finite would stay in the model for good: start over where the hand is, by a ramp. RT */
-static void start_over(haptic *h, const pose_sample *newest, insertion_wrench *wrench) {
-    insertion_start_over(h->model, h->safety.base, h->state, wrench);
+static bool is_finite(const trocar_output *out) {
+    return isfinite(out->force[0] + out->force[1] + out->force[2] + out->torque[0] + out->torque[1] + out->torque[2]);
+}
+
+/* After a tick whose result was not finite: everything starts over where the hand is, and the wrench is ramped in. RT */
+static void start_over(haptic *h, const pose_sample *newest, trocar_output *out) {
+    reset_needle(h);
     coupling_engage(&h->coupling, newest);
     h->safety.gain = 0.0;
+    *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
-/* The model's wrench for the newest pose; zero before the first one. RT */
-static insertion_wrench run_model(haptic *h, safety_decision decision, const pose_sample *newest, const compliance_snapshot *snapshot, double dt) {
-    insertion_wrench wrench = {.membrane = -1};
-    if (decision == SAFETY_IDLE) return wrench;
+/* The simulation's answer to the newest pose; zero before the first one. RT */
+static trocar_output run_simulation(haptic *h, safety_decision decision, const pose_sample *newest, double dt) {
+    static const double LONGEST = 1.0; /* s, that the library takes */
+    trocar_output out = {.membrane = -1};
+    if (decision == SAFETY_IDLE) return out;
+    if (decision == SAFETY_ENGAGE) reset_needle(h);
+    double compliance;
     pose hand = h->safety.base;
-    if (decision == SAFETY_ENGAGE) insertion_reset(h->model, hand, h->state);
-    tick_context tick = {.model = h->model, .state = h->state, .snapshot = snapshot, .scratch = h->scratch, .dt = dt, .output = &wrench};
-    tick.base.pose = coupling_hold(&h->coupling, h->limits.max_stiffness, hand, dt, &tick.base.compliance);
-    insertion_tick(&tick);
-    vec3 base = v3_add(tick.base.pose.position, h->state->base_shift);
-    wrench.torque = coupling_yield(&h->coupling, hand, base, wrench.force, wrench.torque);
-    if (!insertion_is_finite(h->state, &wrench)) start_over(h, newest, &wrench);
-    return wrench;
+    trocar_pose rest = library_pose(coupling_hold(&h->coupling, h->limits.max_stiffness, hand, dt, &compliance));
+    trocar_sim_set_base_compliance(h->sim, NEEDLE, compliance);
+    trocar_status status = trocar_sim_tick(h->sim, NEEDLE, &rest, fmin(dt, LONGEST), &out);
+    trocar_pose base = trocar_sim_base(h->sim, NEEDLE);
+    store_vec3(coupling_yield(&h->coupling, hand, load_vec3(base.position), load_vec3(out.force), load_vec3(out.torque)), out.torque);
+    if (status != TROCAR_OK || !is_finite(&out)) start_over(h, newest, &out);
+    return out;
 }
 
-static trocar_needle_wrench_t message_of(const haptic *h, const insertion_wrench *raw, const pose_sample *answered, int64_t tick) {
-    trocar_output output = output_of(raw);
-    trocar_needle_wrench_t m = wrench_message(&output);
+static trocar_needle_wrench_t message_of(const haptic *h, const trocar_output *raw, const pose_sample *answered, int64_t tick) {
+    trocar_needle_wrench_t m = wrench_message(raw);
     m.utime = wall_us();
     m.tick = tick;
     m.server = h->server;
@@ -75,37 +71,20 @@ static void note_hand(haptic *h, safety_decision decision, const pose_sample *ne
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Where the tick's time went: before, in and after the model. RT */
+/* Where the tick's time went: before, in and after the simulation. RT */
 static void note_stages(haptic *h, int64_t began, int64_t asked, int64_t answered) {
-    const int64_t *model = h->scratch->profile.spent;
+    int64_t spent[TROCAR_STAGES];
+    trocar_sim_stages(h->sim, spent);
     h->stages[TROCAR_LOOP_TIMING_T_STAGE_INPUT] = asked - began;
-    h->stages[TROCAR_LOOP_TIMING_T_STAGE_TISSUE] = model[INSERTION_TISSUE];
-    h->stages[TROCAR_LOOP_TIMING_T_STAGE_NEEDLE] = model[INSERTION_NEEDLE];
-    h->stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = model[INSERTION_CONTACT];
-    h->stages[TROCAR_LOOP_TIMING_T_STAGE_WRENCH] = model[INSERTION_WRENCH];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_TISSUE] = spent[TROCAR_STAGE_TISSUE];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_NEEDLE] = spent[TROCAR_STAGE_NEEDLE];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = spent[TROCAR_STAGE_CONTACT];
+    h->stages[TROCAR_LOOP_TIMING_T_STAGE_WRENCH] = spent[TROCAR_STAGE_WRENCH];
     h->stages[TROCAR_LOOP_TIMING_T_STAGE_OUTPUT] = monotonic_ns() - answered;
 }
 
-/* Hands the worker what the tick wants to know next, if that has changed. RT */
-static void ask_worker(haptic *h, int64_t now) {
-    if (h->state->request.serial == h->posted) return;
-    request_sample *sample = triple_buffer_slot(&h->exchange->requests);
-    sample->requested = now;
-    sample->request = h->state->request;
-    triple_buffer_publish(&h->exchange->requests);
-    wake(h->exchange->worker_wake);
-    while (h->posted < sample->request.serial) h->asked[++h->posted % REQUESTS_REMEMBERED] = now;
-}
-
-/* Seconds since the oldest request that is not answered yet, 0 if all are. RT */
-static double snapshot_age(const haptic *h, int64_t now, uint64_t answered) {
-    if (answered == h->posted) return 0.0;
-    uint64_t waiting = h->posted - answered < REQUESTS_REMEMBERED ? answered : h->posted; /* or the oldest remembered */
-    return 1e-9 * (double)(now - h->asked[(waiting + 1) % REQUESTS_REMEMBERED]);
-}
-
-/* Shows the state to telemetry, VIEWS_HZ times a second, once there is one. RT */
-static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message, uint64_t answered) {
+/* Shows telemetry how things are, VIEWS_HZ times a second, once a needle is held. RT */
+static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
     if (h->safety.engagement == 0 || wake->tick % ticks_per_view != 0) return;
     view_sample *view = triple_buffer_slot(&h->exchange->views);
@@ -117,8 +96,9 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     view->energy = h->coupling.energy;
     view->energy_lowest = h->coupling.lowest;
     view->coupling_stiffness = h->coupling.stiffness;
-    view->snapshot_age = snapshot_age(h, wake->now, answered);
-    view->state = *h->state;
+    view->snapshot_age = 1e-9 * (double)trocar_sim_waiting(h->sim);
+    view->contacts = message->contacts;
+    trocar_sim_take_picture(h->sim, view->picture);
     triple_buffer_publish(&h->exchange->views);
 }
 
@@ -127,17 +107,16 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     int64_t began = monotonic_ns();
     bool wind_down = atomic_load_explicit(&h->wind_down, memory_order_relaxed);
     const pose_sample *newest = triple_buffer_read(&h->exchange->poses, NULL);
-    const compliance_snapshot *snapshot = triple_buffer_read(&h->exchange->snapshots, NULL);
 
     safety_timing(&h->safety, wake->late, h->period);
     safety_decision decision = safety_pose(&h->safety, &h->limits, newest, wake->now);
     note_hand(h, decision, newest);
     int64_t asked = monotonic_ns();
-    insertion_wrench raw = run_model(h, decision, newest, snapshot, wake->elapsed);
+    trocar_output raw = run_simulation(h, decision, newest, wake->elapsed);
     int64_t answered = monotonic_ns();
     trocar_needle_wrench_t message = message_of(h, &raw, newest, wake->tick);
 
-    vec3 force = raw.force, torque = raw.torque;
+    vec3 force = load_vec3(raw.force), torque = load_vec3(raw.torque);
     message.flags |= h->flags | safety_wrench(&h->safety, &h->limits, wind_down, h->period, &force, &torque);
     if (coupling_active(&h->coupling)) message.flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
     h->saturated_ticks += (message.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
@@ -146,8 +125,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     coupling_send(&h->coupling, wake->tick, wake->now, force, torque);
     send_wrench(h, &message);
 
-    ask_worker(h, wake->now);
-    show(h, wake, &message, snapshot->serial);
+    show(h, wake, &message);
     note_stages(h, began, asked, answered);
     return !(wind_down && safety_at_rest(&h->safety));
 }

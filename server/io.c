@@ -11,7 +11,7 @@
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
 
-trocar_status io_create(io *o, const char *url, const device_limits *limits, bool realtime, int shutdown_wake,
+trocar_status io_create(io *o, const char *url, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
     arbiter_init(&o->arbiter, limits);

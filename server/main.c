@@ -9,8 +9,8 @@
 
 #include "exchange.h"
 #include "lcm_filter.h"
-#include "scene/scene.h"
 #include "server.h"
+#include "trocar.h"
 
 const char *argp_program_version = "trocar-server " TROCAR_VERSION;
 
@@ -35,8 +35,8 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case KEY_ALLOW_NON_RT: chosen->allow_non_rt = true; return 0;
     case 'r':
         chosen->rate_hz = strtod(value, &end);
-        if (*end == '\0' && chosen->rate_hz >= SCENE_MIN_RATE && chosen->rate_hz <= SCENE_MAX_RATE) return 0;
-        argp_error(state, "--rate %s: give a number of Hz from %g to %g", value, SCENE_MIN_RATE, SCENE_MAX_RATE);
+        if (*end == '\0' && chosen->rate_hz >= TROCAR_MIN_RATE && chosen->rate_hz <= TROCAR_MAX_RATE) return 0;
+        argp_error(state, "--rate %s: give a number of Hz from %g to %g", value, TROCAR_MIN_RATE, TROCAR_MAX_RATE);
         return EINVAL;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:

@@ -10,6 +10,12 @@ void store_vec3(vec3 v, double out[3]) {
 
 vec3 load_vec3(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
+trocar_pose library_pose(pose p) {
+    const vec3 x = p.position;
+    const quat q = p.orientation;
+    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
+}
+
 static int flags_of(uint32_t events) {
     int late = events & TROCAR_EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
     int unstable = events & TROCAR_EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;

@@ -12,5 +12,6 @@ trocar_needle_wrench_t wrench_message(const trocar_output *output);
 
 void store_vec3(vec3 v, double out[3]); /* RT */
 vec3 load_vec3(const double v[3]);      /* RT */
+trocar_pose library_pose(pose p);       /* the same pose as trocar.h has it. RT */
 
 #endif

@@ -11,7 +11,7 @@ static const double OWNER_SILENCE = 2.0;  /* s after which another session may t
 static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer one is a client that counts in another way */
 static const double ARRIVAL_JITTER = 5e-3; /* s: poses may come late by this much, then bunched */
 
-void arbiter_init(pose_arbiter *in, const device_limits *limits) {
+void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits) {
     *in = (pose_arbiter){.limits = *limits, .newest = {.seq = -1}, .begin_anew = true};
 }
 

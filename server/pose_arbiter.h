@@ -20,7 +20,7 @@ typedef struct {
 } arbiter_record;
 
 typedef struct {
-    device_limits limits;
+    trocar_device_limits limits;
     arbiter_record record;
     pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
     bool begin_anew;                 /* the next pose starts a new engagement */
@@ -28,7 +28,7 @@ typedef struct {
     double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
 } pose_arbiter;
 
-void arbiter_init(pose_arbiter *in, const device_limits *limits);
+void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits);
 
 /* Judges the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` is that pose.
    The first valid pose's session owns the needle until it releases it or is silent for two seconds. */

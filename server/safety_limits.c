@@ -15,7 +15,7 @@ pose_verdict safety_check_pose(const pose *p) {
     return fabs(norm - 1.0) > 1e-3 ? POSE_NOT_UNIT : POSE_ACCEPTED;
 }
 
-double safety_travel_time(const device_limits *limits, const pose *a, const pose *b) {
+double safety_travel_time(const trocar_device_limits *limits, const pose *a, const pose *b) {
     double distance = v3_norm(v3_sub(b->position, a->position));
     double angle = v3_norm(q_log(q_multiply(b->orientation, q_conjugate(a->orientation))));
     return fmax(distance / limits->max_speed, angle / limits->max_turn_rate);
@@ -31,7 +31,7 @@ static safety_decision engage(safety_limits *g, const pose_sample *newest) {
     return SAFETY_ENGAGE;
 }
 
-safety_decision safety_pose(safety_limits *g, const device_limits *limits, const pose_sample *newest, int64_t now) {
+safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits, const pose_sample *newest, int64_t now) {
     g->released = !newest->held;
     if (!newest->held) return g->engagement == 0 ? SAFETY_IDLE : SAFETY_HOLD;
 
@@ -72,14 +72,14 @@ static vec3 limited(vec3 wanted, vec3 last, double limit, double step, bool *sat
 }
 
 /* Moves the gain one tick toward its target; true while the wrench is on the ramp. */
-static bool ramp(safety_limits *g, const device_limits *limits, bool wind_down, double dt) {
+static bool ramp(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt) {
     bool full = g->engagement != 0 && !(g->released || g->stale || g->overrun || wind_down);
     double before = g->gain, step = dt / limits->ramp_time;
     g->gain = full ? fmin(1.0, g->gain + step) : fmax(0.0, g->gain - step);
     return g->gain != before || (g->gain > 0.0 && g->gain < 1.0);
 }
 
-int safety_wrench(safety_limits *g, const device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque) {
+int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque) {
     int flags = ramp(g, limits, wind_down, dt) ? TROCAR_NEEDLE_WRENCH_T_RAMPING : 0;
     bool saturated = false, finite = finite3(*force) && finite3(*torque);
     vec3 wanted_force = finite ? v3_scale(g->gain, *force) : v3(0, 0, 0);

@@ -7,8 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "scene/device.h"
 #include "base/vec.h"
+#include "trocar.h"
 
 /* What became of one pose; each has its counter in status_t. */
 typedef enum {
@@ -20,7 +20,7 @@ typedef enum {
 pose_verdict safety_check_pose(const pose *p);
 
 /* Least time that a device within its limits needs from a to b, s. */
-double safety_travel_time(const device_limits *limits, const pose *a, const pose *b);
+double safety_travel_time(const trocar_device_limits *limits, const pose *a, const pose *b);
 
 /* The newest pose as it waits for the tick. */
 typedef struct {
@@ -49,7 +49,7 @@ typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_d
 
 /* Decides what the model does with the newest pose at time `now` (ns): nothing yet, begin anew at g->base, follow to
    g->base, or stay there. A pose that returns after a silence from further away than the limits allow engages anew. RT */
-safety_decision safety_pose(safety_limits *g, const device_limits *limits, const pose_sample *newest, int64_t now);
+safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits, const pose_sample *newest, int64_t now);
 
 /* Notes whether this tick came late by whole periods; trips after SAFETY_OVERRUNS in a row, recovers after a second
    of good timing or at the next engagement. RT */
@@ -57,7 +57,7 @@ void safety_timing(safety_limits *g, bool late, double dt);
 
 /* Ramps the model's wrench in or out, then limits magnitude and slew without turning it; updates both in place.
    `wind_down` ramps to zero whatever the poses are. Returns flags of needle_wrench_t. RT */
-int safety_wrench(safety_limits *g, const device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
+int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
 
 /* No wrench is left and none will follow while it winds down. RT */
 bool safety_at_rest(const safety_limits *g);

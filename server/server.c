@@ -18,7 +18,6 @@
 #include "lcm_filter.h"
 #include "progress.h"
 #include "realtime.h"
-#include "scene/scene.h"
 #include "session.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
@@ -30,14 +29,16 @@ typedef struct {
 
 struct server {
     server_options options;
-    scene scene;
+    trocar_scene *scene;
+    double rate_hz;
     int64_t id;                  /* in all that it sends */
     bool realtime;
     report refused;              /* why it is not */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
     report asleep;               /* why they are not kept awake */
     int shutdown_wake;           /* eventfd */
-    simulation simulation;
+    trocar_model *model;
+    trocar_sim *sim;
     exchange exchange;
     haptic haptic;
     loop loop;
@@ -72,20 +73,21 @@ static void join(task *t) {
 
 /* --- creation --------------------------------------------------------------------------------------------------- */
 
-/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
-static void limit_steps(insertion_settings *settings, double rate_hz) {
-    settings->most_steps = (int)ceil(1.0 / (rate_hz * settings->longest_step) - 1e-6);
+static trocar_status read_scene(server *s, report *why) {
+    trocar_status status = trocar_scene_load(s->options.scene_path, &s->scene, why);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(s->scene, "rate_hz", &s->rate_hz, why);
+    if (status != TROCAR_OK || s->options.rate_hz == 0.0) return status;
+    s->rate_hz = s->options.rate_hz;
+    if (s->rate_hz >= TROCAR_MIN_RATE && s->rate_hz <= TROCAR_MAX_RATE) return trocar_scene_set_number(s->scene, "rate_hz", s->rate_hz, why);
+    return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", s->rate_hz, TROCAR_MIN_RATE, TROCAR_MAX_RATE);
 }
 
-static trocar_status read_scene(server *s, report *why) {
-    trocar_status status = scene_load(s->options.scene_path, &s->scene, why);
-    if (status != TROCAR_OK) return status;
-    double rate = s->options.rate_hz != 0.0 ? s->options.rate_hz : s->scene.rate_hz;
-    if (!(rate >= SCENE_MIN_RATE && rate <= SCENE_MAX_RATE))
-        return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", rate, SCENE_MIN_RATE, SCENE_MAX_RATE);
-    s->scene.rate_hz = rate;
-    limit_steps(&s->scene.simulation.insertion, rate);
-    return TROCAR_OK;
+/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
+static trocar_status create_simulation(server *s, report *why) {
+    static const double STEP = 1e-3; /* s, the longest */
+    trocar_model_options options = {.progress = progress_show, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
+    trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
+    return status == TROCAR_OK ? trocar_sim_create(s->model, &s->sim, why) : status;
 }
 
 /* Remembers why real time is refused, for those who waive it. */
@@ -112,18 +114,17 @@ static trocar_status enter_realtime(server *s, report *why) {
 static trocar_status create_parts(server *s, report *why) {
     exchange *x = &s->exchange;
     int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
-    trocar_status status = haptic_create(&s->haptic, &s->simulation.insertion, s->simulation.workspace, &s->scene.device,
-                                         s->scene.rate_hz, flags, x, why);
-    if (status != TROCAR_OK) return status;
-    status = io_create(&s->io, s->options.lcm_url, &s->scene.device, s->realtime, s->shutdown_wake, x, why);
+    trocar_device_limits limits = trocar_scene_device(s->scene);
+    haptic_init(&s->haptic, s->sim, &limits, s->rate_hz, flags, x);
+    trocar_status status = io_create(&s->io, s->options.lcm_url, &limits, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;
     s->haptic.server = s->io.server = s->id;
-    s->loop = (loop){.rate_hz = s->scene.rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
+    s->loop = (loop){.rate_hz = s->rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
                      .records = &x->loops};
-    s->worker = (worker){.exchange = x, .serve = worker_remesh, .look_ahead = worker_look_ahead, .context = s->simulation.remesher};
-    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = s->scene.path, .rate_hz = s->scene.rate_hz, .flags = flags, .server = s->id,
-                                  .verbose = s->options.verbose};
-    return telemetry_create(&s->telemetry, &telling, &s->simulation, &s->worker, x, why);
+    s->worker = (worker){.exchange = x, .sim = s->sim};
+    telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
+                                  .server = s->id, .verbose = s->options.verbose};
+    return telemetry_create(&s->telemetry, &telling, s->model, &s->worker, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {
@@ -131,9 +132,8 @@ static trocar_status create_all(server *s, report *why) {
     realtime_flush_denormals();
     s->shutdown_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (s->shutdown_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    s->scene.simulation.progress.show = progress_show;
-    if ((status = simulation_create(&s->scene.simulation, &s->simulation, why)) != TROCAR_OK) return status;
-    if ((status = exchange_create(&s->exchange, why)) != TROCAR_OK) return status;
+    if ((status = create_simulation(s, why)) != TROCAR_OK) return status;
+    if ((status = exchange_create(&s->exchange, s->model, why)) != TROCAR_OK) return status;
     if ((status = enter_realtime(s, why)) != TROCAR_OK) return status;
     return create_parts(s, why);
 }
@@ -179,9 +179,10 @@ void server_free(server *s) {
     if (s == NULL || server_busy(s)) return;
     telemetry_free(&s->telemetry);
     io_free(&s->io);
-    haptic_free(&s->haptic);
     exchange_free(&s->exchange);
-    simulation_free(&s->simulation);
+    trocar_sim_free(s->sim);
+    trocar_model_free(s->model);
+    trocar_scene_free(s->scene);
     if (s->awake >= 0) close(s->awake);
     if (s->shutdown_wake >= 0) close(s->shutdown_wake);
     free(s);
@@ -201,7 +202,7 @@ static void *prepare_run(void *context) {
     const server *s = context;
     report why;
     realtime_flush_denormals();
-    if (inverse_prepare(s->simulation.inverse, &why) != TROCAR_OK)
+    if (trocar_model_prepare(s->model, &why) != TROCAR_OK)
         fprintf(stderr, "trocar-server: no pictures of the tissue, and nothing outside the region of interest: %s\n", why.text);
     return NULL;
 }
@@ -278,16 +279,19 @@ static double resident_mebibytes(void) {
 }
 
 void server_describe(const server *s, FILE *out) {
-    const mesh *m = &s->simulation.mesh;
-    const simulation_config *config = &s->scene.simulation;
+    const trocar_model *m = s->model;
+    const char *remarks = trocar_model_remarks(m);
+    char mesh[1024], remeshing[64];
+    trocar_scene_get(s->scene, "mesh", mesh, sizeof mesh, NULL);
+    trocar_scene_get(s->scene, "remeshing", remeshing, sizeof remeshing, NULL);
     fprintf(out, "server     %016llx\n", (unsigned long long)s->id);
-    fprintf(out, "scene      %s\n", s->scene.path);
-    fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", config->mesh_path, m->node_count,
-            m->tet_count, config->region_count, config->membrane_count);
-    if (m->remarks.text[0]) fprintf(out, "warning    %s\n", m->remarks.text);
-    fprintf(out, "inverse    %s\n", s->simulation.about_inverse.text);
-    fprintf(out, "unknowns   %d; node addition by %s\n", s->simulation.tissue.dof_count, remesh_name(config->remeshing));
-    fprintf(out, "rate       %g Hz\n", s->scene.rate_hz);
+    fprintf(out, "scene      %s\n", trocar_scene_path(s->scene));
+    fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", mesh, trocar_model_node_count(m),
+            trocar_model_tet_count(m), trocar_scene_count(s->scene, "regions"), trocar_scene_count(s->scene, "membranes"));
+    if (remarks[0]) fprintf(out, "warning    %s\n", remarks);
+    fprintf(out, "inverse    %s\n", trocar_model_description(m));
+    fprintf(out, "unknowns   %d; node addition by %s\n", trocar_model_unknowns(m), remeshing);
+    fprintf(out, "rate       %g Hz\n", s->rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
     if (!s->realtime) {
         fprintf(out, "real time  NO: %s\n", s->refused.text);

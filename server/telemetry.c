@@ -13,14 +13,14 @@
 
 enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why) {
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why) {
     const char *url = given->lcm_url;
-    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = inverse_name(s->inverse)};
+    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = trocar_model_inverse(model)};
     gethostname(t->host, HOST_NAME);
     snprintf(t->host + strlen(t->host), sizeof t->host - strlen(t->host), ", process %d", (int)getpid());
     atomic_init(&t->stop, false);
-    trocar_status status = viewer_messages_create(&t->messages, s, why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&t->views, sizeof(view_sample), why);
+    trocar_status status = viewer_messages_create(&t->messages, model, why);
+    if (status == TROCAR_OK) status = views_create(&t->views, model, why);
     if (status != TROCAR_OK) {
         telemetry_free(t);
         return status;
@@ -40,7 +40,7 @@ void telemetry_free(telemetry *t) {
     if (t->lcm != NULL) lcm_destroy(t->lcm);
     free(t->latency);
     free(t->round_trip);
-    triple_buffer_free(&t->views);
+    views_free(&t->views);
     viewer_messages_free(&t->messages);
     *t = (telemetry){0};
 }
@@ -85,7 +85,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .lateness_max_total = loop->lateness_max_total, .compute_max_total = loop->compute_max_total,
         .misses = loop->misses, .allocations = loop->usage.allocations, .minor_faults = loop->usage.minor_faults,
         .major_faults = loop->usage.major_faults, .context_switches = loop->usage.context_switches,
-        .wrenches_dropped = view->wrench_dropped, .contacts = view->state.active, .server = t->given.server};
+        .wrenches_dropped = view->wrench_dropped, .contacts = view->contacts, .server = t->given.server};
     histogram_bins(&loop->lateness, m.lateness_bins);
     histogram_bins(&loop->compute, m.compute_bins);
     for (int i = 0; i < LOOP_STAGES; i++) {
@@ -131,9 +131,11 @@ static void publish_status(telemetry *t, const view_sample *view) {
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }
 
-/* The needle first: a viewer's picture is complete with the deformation. */
-static void publish_sight(telemetry *t, const view_sample *view) {
-    viewer_messages_take(&t->messages, &view->state, view->tick, view->pose_utime);
+/* The needle first: a viewer's picture is complete with the deformation. Without memory for it there is no picture. */
+static void publish_picture(telemetry *t, const view_sample *view) {
+    report ignored;
+    trocar_picture_copy(view->picture, t->messages.picture);
+    if (viewer_messages_make(&t->messages, view->tick, view->pose_utime, &ignored) != TROCAR_OK) return;
     t->messages.contacts.utime = t->messages.deformation.utime = wall_us();
     t->messages.contacts.server = t->messages.deformation.server = t->given.server;
     trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->messages.contacts);
@@ -148,7 +150,7 @@ static void *publish_pictures(void *context) {
     for (int64_t due = monotonic_ns(); !stopped(t); sleep_until(due)) {
         bool fresh;
         const view_sample *view = triple_buffer_read(&t->views, &fresh);
-        if (fresh) publish_sight(t, view);
+        if (fresh) publish_picture(t, view);
         due += 1000000000 / PICTURES_HZ;
         if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
     }
@@ -168,7 +170,7 @@ void *telemetry_run(void *context) {
             publish_status(t, view);
         }
         if (fresh) {
-            memcpy(triple_buffer_slot(&t->views), view, sizeof *view);
+            view_copy(view, triple_buffer_slot(&t->views));
             triple_buffer_publish(&t->views);
         }
         due += 1000000000 / PICTURES_HZ;

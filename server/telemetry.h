@@ -34,11 +34,11 @@ typedef struct {
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
     triple_buffer views;          /* view_sample, from it to the thread of the pictures */
-    viewer_messages messages;                 /* the latter's own */
+    viewer_messages messages;     /* the latter's own */
 } telemetry;
 
-/* Connects to LCM. `s`, `w` and `x` must outlive it. The network's errors: see network_open. */
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, simulation *s, const worker *w, exchange *x, report *why);
+/* Connects to LCM. `model`, `w` and `x` must outlive it. The network's errors: see network_open. */
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
 /* Body of the thread; `context` is a telemetry. */

@@ -1,26 +1,26 @@
 #include "viewer_messages.h"
 
 #include <stdlib.h>
-
-#include "messages.h"
+#include <string.h>
 
 static void lay_out_rows(viewer_messages *v) {
-    for (int n = 0; n < v->simulation->mesh.node_count; n++) v->displacement_rows[n] = v->displacement + 3 * (size_t)n;
-    for (int j = 0; j <= NEEDLE_MAX_SEGMENTS; j++) v->joint_rows[j] = v->joints[j];
-    for (int i = 0; i < MAX_POINTS; i++) {
+    for (int n = 0; n < v->node_count; n++) v->displacement_rows[n] = v->displacement + 3 * (size_t)n;
+    for (int j = 0; j < TROCAR_MAX_JOINTS; j++) v->joint_rows[j] = v->joints[j];
+    for (int i = 0; i < VIEWER_CONTACTS; i++) {
         v->position_rows[i] = v->positions[i];
         v->force_rows[i] = v->forces[i];
     }
 }
 
-trocar_status viewer_messages_create(viewer_messages *v, simulation *s, report *why) {
-    size_t count = (size_t)s->mesh.node_count;
-    *v = (viewer_messages){.simulation = s};
-    v->nodal = malloc(count * sizeof *v->nodal);
-    v->added = malloc((MAX_CONTACTS + 1) * sizeof *v->added);
+trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why) {
+    size_t count = (size_t)trocar_model_node_count(model);
+    *v = (viewer_messages){.node_count = (int)count};
+    trocar_status status = trocar_picture_create(model, &v->picture, why);
+    if (status != TROCAR_OK) return status;
+    v->nodal = malloc(3 * count * sizeof *v->nodal);
     v->displacement = malloc(3 * count * sizeof *v->displacement);
     v->displacement_rows = malloc(count * sizeof *v->displacement_rows);
-    if (!v->nodal || !v->added || !v->displacement || !v->displacement_rows) {
+    if (!v->nodal || !v->displacement || !v->displacement_rows) {
         viewer_messages_free(v);
         return fail(why, TROCAR_NO_MEMORY, "cannot allocate what viewers see of %zu nodes", count);
     }
@@ -29,50 +29,41 @@ trocar_status viewer_messages_create(viewer_messages *v, simulation *s, report *
 }
 
 void viewer_messages_free(viewer_messages *v) {
+    trocar_picture_free(v->picture);
     free(v->nodal);
-    free(v->added);
     free(v->displacement);
     free(v->displacement_rows);
     *v = (viewer_messages){0};
 }
 
-static void add_contact(viewer_messages *v, vec3 position, vec3 force, double arc, friction_state friction) {
-    int i = v->contacts.contact_count++;
-    store_vec3(position, v->positions[i]);
-    store_vec3(force, v->forces[i]);
-    v->arc[i] = arc;
-    v->sliding[i] = (int8_t)friction;
-}
-
-static void take_needle(viewer_messages *v, const insertion_state *state) {
-    const needle_model *needle = &v->simulation->needle;
-    int segments = needle->given.segments;
-    quat q = state->needle.base.orientation;
-    v->contacts = (trocar_contacts_t){.orientation = {q.w, q.x, q.y, q.z}, .joint_count = segments + 1, .centreline = v->joint_rows,
-                                      .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding};
-    for (int j = 0; j <= segments; j++) store_vec3(state->needle.joints[j], v->joints[j]);
-    for (int i = 0; i < state->active; i++) {
-        const shaft_contact *c = &state->contacts[i];
-        add_contact(v, needle_at(needle, &state->needle, c->arc).position, c->force, c->arc, c->friction);
+static void make_needle(viewer_messages *v) {
+    trocar_contact contacts[VIEWER_CONTACTS];
+    trocar_pose base = trocar_picture_base(v->picture, 0);
+    v->contacts = (trocar_contacts_t){.centreline = v->joint_rows, .position = v->position_rows, .force = v->force_rows, .arc = v->arc,
+                                      .state = v->sliding};
+    memcpy(v->contacts.orientation, base.orientation, sizeof base.orientation);
+    v->contacts.joint_count = trocar_picture_centreline(v->picture, 0, v->joints[0], TROCAR_MAX_JOINTS);
+    v->contacts.contact_count = trocar_picture_contacts(v->picture, 0, contacts, VIEWER_CONTACTS);
+    for (int i = 0; i < v->contacts.contact_count; i++) {
+        memcpy(v->positions[i], contacts[i].position, sizeof v->positions[i]);
+        memcpy(v->forces[i], contacts[i].force, sizeof v->forces[i]);
+        v->arc[i] = contacts[i].arc;
+        v->sliding[i] = (int8_t)contacts[i].state;
     }
-    if (state->tip.phase == TIP_INSIDE)
-        add_contact(v, state->needle.joints[segments], state->tip.force, needle->given.length, state->tip.friction);
 }
 
-static void take_tissue(viewer_messages *v, const insertion_state *state) {
-    int count = v->simulation->mesh.node_count;
-    simulation_displacement(v->simulation, state, v->nodal, v->added);
-    for (int n = 0; n < count; n++) {
-        v->displacement_rows[n][0] = (float)v->nodal[n].x;
-        v->displacement_rows[n][1] = (float)v->nodal[n].y;
-        v->displacement_rows[n][2] = (float)v->nodal[n].z;
-    }
-    v->deformation = (trocar_deformation_t){.node_count = count, .displacement = v->displacement_rows};
+static trocar_status make_tissue(viewer_messages *v, report *why) {
+    trocar_status status = trocar_picture_displacements(v->picture, v->nodal, why);
+    if (status != TROCAR_OK) return status;
+    for (size_t i = 0; i < 3 * (size_t)v->node_count; i++) v->displacement[i] = (float)v->nodal[i];
+    v->deformation = (trocar_deformation_t){.node_count = v->node_count, .displacement = v->displacement_rows};
+    return TROCAR_OK;
 }
 
-void viewer_messages_take(viewer_messages *v, const insertion_state *state, int64_t tick, int64_t pose_utime) {
-    take_needle(v, state);
-    take_tissue(v, state);
+trocar_status viewer_messages_make(viewer_messages *v, int64_t tick, int64_t pose_utime, report *why) {
+    make_needle(v);
+    trocar_status status = make_tissue(v, why);
     v->contacts.tick = v->deformation.tick = tick;
     v->contacts.pose_utime = pose_utime;
+    return status;
 }

@@ -2,36 +2,32 @@
 #ifndef TROCAR_VIEWER_MESSAGES_H
 #define TROCAR_VIEWER_MESSAGES_H
 
-#include "insertion/simulation.h"
-#include "messages.h"
+#include "base/report.h"
+#include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
+enum { VIEWER_CONTACTS = TROCAR_MAX_CONTACTS + 1 }; /* with the tip */
+
 typedef struct {
-    simulation *simulation;
-    vec3 *nodal, *added;           /* displacements, m: of the mesh's nodes and of those that the insertion added */
-    float *displacement;           /* 3 node_count, m */
+    int node_count;
+    trocar_picture *picture;       /* its user fills it before each viewer_messages_make */
+    double *nodal;                 /* 3 node_count, m: displacements */
+    float *displacement;           /* the same, as the message has it */
     float **displacement_rows;     /* node_count rows of it, as LCM wants them */
-    double joints[NEEDLE_MAX_SEGMENTS + 1][3], positions[MAX_POINTS][3], forces[MAX_POINTS][3];
-    double *joint_rows[NEEDLE_MAX_SEGMENTS + 1], *position_rows[MAX_POINTS], *force_rows[MAX_POINTS];
-    double arc[MAX_POINTS];
-    int8_t sliding[MAX_POINTS];
-    trocar_contacts_t contacts;    /* both valid until the next viewer_messages_take; utime is left to the sender */
+    double joints[TROCAR_MAX_JOINTS][3], positions[VIEWER_CONTACTS][3], forces[VIEWER_CONTACTS][3];
+    double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
+    double arc[VIEWER_CONTACTS];
+    int8_t sliding[VIEWER_CONTACTS];
+    trocar_contacts_t contacts;    /* both valid until the next viewer_messages_make; utime is left to the sender */
     trocar_deformation_t deformation;
 } viewer_messages;
 
-/* `s` must outlive it. NO_MEMORY. */
-trocar_status viewer_messages_create(viewer_messages *v, simulation *s, report *why);
+/* `model` must outlive it. NO_MEMORY. */
+trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Fills both messages from `state`. Not for the haptic thread. */
-void viewer_messages_take(viewer_messages *v, const insertion_state *state, int64_t tick, int64_t pose_utime);
-
-static inline trocar_output output_of(const tick_output *w) {
-    trocar_output out = {.depth = w->depth, .contacts = w->contacts, .events = w->events, .membrane = w->membrane};
-    store_vec3(w->force, out.force);
-    store_vec3(w->torque, out.torque);
-    return out;
-}
+/* Makes both messages from the picture. Not for the haptic thread. NO_MEMORY. */
+trocar_status viewer_messages_make(viewer_messages *v, int64_t tick, int64_t pose_utime, report *why);
 
 #endif

@@ -1,15 +1,9 @@
 #include "worker.h"
 
-#include "remesh/remesh.h"
+#include <errno.h>
+#include <poll.h>
 
 #include "realtime.h"
-#include "timing.h"
-
-trocar_status worker_remesh(void *remesher, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    return remesher_serve(remesher, request, snapshot, why);
-}
-
-bool worker_look_ahead(void *remesher) { return remesher_look_ahead(remesher); }
 
 static void note_failure(worker *w, const report *why) {
     if (atomic_load_explicit(&w->failed, memory_order_relaxed)) return;
@@ -17,31 +11,35 @@ static void note_failure(worker *w, const report *why) {
     atomic_store_explicit(&w->failed, true, memory_order_release);
 }
 
-/* A request that fails leaves the last snapshot in force: the tick goes on with it and flags that it is late. */
-static void serve(worker *w, const request_sample *sample) {
+/* One request, or one slice of looking ahead. Returns whether there is more to do at once. A request that fails leaves the last
+   answer in force: the tick goes on with it and flags that it is late. */
+static bool work(worker *w) {
     report why;
-    trocar_status status = w->serve(w->context, &sample->request, triple_buffer_slot(&w->exchange->snapshots), &why);
-    if (status != TROCAR_OK) {
-        note_failure(w, &why);
-        return;
+    trocar_work done = {.more = 0};
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK) note_failure(w, &why);
+    if (done.answered) {
+        spsc_ring_push(&w->exchange->latencies, &done.latency);
+        w->served++;
     }
-    triple_buffer_publish(&w->exchange->snapshots);
-    int64_t latency = monotonic_ns() - sample->requested;
-    spsc_ring_push(&w->exchange->latencies, &latency);
-    w->served++;
+    return done.more;
 }
+
+static void wait_for_request(const worker *w) {
+    struct pollfd either[] = {{.fd = trocar_sim_work_descriptor(w->sim), .events = POLLIN},
+                              {.fd = w->exchange->worker_wake, .events = POLLIN}};
+    while (poll(either, 2, -1) < 0 && errno == EINTR) continue;
+}
+
+static bool stopped(const worker *w) { return atomic_load_explicit(&w->stop, memory_order_acquire); }
 
 void *worker_run(void *context) {
     worker *w = context;
     realtime_flush_denormals();
-    for (;;) {
-        wait_for_wake(w->exchange->worker_wake);
-        if (atomic_load_explicit(&w->stop, memory_order_acquire)) return NULL;
-        bool fresh;
-        const request_sample *sample = triple_buffer_read(&w->exchange->requests, &fresh);
-        if (fresh) serve(w, sample);
-        while (w->look_ahead && !wake_pending(w->exchange->worker_wake) && w->look_ahead(w->context)) continue;
+    while (!stopped(w)) {
+        wait_for_request(w);
+        while (!stopped(w) && work(w)) continue;
     }
+    return NULL;
 }
 
 void worker_stop(worker *w) {

@@ -15,7 +15,7 @@ foreach(test faults restart)
     target_link_libraries(${test} PRIVATE trocar_service trocar_core trocar_types PkgConfig::CMOCKA m)
     target_compile_definitions(${test} PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
 endforeach()
-target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serve,--wrap=insertion_tick,--wrap=coupling_hold)
+target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=trocar_sim_work,--wrap=trocar_sim_tick,--wrap=coupling_hold)
 add_test(NAME faults COMMAND witness ${netns} $<TARGET_FILE:faults>)
 add_test(NAME restart COMMAND witness ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
 set_tests_properties(faults restart PROPERTIES

@@ -5,6 +5,7 @@
    Faults that no message can cause come in through functions that the linker puts around the server's own (--wrap). */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -17,7 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "insertion/insertion.h"
+#include "api/api.h" /* for a bad number in the state */
 #include "virtual_coupling.h"
 #include "server.h"
 
@@ -56,22 +57,24 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *t) {
     return result;
 }
 
-trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
-trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status __real_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
+    struct pollfd request = {.fd = trocar_sim_work_descriptor(sim), .events = POLLIN};
     int nap = atomic_load(&fault->worker_nap);
-    if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
-    return __real_remesher_serve(r, request, snapshot, why);
+    if (nap > 0 && poll(&request, 1, 0) == 1) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
+    return __real_trocar_sim_work(sim, done, why);
 }
 
-void __real_insertion_tick(const tick_context *tick);
-void __wrap_insertion_tick(const tick_context *tick);
-void __wrap_insertion_tick(const tick_context *tick) {
-    if (atomic_exchange(&fault->poison, false)) tick->state->base_shift.x = NAN;
-    __real_insertion_tick(tick);
-    tick->output->force.x += atomic_load(&fault->spike);
-    int nap = atomic_load(&fault->tick_nap) + tick->output->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
+trocar_status __real_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
+    if (atomic_exchange(&fault->poison, false)) sim->needles[0].state.base_shift.x = NAN;
+    trocar_status status = __real_trocar_sim_tick(sim, needle, base, dt, output);
+    output->force[0] += atomic_load(&fault->spike);
+    int nap = atomic_load(&fault->tick_nap) + output->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);
     if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
+    return status;
 }
 
 pose __real_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/api.h" /* for bad numbers in the state */
 #include "haptic.h"
-#include "scene/scene.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -14,30 +14,35 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include "host.h"
+
 enum { RATE = 1000 };
 static const int64_t MS = 1000000;
 
 typedef struct {
-    scene scene;
-    simulation simulation;
+    host host;
     exchange exchange;
     haptic haptic;
     int64_t tick;
 } fixture;
 
+static bool readable(int descriptor) {
+    struct pollfd p = {.fd = descriptor, .events = POLLIN};
+    return poll(&p, 1, 0) == 1;
+}
+
+static int64_t made_time;
+static int64_t made_clock(void) { return made_time; }
+
 static int open_scene(void **state) {
-    fixture *f = calloc(1, sizeof *f);
-    report why = {""};
-    *state = f;
-    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) == TROCAR_OK
-        && simulation_create(&f->scene.simulation, &f->simulation, &why) == TROCAR_OK) return 0;
-    print_error("%s\n", why.text);
-    return -1;
+    fixture *f = *state = calloc(1, sizeof *f);
+    f->host = host_open(MESHES "/figure8.yaml");
+    return 0;
 }
 
 static int close_scene(void **state) {
     fixture *f = *state;
-    simulation_free(&f->simulation);
+    host_close(&f->host);
     free(f);
     return 0;
 }
@@ -45,27 +50,31 @@ static int close_scene(void **state) {
 static int begin(void **state) {
     fixture *f = *state;
     report why;
-    f->tick = 0;
-    assert_int_equal(exchange_create(&f->exchange, &why), TROCAR_OK);
-    return haptic_create(&f->haptic, &f->simulation.insertion, f->simulation.workspace, &f->scene.device, RATE,
-                         TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange, &why);
+    f->tick = made_time = 0;
+    trocar_sim_free(f->host.sim);
+    assert_int_equal(trocar_sim_create(f->host.model, &f->host.sim, &why), TROCAR_OK);
+    assert_int_equal(exchange_create(&f->exchange, f->host.model, &why), TROCAR_OK);
+    trocar_device_limits limits = trocar_scene_device(f->host.scene);
+    haptic_init(&f->haptic, f->host.sim, &limits, RATE, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange);
+    trocar_sim_set_clock(f->host.sim, made_clock);
+    return 0;
 }
 
 static int end(void **state) {
     fixture *f = *state;
-    haptic_free(&f->haptic);
     exchange_free(&f->exchange);
     return 0;
 }
 
+/* Answers a quarter of a tick after it was asked. */
 static void serve_worker(fixture *f) {
     report why;
-    bool fresh;
-    const request_sample *r = triple_buffer_read(&f->exchange.requests, &fresh);
-    if (!fresh) return;
-    assert_int_equal(r->requested, (f->tick - 1) * MS);
-    assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, triple_buffer_slot(&f->exchange.snapshots), &why), TROCAR_OK);
-    triple_buffer_publish(&f->exchange.snapshots);
+    trocar_work done = {0};
+    if (!readable(trocar_sim_work_descriptor(f->host.sim))) return;
+    made_time += MS / 4;
+    assert_int_equal(trocar_sim_work(f->host.sim, &done, &why), TROCAR_OK);
+    assert_int_equal(done.answered, 1);
+    assert_int_equal(done.latency, MS / 4);
 }
 
 static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
@@ -84,6 +93,7 @@ static void name_wrench(fixture *f, int64_t tick) {
 }
 
 static bool tick(fixture *f, trocar_needle_wrench_t *out) {
+    made_time = f->tick * MS;
     loop_wake wake = {.tick = f->tick, .now = f->tick * MS, .elapsed = 1e-3};
     f->tick++;
     bool on = haptic_tick(&f->haptic, &wake);
@@ -92,11 +102,6 @@ static bool tick(fixture *f, trocar_needle_wrench_t *out) {
 }
 
 static double norm(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
-
-static bool readable(int descriptor) {
-    struct pollfd p = {.fd = descriptor, .events = POLLIN};
-    return poll(&p, 1, 0) == 1;
-}
 
 static void before_the_first_pose_a_zero_wrench_goes_out(void **state) {
     fixture *f = *state;
@@ -139,24 +144,25 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     assert_true(w.force[2] < -0.3);                        /* against the push */
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: untouched */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
-    assert_true(readable(f->exchange.worker_wake));
-    assert_true(f->haptic.posted > 1);
+    assert_true(f->host.sim->posted > 1);
     bool fresh;
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
-    assert_true(fresh && view->state.active >= 1);
+    assert_true(fresh && view->contacts >= 1);
     assert_true(view->snapshot_age < 2e-3);
+    trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
+    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), view->contacts + 1);
     assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
 }
 
 static void the_age_is_that_of_the_oldest_open_request(void **state) {
     fixture *f = *state;
     push(f, 10);
-    uint64_t posted = f->haptic.posted;
+    uint64_t posted = f->host.sim->posted;
     int64_t opened = 0;
     for (int i = 0; i < 400; i++) {
         put_pose(f, 1, 1000 + i, -0.195 + 0.05e-3 * i);
         tick(f, NULL);
-        if (opened == 0 && f->haptic.posted > posted) opened = f->tick - 1;
+        if (opened == 0 && f->host.sim->posted > posted) opened = f->tick - 1;
     }
     const view_sample *view = triple_buffer_read(&f->exchange.views, NULL);
     assert_true(opened > 0 && view->tick > opened + 100);
@@ -199,7 +205,7 @@ static void a_new_engagement_starts_outside(void **state) {
     tick(f, &next);
     assert_int_equal(next.contacts, 0);
     assert_true(next.depth == 0.0 && next.raw_force[2] == 0.0);
-    assert_true(fabs(next.force[2] - w.force[2]) <= f->scene.device.max_force_rate / RATE + 1e-9);
+    assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
 /* Pushed 20 mm in, the needle waits until the tissue has sprung back, and a value that is not finite gets into its state. It waits,
@@ -208,7 +214,7 @@ static void survive(fixture *f, const char *name, size_t place, double bad, doub
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
     for (int i = -50; i < 350; i++) {
-        if (i == 0) *(double *)((char *)f->haptic.state + place) = bad;
+        if (i == 0) *(double *)((char *)&f->host.sim->needles[0].state + place) = bad;
         put_pose(f, engagement, f->tick, -0.185 + 0.05e-3 * (i < 50 ? 0 : i < 150 ? 50 - i : i - 250));
         tick(f, &w);
         serve_worker(f);
@@ -259,6 +265,7 @@ static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **s
 static void the_stages_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);
+    trocar_sim_set_clock(f->host.sim, monotonic_ns);
     int64_t before = monotonic_ns();
     put_pose(f, 1, 1000, -0.185);
     tick(f, NULL);

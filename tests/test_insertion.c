@@ -313,7 +313,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0, 0, -0.0001), 0.1, 1e-3); /* unloads; nothing slides */
-    insertion_wrench before = l->wrench;
+    tick_output before = l->wrench;
     for (int i = 0; i < 5; i++) {
         lockstep_move(l, v3(2e-5, 4e-5, -2e-5), 0.05, 1e-3);
         lockstep_move(l, v3(-2e-5, -4e-5, 2e-5), 0.05, 1e-3);
@@ -523,7 +523,7 @@ static void restored_state_goes_on_to_the_bit(void **unused) {
     compliance_snapshot *known = malloc(sizeof *known);
     memcpy(known, l->snapshot, sizeof *known);
     lockstep_move(l, v3(0.001, 0.002, 0.01), 0.2, 1e-3);
-    insertion_wrench once = l->wrench;
+    tick_output once = l->wrench;
     l->state = saved;
     l->base = base;
     memcpy(l->snapshot, known, sizeof *known);

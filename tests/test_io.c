@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "io.h"
+#include "scene/device.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -38,7 +39,7 @@ static int open_fixture(void **state) {
     device_limits limits = device_defaults();
     memset(&f, 0, sizeof f);
     f.shutdown = eventfd(0, EFD_NONBLOCK);
-    assert_int_equal(exchange_create(&f.exchange, &why), TROCAR_OK);
+    assert_int_equal(exchange_create(&f.exchange, NULL, &why), TROCAR_OK);
     assert_int_equal(io_create(&f.io, "memq://", &limits, false, f.shutdown, &f.exchange, &why), TROCAR_OK);
     assert_int_equal(io_open(&f.io), TROCAR_OK);
     f.subscription = trocar_needle_wrench_t_subscribe(f.io.lcm, "TROCAR_WRENCH", on_wrench, &f);
@@ -133,7 +134,7 @@ static void a_bad_url_is_named(void **unused) {
     io o;
     report why;
     device_limits limits = device_defaults();
-    assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
+    assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
     assert_int_equal(io_create(&o, "nonsense://x", &limits, false, -1, &x, &why), TROCAR_OK);
     assert_int_equal(io_open(&o), TROCAR_BAD_INPUT);
     assert_non_null(strstr(o.why.text, "nonsense://x"));

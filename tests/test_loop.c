@@ -1,6 +1,7 @@
 /* The loop's shell against the clock, and the whole haptic thread, real model and all, against its promises: no
    allocation, no page fault, and no wait for a worker that takes its time. */
 #define _GNU_SOURCE
+#include <poll.h>
 #include <pthread.h>
 #include <sched.h>
 #include <stdlib.h>
@@ -10,7 +11,6 @@
 #include "haptic.h"
 #include "motion.h"
 #include "realtime.h"
-#include "scene/scene.h"
 #include "trocar_needle_wrench_t.h"
 #include "worker.h"
 
@@ -19,6 +19,8 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <cmocka.h>
+
+#include "host.h"
 
 /* --- the shell alone -------------------------------------------------------------------------------------------- */
 
@@ -75,23 +77,26 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
 enum { RATE = 1000 };
 
 typedef struct {
-    scene scene;
-    simulation simulation;
+    host host;
     exchange exchange;
     haptic haptic;
     loop loop;
     worker worker;
-    int nap_ms;                  /* the worker sleeps that long in each request */
     int64_t ticks_wanted;
     int most_contacts;
     thread_usage start, used;    /* of the haptic thread: at the first tick, and from there on */
     int64_t wrenches;
 } rig;
 
-static trocar_status nap_and_serve(void *context, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    rig *r = context;
-    if (r->nap_ms > 0) sleep_until(monotonic_ns() + r->nap_ms * (int64_t)1000000);
-    return remesher_serve(r->simulation.remesher, request, snapshot, why);
+static int nap_ms;               /* that the worker sleeps before each answer */
+
+/* Put around the library's function by the linker. */
+trocar_status __real_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
+    struct pollfd request = {.fd = trocar_sim_work_descriptor(sim), .events = POLLIN};
+    if (nap_ms > 0 && poll(&request, 1, 0) == 1) sleep_until(monotonic_ns() + nap_ms * (int64_t)1000000);
+    return __real_trocar_sim_work(sim, done, why);
 }
 
 /* The haptic tick between a mock IO thread's work: a pose that comes, a wrench that is taken. */
@@ -126,19 +131,16 @@ static void *haptic_thread(void *context) {
     return NULL;
 }
 
-static rig *rig_create(int nap_ms, int64_t ticks) {
+static rig *rig_create(int64_t ticks) {
     rig *r = calloc(1, sizeof *r);
     report why = {""};
-    if (scene_load(MESHES "/figure8.yaml", &r->scene, &why) != TROCAR_OK
-        || simulation_create(&r->scene.simulation, &r->simulation, &why) != TROCAR_OK
-        || exchange_create(&r->exchange, &why) != TROCAR_OK
-        || haptic_create(&r->haptic, &r->simulation.insertion, r->simulation.workspace, &r->scene.device, RATE, 0,
-                         &r->exchange, &why) != TROCAR_OK)
-        fail_msg("%s", why.text);
-    r->nap_ms = nap_ms;
+    r->host = host_open(MESHES "/figure8.yaml");
+    if (exchange_create(&r->exchange, r->host.model, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    trocar_device_limits limits = trocar_scene_device(r->host.scene);
+    haptic_init(&r->haptic, r->host.sim, &limits, RATE, 0, &r->exchange);
     r->ticks_wanted = ticks;
     r->loop = (loop){.rate_hz = RATE, .tick = rigged_tick, .context = r, .records = &r->exchange.loops};
-    r->worker = (worker){.exchange = &r->exchange, .serve = nap_and_serve, .context = r};
+    r->worker = (worker){.exchange = &r->exchange, .sim = r->host.sim};
     return r;
 }
 
@@ -152,15 +154,14 @@ static void rig_run(rig *r) {
 }
 
 static void rig_free(rig *r) {
-    haptic_free(&r->haptic);
     exchange_free(&r->exchange);
-    simulation_free(&r->simulation);
+    host_close(&r->host);
     free(r);
 }
 
 static void nothing_is_allocated_and_no_page_faults(void **unused) {
     (void)unused;
-    rig *r = rig_create(0, 2 * RATE);
+    rig *r = rig_create(2 * RATE);
     report why;
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
@@ -177,7 +178,8 @@ static void nothing_is_allocated_and_no_page_faults(void **unused) {
 
 static void a_slow_worker_never_stalls_the_loop(void **unused) {
     (void)unused;
-    rig *r = rig_create(50, 2 * RATE);
+    nap_ms = 50;
+    rig *r = rig_create(2 * RATE);
     rig_run(r);
     assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: the newest request, no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));

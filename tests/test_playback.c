@@ -17,12 +17,12 @@
 
 static void the_golden_trace_comes_out_as_it_is_kept(void **unused) {
     (void)unused;
-    scene s;
+    trocar_scene *s;
     report why, cut;
     timeline t;
-    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_run(&s, SOURCE_DIR "/tests/traces/figure8.log", &t, &cut, &why), TROCAR_OK);
+    assert_int_equal(playback_run(s, SOURCE_DIR "/tests/traces/figure8.log", &t, &cut, &why), TROCAR_OK);
 
     wrench_log golden;
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
@@ -41,6 +41,7 @@ static void the_golden_trace_comes_out_as_it_is_kept(void **unused) {
     assert_int_equal(punctures, 2);
     assert_true(t.picture_end >= (int64_t)(PLAYBACK_HZ * t.now));
     timeline_free(&t);
+    trocar_scene_free(s);
 }
 
 static double time_of_picture(const byte_buffer *encoded) {
@@ -52,17 +53,17 @@ static double time_of_picture(const byte_buffer *encoded) {
 /* The wrench kept of that tick, not of a neighbour a picture or a sample away. */
 static void one_moment_is_that_of_its_tick(void **unused) {
     (void)unused;
-    scene s;
+    trocar_scene *s;
     report why, cut;
     wrench_log golden;
-    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &golden, &why), TROCAR_OK);
     for (int part = 1; part <= 3; part++) {
         const trocar_needle_wrench_t *kept = &golden.wrenches[part * (golden.count - 1) / 3];
         double time = 1e-6 * (double)(kept->utime - golden.wrenches[0].utime);
         timeline t;
         assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-        assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &cut, &why), TROCAR_OK);
+        assert_int_equal(playback_moment(s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &cut, &why), TROCAR_OK);
         assert_true(t.picture_end == 1 && t.sample_end == 1);
         assert_close(time_of_picture(&t.pictures[0]), time, 1e-6);
         assert_close(t.samples[0].time, time, 1e-6);
@@ -70,18 +71,20 @@ static void one_moment_is_that_of_its_tick(void **unused) {
         timeline_free(&t);
     }
     wrench_log_free(&golden);
+    trocar_scene_free(s);
 }
 
 static void a_moment_after_the_log_is_said(void **unused) {
     (void)unused;
-    scene s;
+    trocar_scene *s;
     report why, cut;
     timeline t;
-    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_moment(&s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &cut, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(playback_moment(s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "--at 99 s is after the last pose"));
     timeline_free(&t);
+    trocar_scene_free(s);
 }
 
 /* A recording of which a quarter is there, the last event in part. */
@@ -95,32 +98,34 @@ static void a_log_cut_short_plays_to_its_end(void **unused) {
     fclose(whole);
     fclose(part);
 
-    scene s;
+    trocar_scene *s;
     report why, cut;
     timeline t;
     pose_log poses;
     assert_int_equal(pose_log_read_to_cut(path, &poses, &cut, &why), TROCAR_OK);
     double end = pose_log_time(&poses, poses.count - 1);
     pose_log_free(&poses);
-    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_run(&s, path, &t, &cut, &why), TROCAR_OK);
+    assert_int_equal(playback_run(s, path, &t, &cut, &why), TROCAR_OK);
     assert_non_null(strstr(cut.text, "cut short"));
     assert_true(end > 0.3 && t.now == end && time_of_picture(&t.pictures[t.picture_end - 1]) == end);
     timeline_free(&t);
     unlink(path);
+    trocar_scene_free(s);
 }
 
 static void a_missing_log_is_said(void **unused) {
     (void)unused;
-    scene s;
+    trocar_scene *s;
     report why, cut;
     timeline t;
-    assert_int_equal(scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
-    assert_int_equal(playback_run(&s, "none.log", &t, &cut, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(playback_run(s, "none.log", &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "none.log"));
     timeline_free(&t);
+    trocar_scene_free(s);
 }
 
 int main(void) {

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "pose_arbiter.h"
+#include "scene/device.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "safety_limits.h"
+#include "scene/device.h"
 #include "trocar_needle_wrench_t.h"
 
 #include <setjmp.h>

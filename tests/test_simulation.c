@@ -80,7 +80,7 @@ static void restored_at_rest_starts_anew(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     simulation_save(&l->state, l->snapshot, saved);
     lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
-    insertion_wrench once = l->wrench;
+    tick_output once = l->wrench;
     restore(l, saved);
     lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
     assert_memory_equal(&once.force, &l->wrench.force, sizeof once.force);

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/scene.h"
 #include "viewer_messages.h"
 #include "timing.h"
 
@@ -15,12 +14,11 @@
 #include <cmocka.h>
 
 #include "check.h"
+#include "host.h"
 
 typedef struct {
-    scene scene;
-    simulation simulation;
+    host host;
     viewer_messages sight;
-    insertion_state *state;
     timeline timeline;
     subscriber feed;
     lcm_t *lcm;
@@ -29,18 +27,18 @@ typedef struct {
 static int open_fixture(void **state) {
     fixture *f = *state = calloc(1, sizeof *f);
     report why = {""};
-    f->state = calloc(1, sizeof *f->state);
+    trocar_pose base = {{0.005, 0.003, -0.15}, {1, 0, 0, 0}};
+    f->host = host_open(MESHES "/figure8.yaml");
+    trocar_sim_reset(f->host.sim, 0, &base, NULL);
     f->lcm = lcm_create("memq://");
-    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) != TROCAR_OK
-        || simulation_create(&f->scene.simulation, &f->simulation, &why) != TROCAR_OK
-        || viewer_messages_create(&f->sight, &f->simulation, &why) != TROCAR_OK
+    if (viewer_messages_create(&f->sight, f->host.model, &why) != TROCAR_OK
         || timeline_create(&f->timeline, true, &why) != TROCAR_OK
-        || subscriber_open(&f->feed, f->lcm, &f->simulation.mesh, 1000, &f->timeline, &why) != TROCAR_OK) {
+        || subscriber_open(&f->feed, f->lcm, trocar_model_node_count(f->host.model), 1000, &f->timeline, &why) != TROCAR_OK) {
         print_error("%s\n", why.text);
         return -1;
     }
-    insertion_reset(&f->simulation.insertion, (pose){{0.005, 0.003, -0.15}, {1, 0, 0, 0}}, f->state);
-    viewer_messages_take(&f->sight, f->state, 77, 5000);
+    trocar_sim_take_picture(f->host.sim, f->sight.picture);
+    assert_int_equal(viewer_messages_make(&f->sight, 77, 5000, &why), TROCAR_OK);
     return 0;
 }
 
@@ -50,8 +48,7 @@ static int close_fixture(void **state) {
     subscriber_close(&f->feed);
     timeline_free(&f->timeline);
     viewer_messages_free(&f->sight);
-    simulation_free(&f->simulation);
-    free(f->state);
+    host_close(&f->host);
     free(f);
     return 0;
 }
@@ -85,7 +82,7 @@ static void a_server_is_alive_while_it_sends(void **state) {
     trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
     handle_all(f);
     assert_true(subscriber_alive(&f->feed) && subscriber_base(&f->feed, &base));
-    assert_close_vector(base.position, f->state->needle.base.position, 0);
+    assert_close_vector(base.position, v3(0.005, 0.003, -0.15), 0);
 }
 
 static void hear_wrench(fixture *f, int64_t server, int64_t tick) {

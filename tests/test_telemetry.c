@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/scene.h"
 #include "telemetry.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
@@ -17,9 +16,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include "host.h"
+
 typedef struct {
-    scene scene;
-    simulation simulation;
+    host host;
     exchange exchange;
     worker worker;
     telemetry telemetry;
@@ -44,12 +44,11 @@ static int open_fixture(void **state) {
     fixture *f = calloc(1, sizeof *f);
     report why = {""};
     *state = f;
-    if (scene_load(MESHES "/figure8.yaml", &f->scene, &why) != TROCAR_OK
-        || simulation_create(&f->scene.simulation, &f->simulation, &why) != TROCAR_OK
-        || exchange_create(&f->exchange, &why) != TROCAR_OK
-        || telemetry_create(&f->telemetry, &(telemetry_settings){.lcm_url = "memq://", .scene_path = f->scene.path, .rate_hz = 1000,
-                                                                    .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55},
-                            &f->simulation, &f->worker, &f->exchange, &why) != TROCAR_OK) {
+    f->host = host_open(MESHES "/figure8.yaml");
+    telemetry_settings given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,
+                                .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55};
+    if (exchange_create(&f->exchange, f->host.model, &why) != TROCAR_OK
+        || telemetry_create(&f->telemetry, &given, f->host.model, &f->worker, &f->exchange, &why) != TROCAR_OK) {
         print_error("%s\n", why.text);
         return -1;
     }
@@ -64,7 +63,7 @@ static int close_fixture(void **state) {
     if (f->contacts != NULL) trocar_contacts_t_destroy(f->contacts);
     telemetry_free(&f->telemetry);
     exchange_free(&f->exchange);
-    simulation_free(&f->simulation);
+    host_close(&f->host);
     free(f);
     return 0;
 }
@@ -72,21 +71,18 @@ static int close_fixture(void **state) {
 /* A needle pushed 20 mm into the tissue in lockstep, as the haptic thread would show it. */
 static void show_a_needle(fixture *f) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
-    compliance_snapshot *snapshot = calloc(1, sizeof *snapshot);
-    insertion_wrench wrench;
-    report why;
-    pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
-    insertion_reset(&f->simulation.insertion, base, &view->state);
+    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
+    assert_int_equal(trocar_sim_reset(f->host.sim, 0, &base, NULL), TROCAR_OK);
     for (int i = 0; i < 500; i++) {
-        base.position.z += 0.05e-3;
-        assert_int_equal(simulation_step(&f->simulation, (tick_context){.state = &view->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, snapshot, &why), TROCAR_OK);
+        base.position[2] += 0.05e-3;
+        host_step(&f->host, &base);
     }
+    trocar_sim_take_picture(f->host.sim, view->picture);
     view->tick = 499;
     view->pose_utime = 1234;
     view->flags = TROCAR_NEEDLE_WRENCH_T_STALE;
     view->wrench_dropped = 3;
     triple_buffer_publish(&f->exchange.views);
-    free(snapshot);
 }
 
 static void show_the_rest(fixture *f) {
@@ -167,12 +163,12 @@ static void the_tissue_moves_with_the_needle(void **state) {
     show_a_needle(f);
     receive(f);
     assert_true(f->deformation);
-    assert_int_equal(f->deformation->node_count, f->simulation.mesh.node_count);
+    assert_int_equal(f->deformation->node_count, trocar_model_node_count(f->host.model));
     assert_int_equal(f->deformation->tick, 499);
     double furthest = 0.0;
     for (int i = 0; i < f->deformation->node_count; i++) {
         const float *u = f->deformation->displacement[i];
-        if (f->simulation.tissue.fixed[i]) assert_true(u[0] == 0 && u[1] == 0 && u[2] == 0);
+        if (trocar_model_fixed(f->host.model)[i]) assert_true(u[0] == 0 && u[1] == 0 && u[2] == 0);
         furthest = fmax(furthest, fabs((double)u[2]));
     }
     assert_true(furthest > 1e-5 && furthest < 0.02);
@@ -186,7 +182,7 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_non_null(c);
     assert_int_equal(c->pose_utime, 1234);
     assert_true(c->orientation[0] == 1 && c->orientation[1] == 0);
-    assert_int_equal(c->joint_count, f->simulation.needle.given.segments + 1);
+    assert_int_equal(c->joint_count, trocar_model_segments(f->host.model) + 1);
     assert_true(c->contact_count >= 2);
     const double *tip = c->centreline[c->joint_count - 1], *last = c->position[c->contact_count - 1];
     for (int a = 0; a < 3; a++) assert_true(tip[a] == last[a]);

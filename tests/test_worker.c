@@ -1,6 +1,9 @@
-/* The worker with a stand-in for the remesher: newest request wins, failures leave the last snapshot in force. */
+/* The worker with a stand-in for the simulation, put in its place by the linker: newest request first, failures are told once.
+   What the simulation itself does with requests: test_api_sim.c. */
 #include <pthread.h>
 #include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
 
 #include "timing.h"
 #include "worker.h"
@@ -14,56 +17,77 @@
 enum { BAD_SERIAL = 66 };
 
 typedef struct {
+    int serial;
+    int64_t at;                  /* ns */
+} request;
+
+typedef struct {
     exchange exchange;
     worker worker;
     pthread_t thread;
-    atomic_int calls, slices;
+    int requested;               /* eventfd */
+    triple_buffer requests;      /* request */
+    atomic_int calls, slices, answered;
 } fixture;
 
-static trocar_status serve(void *context, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    fixture *f = context;
+static fixture fixed;
+
+int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim);
+int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
+    (void)sim;
+    return fixed.requested;
+}
+
+/* An answer in 20 ms; and ten slices of 5 ms to each request. */
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
+trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
+    (void)sim;
+    fixture *f = &fixed;
+    bool fresh;
+    eventfd_t count;
+    eventfd_read(f->requested, &count);
+    const request *asked = triple_buffer_read(&f->requests, &fresh);
+    *done = (trocar_work){.more = 1};
+    if (!fresh) {
+        sleep_until(monotonic_ns() + 5000000);
+        done->more = atomic_fetch_add(&f->slices, 1) % 10 != 9;
+        return TROCAR_OK;
+    }
     atomic_fetch_add(&f->calls, 1);
     sleep_until(monotonic_ns() + 20000000);
-    snapshot->serial = request->serial;
-    if (request->serial != BAD_SERIAL) return TROCAR_OK;
-    snprintf(why->text, sizeof why->text, "request %d: no good", BAD_SERIAL);
-    return TROCAR_NUMERIC;
+    if (asked->serial == BAD_SERIAL) {
+        snprintf(why->text, sizeof why->text, "request %d: no good", BAD_SERIAL);
+        return TROCAR_NUMERIC;
+    }
+    done->answered = 1;
+    done->latency = monotonic_ns() - asked->at;
+    atomic_store(&f->answered, asked->serial);
+    return TROCAR_OK;
 }
 
-/* Ten slices of 5 ms to each request. */
-static bool look_ahead(void *context) {
-    fixture *f = context;
-    sleep_until(monotonic_ns() + 5000000);
-    return atomic_fetch_add(&f->slices, 1) % 10 != 9;
+static void ask(fixture *f, int serial) {
+    *(request *)triple_buffer_slot(&f->requests) = (request){.serial = serial, .at = monotonic_ns()};
+    triple_buffer_publish(&f->requests);
+    wake(f->requested);
 }
 
-static void ask(fixture *f, uint64_t serial) {
-    request_sample *sample = triple_buffer_slot(&f->exchange.requests);
-    sample->requested = monotonic_ns();
-    sample->request.serial = serial;
-    triple_buffer_publish(&f->exchange.requests);
-    wake(f->exchange.worker_wake);
-}
-
-/* Serial of the snapshot in force once it is `serial`, or after a second. */
-static uint64_t answer(fixture *f, uint64_t serial) {
+/* The last request answered, once it is `serial`, or after a second. */
+static int answer(fixture *f, int serial) {
     int64_t end = monotonic_ns() + 1000000000;
-    const compliance_snapshot *s;
-    do {
-        sleep_until(monotonic_ns() + 1000000);
-        s = triple_buffer_read(&f->exchange.snapshots, NULL);
-    } while (s->serial != serial && monotonic_ns() < end);
-    return s->serial;
+    do sleep_until(monotonic_ns() + 1000000);
+    while (atomic_load(&f->answered) != serial && monotonic_ns() < end);
+    return atomic_load(&f->answered);
 }
 
 static int open_fixture(void **state) {
-    static fixture f;
+    fixture *f = *state = &fixed;
     report why;
-    memset(&f, 0, sizeof f);
-    assert_int_equal(exchange_create(&f.exchange, &why), TROCAR_OK);
-    f.worker = (worker){.exchange = &f.exchange, .serve = serve, .look_ahead = look_ahead, .context = &f};
-    assert_int_equal(pthread_create(&f.thread, NULL, worker_run, &f.worker), 0);
-    *state = &f;
+    memset(f, 0, sizeof *f);
+    f->requested = eventfd(0, EFD_NONBLOCK);
+    assert_int_equal(triple_buffer_create(&f->requests, sizeof(request), &why), TROCAR_OK);
+    assert_int_equal(exchange_create(&f->exchange, NULL, &why), TROCAR_OK);
+    f->worker = (worker){.exchange = &f->exchange};
+    assert_int_equal(pthread_create(&f->thread, NULL, worker_run, &f->worker), 0);
     return 0;
 }
 
@@ -72,6 +96,8 @@ static int close_fixture(void **state) {
     worker_stop(&f->worker);
     pthread_join(f->thread, NULL);
     exchange_free(&f->exchange);
+    triple_buffer_free(&f->requests);
+    close(f->requested);
     return 0;
 }
 
@@ -86,12 +112,12 @@ static void a_request_is_answered_and_timed(void **state) {
 
 static void requests_that_are_overtaken_are_forgotten(void **state) {
     fixture *f = *state;
-    for (uint64_t serial = 1; serial <= 50; serial++) ask(f, serial);
+    for (int serial = 1; serial <= 50; serial++) ask(f, serial);
     assert_int_equal(answer(f, 50), 50);
     assert_true(atomic_load(&f->calls) <= 3);
 }
 
-static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
+static void a_failure_is_told_and_the_worker_goes_on(void **state) {
     fixture *f = *state;
     ask(f, 1);
     assert_int_equal(answer(f, 1), 1);
@@ -100,7 +126,7 @@ static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
     while (!atomic_load(&f->worker.failed) && monotonic_ns() < end) sleep_until(monotonic_ns() + 1000000);
     assert_true(atomic_load(&f->worker.failed));
     assert_string_equal(f->worker.why.text, "request 66: no good");
-    assert_int_equal(((const compliance_snapshot *)triple_buffer_read(&f->exchange.snapshots, NULL))->serial, 1);
+    assert_int_equal(atomic_load(&f->answered), 1);
     ask(f, 2); /* and it goes on */
     assert_int_equal(answer(f, 2), 2);
 }
@@ -134,7 +160,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_request_is_answered_and_timed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(requests_that_are_overtaken_are_forgotten, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(a_failure_keeps_the_last_snapshot_and_is_told, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_failure_is_told_and_the_worker_goes_on, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(idle_time_is_used_until_nothing_is_left, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_request_interrupts_looking_ahead, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(it_stops_without_a_request, open_fixture, close_fixture),

@@ -10,45 +10,37 @@
 static const double CLOCK = 1e-6; /* s, resolution of the times in a log */
 
 typedef struct {
-    const scene *scene;
+    const trocar_scene *scene;
     pose_log poses;
-    simulation simulation;
+    trocar_model *model;
+    trocar_sim *sim;
     viewer_messages messages;
-    insertion_state *state;
-    compliance_snapshot *snapshot;
     int gaps;
 } playback;
 
 static trocar_status prepare(playback *p, const char *path, report *cut, report *why) {
     trocar_status status = pose_log_read_to_cut(path, &p->poses, cut, why);
-    if (status == TROCAR_OK) status = simulation_create(&p->scene->simulation, &p->simulation, why);
+    if (status == TROCAR_OK) status = trocar_model_create(p->scene, NULL, &p->model, why);
+    if (status == TROCAR_OK) status = trocar_sim_create(p->model, &p->sim, why);
+    if (status == TROCAR_OK) status = viewer_messages_create(&p->messages, p->model, why);
     if (status != TROCAR_OK) return status;
-    p->state = calloc(1, sizeof *p->state);
-    p->snapshot = calloc(1, sizeof *p->snapshot);
-    if (!p->state || !p->snapshot) status = fail(why, TROCAR_NO_MEMORY, "no memory for the state");
-    if (status == TROCAR_OK) status = viewer_messages_create(&p->messages, &p->simulation, why);
-    if (status == TROCAR_OK) insertion_reset(&p->simulation.insertion, pose_of_message(&p->poses.poses[0]), p->state);
-    else simulation_free(&p->simulation);
-    return status;
+    trocar_pose start = library_pose(pose_of_message(&p->poses.poses[0]));
+    return trocar_sim_reset(p->sim, 0, &start, why);
 }
 
 static void clean_up(playback *p) {
-    if (p->messages.simulation) {
-        viewer_messages_free(&p->messages);
-        simulation_free(&p->simulation);
-    }
-    free(p->state);
-    free(p->snapshot);
+    viewer_messages_free(&p->messages);
+    trocar_sim_free(p->sim);
+    trocar_model_free(p->model);
     pose_log_free(&p->poses);
 }
 
 static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {
-    double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, p->scene->rate_hz, &p->gaps);
-    pose base = pose_of_message(&p->poses.poses[tick]);
-    insertion_wrench wrench;
-    trocar_status status = simulation_step(&p->simulation, (tick_context){.state = p->state, .base = {.pose = base}, .dt = dt, .output = &wrench}, p->snapshot, why);
+    double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, trocar_model_rate(p->model), &p->gaps);
+    trocar_pose base = library_pose(pose_of_message(&p->poses.poses[tick]));
+    trocar_output output;
+    trocar_status status = trocar_sim_step(p->sim, 0, &base, dt, &output, why);
     if (status != TROCAR_OK) return status;
-    trocar_output output = output_of(&wrench);
     trocar_needle_wrench_t message = wrench_message(&output);
     *sample = sample_of_wrench(time, &message);
     return TROCAR_OK;
@@ -56,11 +48,13 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
 
 /* Adds a picture of the tick just played. */
 static trocar_status add_picture(playback *p, int tick, timeline *t, report *why) {
-    viewer_messages_take(&p->messages, p->state, tick, p->poses.poses[tick].utime);
+    trocar_sim_take_picture(p->sim, p->messages.picture);
+    trocar_status status = viewer_messages_make(&p->messages, tick, p->poses.poses[tick].utime, why);
+    if (status != TROCAR_OK) return status;
     return timeline_add_picture(t, pose_log_time(&p->poses, tick), &p->messages.contacts, &p->messages.deformation, why);
 }
 
-trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *cut, report *why) {
+trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why) {
     playback p = {.scene = scene};
     plot_sample sample;
     double next_picture = 0; /* s */
@@ -84,7 +78,7 @@ static int tick_at(const pose_log *poses, double at) {
     return tick;
 }
 
-trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *cut,
+trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, report *cut,
                               report *why) {
     playback p = {.scene = scene};
     plot_sample sample;

@@ -9,10 +9,10 @@ enum { PLAYBACK_HZ = 30 };  /* pictures per second of log time */
 /* Simulates the poses of the log at `path` in `scene` and writes the result to `t`. A truncated log, or one that is still being
    written, is played to its last complete event; `cut` then says where that is (empty for a complete log). BAD_INPUT as
    pose_log_read_to_cut. */
-trocar_status playback_run(const scene *scene, const char *path, timeline *t, report *cut, report *why);
+trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why);
 
 /* The same up to the last pose not after `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
    BAD_INPUT also if the log ends before `at`. */
-trocar_status playback_moment(const scene *scene, const char *path, double at, timeline *t, report *cut, report *why);
+trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, report *cut, report *why);
 
 #endif

@@ -106,7 +106,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
     (void)channel;
     subscriber *f = context;
     trocar_deformation_t m = {0};
-    if (!deformation_fits(received->data, received->data_size, f->mesh->node_count)
+    if (!deformation_fits(received->data, received->data_size, f->node_count)
         || trocar_deformation_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
         f->refused++;
         return;
@@ -117,12 +117,12 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
     trocar_deformation_t_decode_cleanup(&m);
 }
 
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, int node_count, double rate_hz, timeline *t, report *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
-    *f = (subscriber){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
+    *f = (subscriber){.node_count = node_count, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
     for (size_t i = 0; channels[i] != NULL; i++) {
         lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
         if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)

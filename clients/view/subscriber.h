@@ -4,6 +4,7 @@
 
 #include <lcm/lcm.h>
 
+#include "base/vec.h"
 #include "server_choice.h"
 #include "timeline.h"
 #include "trocar_loop_timing_t.h"
@@ -11,7 +12,7 @@
 #include "trocar_status_t.h"
 
 typedef struct {
-    const mesh *mesh;
+    int node_count;          /* of the scene's mesh */
     timeline *timeline;
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, period of the server's loop */
@@ -25,8 +26,8 @@ typedef struct {
     int64_t refused;         /* messages of the wrong type for their channel */
 } subscriber;
 
-/* Subscribes; `mesh` and `t` must outlive it. SYSTEM if LCM fails. */
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why);
+/* Subscribes; `t` must outlive it. Deformations of other than `node_count` nodes are passed over. SYSTEM when LCM refuses. */
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, int node_count, double rate_hz, timeline *t, report *why);
 void subscriber_close(subscriber *f);
 
 /* Whether a wrench arrived in the last half second. */

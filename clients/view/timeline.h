@@ -4,6 +4,7 @@
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
+#include "base/report.h"
 #include "wire_format.h"
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample */

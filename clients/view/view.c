@@ -13,6 +13,7 @@
 #include "exchange.h"
 #include "subscriber.h"
 #include "json.h"
+#include "messages.h"
 #include "options.h"
 #include "output.h"
 #include "pose_publisher.h"
@@ -45,8 +46,10 @@ typedef struct {
 
 typedef struct {
     const options *options;
-    scene scene;
-    mesh mesh;
+    trocar_scene *scene;
+    trocar_model *model;     /* its mesh alone */
+    double needle_length;    /* m */
+    vec3 low, high;          /* m, corners of the box around the mesh */
     pose home;
     timeline timeline;
     byte_buffer encoded_scene;
@@ -277,13 +280,24 @@ static trocar_status watch_signals(view *v, report *why) {
 
 /* ---- set-up ---- */
 
-/* Needle along z with its tip 2 mm in front of the surface at the middle of the body. */
-static pose find_home(const mesh *m, double needle_length) {
-    vec3 low = m->bvh[0].low, high = m->bvh[0].high;
-    double x = 0.5 * (low.x + high.x), y = 0.5 * (low.y + high.y), margin = 0.002;
-    surface_hit hit = mesh_enter(m, v3(x, y, low.z - margin), v3(x, y, high.z + margin));
-    double skin = hit.hit ? hit.point.z : low.z;
-    return (pose){v3(x, y, skin - margin - needle_length), {1, 0, 0, 0}};
+static void find_box(view *v) {
+    const double *nodes = trocar_model_nodes(v->model);
+    v->low = v3(INFINITY, INFINITY, INFINITY);
+    v->high = v3_scale(-1, v->low);
+    for (int n = 0; n < trocar_model_node_count(v->model); n++) {
+        const double *x = nodes + 3 * n;
+        v->low = v3(fmin(v->low.x, x[0]), fmin(v->low.y, x[1]), fmin(v->low.z, x[2]));
+        v->high = v3(fmax(v->high.x, x[0]), fmax(v->high.y, x[1]), fmax(v->high.z, x[2]));
+    }
+}
+
+/* A needle along z, its tip 2 mm in front of where the middle of the body begins. */
+static pose find_home(const view *v) {
+    double x = 0.5 * (v->low.x + v->high.x), y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
+    const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
+    double skin[3] = {x, y, v->low.z};
+    trocar_model_entry(v->model, from, to, skin);
+    return (pose){v3(x, y, skin[2] - margin - v->needle_length), {1, 0, 0, 0}};
 }
 
 /* The page is in the build folder of the program, or in share/trocar if it is installed. */
@@ -309,7 +323,8 @@ static trocar_status open_web(view *v, report *why) {
     settings.act = act;
     settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
-    encode_scene(&v->encoded_scene, &v->scene, &v->mesh, v->home, v->options->log_path == NULL);
+    trocar_pose home = library_pose(v->home);
+    encode_scene(&v->encoded_scene, v->scene, v->model, &home, v->options->log_path == NULL);
     if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
     trocar_status status = web_create(&settings, &v->web, why);
     return status == TROCAR_OK ? watch_signals(v, why) : status;
@@ -320,9 +335,9 @@ static trocar_status open_live(view *v, report *why) {
     v->lcm = lcm_create(url);
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
-    trocar_status status = subscriber_open(&v->feed, v->lcm, &v->mesh, v->scene.rate_hz, &v->timeline, why);
+    trocar_status status = subscriber_open(&v->feed, v->lcm, trocar_model_node_count(v->model), trocar_model_rate(v->model), &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
-    if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->scene.simulation.needle.length, why);
+    if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->needle_length, why);
     if (status != TROCAR_OK) return status;
     v->piloting = pthread_create(&v->pilot_thread, NULL, publisher_run, &v->pilot) == 0;
     if (v->piloting) return TROCAR_OK;
@@ -335,8 +350,8 @@ static trocar_status open_log(view *v, report *why) {
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
     if (status != TROCAR_OK) return status;
-    status = o->png_path ? playback_moment(&v->scene, o->log_path, o->at, &v->timeline, &v->cut, why)
-                         : playback_run(&v->scene, o->log_path, &v->timeline, &v->cut, why);
+    status = o->png_path ? playback_moment(v->scene, o->log_path, o->at, &v->timeline, &v->cut, why)
+                         : playback_run(v->scene, o->log_path, &v->timeline, &v->cut, why);
     if (*v->cut.text) fprintf(stderr, "trocar-view: %s; showing it up to there\n", v->cut.text);
     return status;
 }
@@ -344,7 +359,7 @@ static trocar_status open_log(view *v, report *why) {
 static trocar_status check_cut(const view *v, report *why) {
     const picture *p = &v->options->picture;
     if (!p->cut || isnan(p->place)) return TROCAR_OK;
-    vec3 low = v->mesh.bvh[0].low, high = v->mesh.bvh[0].high;
+    vec3 low = v->low, high = v->high;
     double from = p->cut == 'x' ? low.x : p->cut == 'y' ? low.y : low.z, to = p->cut == 'x' ? high.x : p->cut == 'y' ? high.y : high.z;
     if (p->place > from && p->place < to) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "--cut: %c = %g mm does not cross the body, which extends from %.1f to %.1f mm", p->cut, 1e3 * p->place,
@@ -353,13 +368,17 @@ static trocar_status check_cut(const view *v, report *why) {
 
 static trocar_status prepare(view *v, report *why) {
     const options *o = v->options;
-    trocar_status status = scene_load(o->scene_path, &v->scene, why);
-    if (status == TROCAR_OK) status = mesh_read_in(v->scene.simulation.mesh_path, v->scene.simulation.mesh_unit, &v->mesh, why);
-    if (status == TROCAR_OK) status = check_cut(v, why);
+    const trocar_model_options mesh_only = {.mesh_only = 1};
+    trocar_status status = trocar_scene_load(o->scene_path, &v->scene, why);
+    if (status == TROCAR_OK) status = trocar_model_create(v->scene, &mesh_only, &v->model, why);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(v->scene, "needle.length", &v->needle_length, why);
     if (status != TROCAR_OK) return status;
-    mesh_compare_with_needle(&v->mesh, v->scene.simulation.needle.length, v->scene.simulation.needle.outer_diameter);
-    if (v->mesh.remarks.text[0]) fprintf(stderr, "trocar-view: warning: %s\n", v->mesh.remarks.text);
-    v->home = find_home(&v->mesh, v->scene.simulation.needle.length);
+    find_box(v);
+    status = check_cut(v, why);
+    if (status != TROCAR_OK) return status;
+    const char *remarks = trocar_model_remarks(v->model);
+    if (remarks[0]) fprintf(stderr, "trocar-view: warning: %s\n", remarks);
+    v->home = find_home(v);
     status = timeline_create(&v->timeline, o->log_path == NULL, why);
     if (status == TROCAR_OK && o->log_path) status = open_log(v, why);
     if (status == TROCAR_OK) status = open_web(v, why);
@@ -378,7 +397,8 @@ static void clean_up(view *v) {
     output_abandon(&v->png);
     timeline_free(&v->timeline);
     bytes_free(&v->encoded_scene);
-    mesh_free(&v->mesh);
+    trocar_model_free(v->model);
+    trocar_scene_free(v->scene);
 }
 
 /* ---- running ---- */

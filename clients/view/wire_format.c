@@ -1,5 +1,6 @@
 #include "wire_format.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -53,43 +54,67 @@ void section_end(byte_buffer *b, size_t begun) {
 
 /* ---- scene ---- */
 
-static void write_regions(FILE *out, const scene *s, const mesh *m) {
+static double number_of(const trocar_scene *s, const char *key) {
+    double value = 0.0;
+    trocar_scene_get_number(s, key, &value, NULL);
+    return value;
+}
+
+/* One entry of a list of the scene: its name, its group in the mesh, what it takes to get through. */
+typedef struct {
+    char name[64];
+    int group;
+    bool bone;
+} list_entry;
+
+static list_entry entry_of(const trocar_scene *s, const trocar_model *m, const char *list, int index, int dimension, const char *resistance) {
+    list_entry entry = {.name = ""};
+    char key[64];
+    snprintf(key, sizeof key, "%s[%d].name", list, index);
+    trocar_scene_get(s, key, entry.name, sizeof entry.name, NULL);
+    entry.group = trocar_model_find_region(m, entry.name, dimension);
+    snprintf(key, sizeof key, "%s[%d].%s", list, index, resistance);
+    entry.bone = isinf(number_of(s, key));
+    return entry;
+}
+
+static void write_regions(FILE *out, const trocar_scene *s, const trocar_model *m) {
     fprintf(out, "\"regions\":[");
-    for (int r = 0; r < s->simulation.region_count; r++) {
-        const region_config *region = &s->simulation.regions[r];
+    for (int r = 0; r < trocar_scene_count(s, "regions"); r++) {
+        list_entry region = entry_of(s, m, "regions", r, 3, "cutting_force");
         fprintf(out, "%s{\"name\":", r ? "," : "");
-        json_string(region->name, out);
-        fprintf(out, ",\"group\":%d,\"youngsModulus\":%g,\"bone\":%s}", mesh_find_group(m, region->name, 3),
-                region->material.youngs_modulus, isinf(region->material.cutting_force) ? "true" : "false");
+        json_string(region.name, out);
+        fprintf(out, ",\"group\":%d,\"youngsModulus\":%g,\"bone\":%s}", region.group, trocar_model_material(m, region.group).youngs_modulus,
+                region.bone ? "true" : "false");
     }
     fprintf(out, "],");
 }
 
-static void write_membranes(FILE *out, const scene *s, const mesh *m) {
+static void write_membranes(FILE *out, const trocar_scene *s, const trocar_model *m) {
     fprintf(out, "\"membranes\":[");
-    for (int i = 0; i < s->simulation.membrane_count; i++) {
+    for (int i = 0; i < trocar_scene_count(s, "membranes"); i++) {
+        list_entry membrane = entry_of(s, m, "membranes", i, 2, "puncture_force");
         fprintf(out, "%s{\"name\":", i ? "," : "");
-        json_string(s->simulation.membranes[i].name, out);
-        fprintf(out, ",\"group\":%d,\"bone\":%s}", mesh_find_group(m, s->simulation.membranes[i].name, 2),
-                isinf(s->simulation.membranes[i].puncture_force) ? "true" : "false");
+        json_string(membrane.name, out);
+        fprintf(out, ",\"group\":%d,\"bone\":%s}", membrane.group, membrane.bone ? "true" : "false");
     }
     fprintf(out, "],");
 }
 
-static void append_description(byte_buffer *b, const scene *s, const mesh *m, pose home, bool live) {
+static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const trocar_pose *home, bool live) {
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
     b->failed |= out == NULL;
     if (b->failed) return;
     fprintf(out, "{\"path\":");
-    json_string(s->path, out);
+    json_string(trocar_scene_path(s), out);
     fprintf(out, ",\"live\":%s,\"rate\":%g,\"needle\":{\"length\":%g,\"diameter\":%g},\"home\":[%g,%g,%g],", live ? "true" : "false",
-            s->rate_hz, s->simulation.needle.length, s->simulation.needle.outer_diameter, home.position.x, home.position.y,
-            home.position.z);
+            trocar_model_rate(m), number_of(s, "needle.length"), number_of(s, "needle.outer_diameter"), home->position[0], home->position[1],
+            home->position[2]);
     write_regions(out, s, m);
     write_membranes(out, s, m);
-    fprintf(out, "\"nodes\":%d,\"tets\":%d}", m->node_count, m->tet_count);
+    fprintf(out, "\"nodes\":%d,\"tets\":%d}", trocar_model_node_count(m), trocar_model_tet_count(m));
     fclose(out);
     uint32_t count[2] = {(uint32_t)length, 0};
     bytes_append(b, count, sizeof count);
@@ -99,48 +124,52 @@ static void append_description(byte_buffer *b, const scene *s, const mesh *m, po
     free(text);
 }
 
-static void append_nodes(byte_buffer *b, const mesh *m) {
-    for (int n = 0; n < m->node_count; n++) {
-        float x[3] = {(float)m->nodes[n].x, (float)m->nodes[n].y, (float)m->nodes[n].z};
+static void append_nodes(byte_buffer *b, const trocar_model *m) {
+    const double *nodes = trocar_model_nodes(m);
+    for (int n = 0; n < trocar_model_node_count(m); n++) {
+        float x[3] = {(float)nodes[3 * n], (float)nodes[3 * n + 1], (float)nodes[3 * n + 2]};
         bytes_append(b, x, sizeof x);
     }
 }
 
-static void append_tets(byte_buffer *b, const mesh *m) {
-    for (int t = 0; t < m->tet_count; t++) {
-        uint32_t tet[5] = {(uint32_t)m->region[t]};
-        for (int i = 0; i < 4; i++) tet[i + 1] = (uint32_t)m->tets[t][i];
+static void append_tets(byte_buffer *b, const trocar_model *m) {
+    const int32_t *tets = trocar_model_tets(m), *regions = trocar_model_tet_regions(m);
+    for (int t = 0; t < trocar_model_tet_count(m); t++) {
+        uint32_t tet[5] = {(uint32_t)regions[t]};
+        for (int i = 0; i < 4; i++) tet[i + 1] = (uint32_t)tets[4 * t + i];
         bytes_append(b, tet, sizeof tet);
     }
 }
 
 /* Appends three nodes (counter-clockwise as seen from outside `tet`), the region groups behind and in front, and the bits of named
    surfaces. */
-static void append_triangle(byte_buffer *b, const mesh *m, int tet, int face, int neighbour) {
+static void append_triangle(byte_buffer *b, const trocar_model *m, int tet, int face, int neighbour) {
     static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+    const int32_t *regions = trocar_model_tet_regions(m);
     uint32_t triangle[6];
-    for (int i = 0; i < 3; i++) triangle[i] = (uint32_t)m->tets[tet][corners[face][i]];
-    triangle[3] = (uint32_t)m->region[tet];
-    triangle[4] = neighbour < 0 ? UINT32_MAX : (uint32_t)m->region[neighbour];
-    triangle[5] = m->face_groups[tet][face];
+    for (int i = 0; i < 3; i++) triangle[i] = (uint32_t)trocar_model_tets(m)[4 * tet + corners[face][i]];
+    triangle[3] = (uint32_t)regions[tet];
+    triangle[4] = neighbour < 0 ? UINT32_MAX : (uint32_t)regions[neighbour];
+    triangle[5] = trocar_model_face_surfaces(m)[4 * tet + face];
     bytes_append(b, triangle, sizeof triangle);
 }
 
-static void append_triangles(byte_buffer *b, const mesh *m) {
-    for (int t = 0; t < m->tet_count; t++)
+static void append_triangles(byte_buffer *b, const trocar_model *m) {
+    const int32_t *regions = trocar_model_tet_regions(m);
+    for (int t = 0; t < trocar_model_tet_count(m); t++)
         for (int f = 0; f < 4; f++) {
-            int n = m->neighbours[t][f];
-            bool shown = n < 0 || m->region[n] != m->region[t] || m->face_groups[t][f] != 0;
+            int n = trocar_model_neighbours(m)[4 * t + f];
+            bool shown = n < 0 || regions[n] != regions[t] || trocar_model_face_surfaces(m)[4 * t + f] != 0;
             if (shown && n < t) append_triangle(b, m, t, f, n);   /* an interior triangle is sent once, with the later tet */
         }
 }
 
-void encode_scene(byte_buffer *out, const scene *s, const mesh *m, pose home, bool live) {
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const trocar_pose *home, bool live) {
     size_t begun = section_begin(out, SECTION_SCENE);
-    append_description(out, s, m, home, live);
-    append_nodes(out, m);
-    append_tets(out, m);
-    append_triangles(out, m);
+    append_description(out, scene, model, home, live);
+    append_nodes(out, model);
+    append_tets(out, model);
+    append_triangles(out, model);
     section_end(out, begun);
 }
 

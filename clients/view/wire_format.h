@@ -3,7 +3,10 @@
 #ifndef TROCAR_WIRE_FORMAT_H
 #define TROCAR_WIRE_FORMAT_H
 
-#include "scene/scene.h"
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
@@ -31,7 +34,7 @@ typedef struct {
     float torque[3];         /* N m */
     float depth;             /* m */
     float lateness_p99, lateness_max, compute_p99, compute_max; /* s, of the last interval of TROCAR_TIMING */
-    uint32_t events;         /* insertion_event */
+    uint32_t events;         /* TROCAR_EVENT_ bits */
     int32_t membrane;        /* punctured in this slot, -1: none */
     uint32_t unused;
 } plot_sample;
@@ -39,7 +42,7 @@ _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
 /* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the
    outer surface and on named surfaces. `live`: data come from a server, not from a log. */
-void encode_scene(byte_buffer *out, const scene *s, const mesh *m, pose home, bool live);
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const trocar_pose *home, bool live);
 
 /* One picture at `time` (s): needle, contacts and the displacements of all nodes, rounded to 1/32767 of the largest component
    (30 nm per millimetre). */

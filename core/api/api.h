@@ -34,6 +34,7 @@ typedef struct {
     remesher *remesher;      /* the worker's: the nodes of this needle */
     triple_buffer requests;  /* posted_request: tick -> worker */
     triple_buffer snapshots; /* compliance_snapshot: worker -> tick */
+    pose given;              /* where the last tick or reset would have the base */
     uint64_t posted;         /* serial of the last request handed over, */
     uint64_t answered;       /* and of the one that the last tick had the answer to */
     int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
@@ -67,6 +68,6 @@ static inline bool has_needle(const trocar_model *model, int needle) { return ne
 /* What trocar_sim_contacts and the like say of a state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
-trocar_pose base_of(const insertion_state *state);
+trocar_pose pose_out(pose base);
 
 #endif

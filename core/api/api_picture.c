@@ -53,7 +53,10 @@ int trocar_picture_centreline(const trocar_picture *picture, int needle, double 
     return state ? centreline_of(picture->model, state, joints, room) : 0;
 }
 
-trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) { return base_of(state_of(picture, needle)); }
+trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
+    const insertion_state *state = state_of(picture, needle);
+    return pose_out(state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}});
+}
 
 /* The forces of all needles but the first, on the mesh as it is without contact nodes. */
 static void load_others(const trocar_picture *p, tissue_loads *others) {

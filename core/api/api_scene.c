@@ -77,12 +77,7 @@ trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key
 
 const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.path; }
 
-trocar_device_limits trocar_scene_device(const trocar_scene *scene) {
-    const device_limits *d = &scene->values.device;
-    return (trocar_device_limits){.max_stiffness = d->max_stiffness, .max_force = d->max_force, .max_torque = d->max_torque,
-                                  .max_force_rate = d->max_force_rate, .max_torque_rate = d->max_torque_rate, .max_speed = d->max_speed,
-                                  .max_turn_rate = d->max_turn_rate, .hold_time = d->hold_time, .ramp_time = d->ramp_time};
-}
+trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
 
 int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;

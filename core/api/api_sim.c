@@ -101,6 +101,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     if (status == TROCAR_OK) status = check_pose(base, &at, error);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
+    sim->needles[needle].given = at;
     insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
     restore_floating_mode(before);
     return TROCAR_OK;
@@ -161,6 +162,7 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
     needle_track *needle = &sim->needles[index];
     const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
+    needle->given = base;
     insertion_tick(&(tick_context){.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
                                    .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench});
     bool finite = insertion_is_finite(&needle->state, &wrench);

@@ -41,6 +41,8 @@ static trocar_status restore_needle(needle_track *needle, const char *from, repo
     memcpy(&needle->state, from + offsetof(saved_needle, state), sizeof needle->state);
     memcpy(&needle->base_compliance, from + offsetof(saved_needle, base_compliance), sizeof needle->base_compliance);
     memcpy(slot, from + offsetof(saved_needle, snapshot), sizeof *slot);
+    needle->given = needle->state.needle.base;
+    needle->given.position = v3_sub(needle->given.position, needle->state.base_shift);
     floating_mode before = flush_denormals();
     trocar_status status = remesher_resume(needle->remesher, &needle->state.request, slot, why);
     restore_floating_mode(before);
@@ -92,10 +94,10 @@ int centreline_of(const trocar_model *model, const insertion_state *state, doubl
     return count;
 }
 
-trocar_pose base_of(const insertion_state *state) {
-    pose base = state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}};
+trocar_pose pose_out(pose base) {
+    vec3 x = base.position;
     quat q = base.orientation;
-    return (trocar_pose){{base.position.x, base.position.y, base.position.z}, {q.w, q.x, q.y, q.z}};
+    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
 }
 
 /* NULL for a needle that does not exist. */
@@ -111,7 +113,12 @@ int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int
     return state ? centreline_of(sim->model, state, joints, room) : 0;
 }
 
-trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) { return base_of(state_of(sim, needle)); }
+trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
+    if (!has_needle(sim->model, needle)) return pose_out((pose){.orientation = {1, 0, 0, 0}});
+    pose base = sim->needles[needle].given;
+    base.position = v3_add(base.position, sim->needles[needle].state.base_shift);
+    return pose_out(base);
+}
 
 double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     const insertion_state *state = state_of(sim, needle);

@@ -4,8 +4,6 @@
 
 #include "insertion/tick.h"
 
-typedef tick_output insertion_wrench;
-
 /* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 

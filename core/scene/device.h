@@ -4,17 +4,9 @@
 
 #include <stdbool.h>
 
-typedef struct {
-    double max_stiffness;    /* N/m, of the virtual coupling; INFINITY: no coupling, the needle is held rigidly */
-    double max_force;        /* N */
-    double max_torque;       /* N m */
-    double max_force_rate;   /* N/s */
-    double max_torque_rate;  /* N m/s */
-    double max_speed;        /* m/s, of the base point */
-    double max_turn_rate;    /* rad/s */
-    double hold_time;        /* s without a pose before the wrench is ramped down */
-    double ramp_time;        /* s from the full wrench to none, and back */
-} device_limits;
+#include "trocar.h"
+
+typedef trocar_device_limits device_limits;
 
 device_limits device_defaults(void);
 

@@ -2,6 +2,7 @@
 #include "fuzz.h"
 
 #include "pose_arbiter.h"
+#include "scene/device.h"
 #include "trocar_command_t.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "pose_arbiter.h"
+#include "scene/device.h"
 
 static void check(const pose_arbiter *in, const pose_sample *before, pose_verdict verdict, int64_t now) {
     if (verdict != POSE_ACCEPTED) {

@@ -103,7 +103,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
 /* The same by the tick, from the change of the wrench on a needle that holds all of its contacts, as its base moves by 1 mm. (At
    rest it is not quite zero: nodes are kept off the faces of elements, and so a little beside the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
-    insertion_wrench wrench;
+    tick_output wrench;
     insertion_reset(&b->simulation.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;

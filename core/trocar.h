@@ -271,7 +271,8 @@ typedef struct trocar_sim trocar_sim;
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
-/* The needle straight at `base` and without force: no part of it loads the tissue. If it lies in the tissue it counts as inserted along its axis.
+/* The needle straight at `base`, and the tissue as if it had never been there; where it lies in the tissue it counts as inserted along its
+   axis, without force.
    BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
 
@@ -381,7 +382,7 @@ TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, tr
 /* ---- batches ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Runs `batch` insertions of `steps` ticks of `dt` seconds, each in a simulation of its own that is reset at its first pose;
-   poses and outputs are [batch][steps]. `threads` of them at a time. Allocates one simulation a thread. With
+   poses, of needle 0, and outputs are [batch][steps]. `threads` of them at a time. Allocates one simulation a thread. With
    `remeshing: nested` on a dense or condensed inverse the bits do not depend on the number of threads. On an error the
    outputs of that insertion are zero from there on and the first message is returned; the other insertions are finished. */
 TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,

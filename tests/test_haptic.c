@@ -144,7 +144,7 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     assert_true(w.force[2] < -0.3);                        /* against the push */
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: untouched */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
-    assert_true(f->host.sim->posted > 1);
+    assert_true(f->host.sim->needles[0].posted > 1);
     bool fresh;
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->contacts >= 1);
@@ -157,12 +157,12 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
 static void the_age_is_that_of_the_oldest_open_request(void **state) {
     fixture *f = *state;
     push(f, 10);
-    uint64_t posted = f->host.sim->posted;
+    uint64_t posted = f->host.sim->needles[0].posted;
     int64_t opened = 0;
     for (int i = 0; i < 400; i++) {
         put_pose(f, 1, 1000 + i, -0.195 + 0.05e-3 * i);
         tick(f, NULL);
-        if (opened == 0 && f->host.sim->posted > posted) opened = f->tick - 1;
+        if (opened == 0 && f->host.sim->needles[0].posted > posted) opened = f->tick - 1;
     }
     const view_sample *view = triple_buffer_read(&f->exchange.views, NULL);
     assert_true(opened > 0 && view->tick > opened + 100);

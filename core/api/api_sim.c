@@ -128,7 +128,7 @@ static void copy_loads(const tissue_loads *from, tissue_loads *to) {
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
 }
 
-/* Have the other needles' forces changed by more than it pays to ask the worker for? RT */
+/* Have the other needles' forces changed enough to be worth a request? RT */
 static bool others_changed(const needle_track *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->others, *then = &needle->posted_others;
@@ -151,7 +151,7 @@ static void post_request(trocar_sim *sim, needle_track *needle) {
     if (serial - needle->posted > REQUESTS_REMEMBERED) needle->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
     while (needle->posted < serial) needle->asked[++needle->posted % REQUESTS_REMEMBERED] = asked;
     uint64_t one = 1;
-    ssize_t written = write(sim->work_wake, &one, sizeof one); /* fails only when the counter is full: awake anyway */
+    ssize_t written = write(sim->work_wake, &one, sizeof one); /* fails only if the counter is full: the worker is awake anyway */
     (void)written;
 }
 
@@ -218,7 +218,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status != TROCAR_OK) return status;
     needle_track *track = &sim->needles[needle];
     const compliance_snapshot *snapshot = triple_buffer_read(&track->snapshots, NULL);
-    run_tick(sim, needle, snapshot, at, dt, output); /* an insertion that has started over goes on */
+    run_tick(sim, needle, snapshot, at, dt, output); /* if the insertion has started over, it simply goes on */
     bool same = snapshot->serial == track->state.request.serial, alone = track->others.count == 0 && !snapshot->loaded;
     return same && alone ? TROCAR_OK : serve(sim, track, &track->state.request, &track->others, why);
 }

@@ -6,9 +6,9 @@
 #include "insertion/obstacle.h"
 #include "insertion/strata.h"
 
-static const double TIP_FADE = 3e-3;     /* m of depth over which the tip gets its full hold sideways, */
-static const double TIP_BITE = 0.05;     /* N, or the force along the needle with which it gets it on the surface */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m, of shaft of which hardly any is in tissue: it has come out of a gap */
+static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
+static const double TIP_BITE = 0.05;     /* N, or the force along the needle at which it is full on the surface */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in tissue, having come out of a gap */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
@@ -78,7 +78,7 @@ void find_local_compliance(const tick_context *tick) {
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
-   the traction that it bears, m. What comes into a share in another region is not yet sheared; without this, the shaft would have to
+   the traction that it bears, m. Shaft that enters another region has not sheared the tissue there yet; without this, it would have to
    slide for it, in the tick in which the tip enters that region. */
 static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness) {
     shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
@@ -155,7 +155,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
         }
 }
 
-/* The shaft next to the tip pulls at the same point along the same line: as yet a copy of the tip's last row and column. */
+/* The shaft next to the tip acts at the same point along the same line: so far a copy of the tip's last row and column. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
     memcpy(p->compliance[shaft], p->compliance[tip], (size_t)shaft * sizeof **p->compliance);

@@ -14,7 +14,7 @@ void set_beside(needle_tip *tip, vec3 beside) {
     tip->outward = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
-/* Added on the face, or inside where moved nodes have taken the face elsewhere. */
+/* Adds a node on the face, or inside the element if moved nodes have displaced the face. */
 static int add_instead(const mesh *m, refinement *r, int tet, vec3 position, uint64_t id) {
     int index = refinement_add_on_face(m, r, tet, position, id);
     if (v3_norm(v3_sub(r->nodes[index].position, position)) < PLAN_TOLERANCE) return index;
@@ -67,7 +67,7 @@ void plan_contact(const tick_context *tick, vec3 direction) {
     direction = tip_way(tip, direction);
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
-    if (model->settings.placement != PLACE_INSIDE) { /* left on crossing the face, not at a depth */
+    if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
         if (tip->depth + chord >= earliest)
             tip->planned = add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord);
         return;

@@ -4,12 +4,12 @@
 #include "insertion/tip_damper.h"
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
-static const double NEW_PUSH = 0.05;     /* of Euler's load: a needle pushed by so much more than it was linearised for is linearised again */
+static const double NEW_PUSH = 0.05;     /* of Euler's load: if the push has grown by more since the needle was linearised, it is linearised again */
 static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
 /* ---- one pass ------------------------------------------------------------------------------------------------------ */
 
-/* The spring that holds the base gives way to the sum of forces. */
+/* The spring that holds the base yields to the sum of forces. */
 static void shift_base(const tick_context *tick) {
     insertion_state *state = tick->state;
     if (tick->base.compliance == 0.0) return;
@@ -111,13 +111,13 @@ void equilibrium_release(insertion_state *state) {
     state->base_shift = v3(0, 0, 0);
 }
 
-/* From the next tick on the needle takes no part, until it is drawn back. */
+/* The needle is left out of the solve from the next tick on, until it is drawn back. */
 static void buckle(const tick_context *tick) {
     tick->state->buckled = true;
     tick->state->stuck_at = tick->scratch->start.joints[tick->model->needle->given.segments];
 }
 
-/* There is nothing that this tick could give. */
+/* The tick has found no force to answer with. */
 static void give_up(const tick_context *tick) {
     equilibrium_release(tick->state);
     buckle(tick);
@@ -127,7 +127,7 @@ static void give_up(const tick_context *tick) {
 /* By Haynsworth's inertia formula: see README.md, "One tick is one convex problem". */
 static bool is_saddle(const insertion_workspace *w) { return w->problem.negative < w->tangent.unstable; }
 
-/* Needle and tissue would not stay at a saddle. Seen on the way to the solution, it counts if it is seen twice. */
+/* A saddle is not stable. One seen before the passes have converged counts if the last tick ended at one, too. */
 static void judge_stability(const tick_context *tick, bool converged) {
     bool saddle = is_saddle(tick->scratch);
     if (saddle && (converged || tick->state->saddle)) give_up(tick);
@@ -166,7 +166,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
         push = now;
         r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale;
     }
-    /* A tick->state that the passes run away from is no equilibrium. A single pass cannot tell. */
+    /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > DIVERGING;
     return r;
 }
@@ -181,7 +181,7 @@ static void remember(const tick_context *tick) {
     w->start_traction = state->tip.shaft_traction;
 }
 
-/* How far the gaps are from what the forces at the start of the tick hold open: the base has moved, and a tip that has met bone has not. */
+/* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
 static void find_lag(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
@@ -206,7 +206,7 @@ static void find_lag(const tick_context *tick) {
     }
 }
 
-/* Back to what was remembered. */
+/* Restores what was remembered. */
 static void recall(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
@@ -218,9 +218,9 @@ static void recall(const tick_context *tick) {
     load_needle(tick);
 }
 
-/* The same tick again, with the gaps closed little by little. One large step against bone finds the straight needle, which beyond
-   Euler's load is no stable equilibrium; small ones follow the branch on which it bows. Where that ends, the tick does, too: with the last
-   stable equilibrium on the way, as the force at which the needle buckled. */
+/* Repeats the tick, closing the gaps in small steps. One large step against bone finds the straight needle, which beyond
+   Euler's load is not stable; small steps follow the branch on which it bows. Where that branch ends, the tick ends as well, with the last
+   stable equilibrium on the way: the force at which the needle buckled. */
 static pass_result approach(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     const double least_step = 1.0 / 256;

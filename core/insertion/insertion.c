@@ -9,11 +9,11 @@
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
 
-static const double LOOK_BACK = 5e-3;       /* m behind the tip of a free needle: it may have come free below a dented surface */
-static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle takes part again */
+static const double LOOK_BACK = 5e-3;       /* m behind the tip of a free needle, which may have been freed below a dented surface */
+static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle is solved for again */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
-    uint64_t serial = state->request.serial, next_id = state->next_id; /* go on counting: an old snapshot must not match */
+    uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
     memset(state, 0, sizeof *state);
     state->request.serial = serial;
     state->next_id = next_id;
@@ -27,11 +27,11 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 
 static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
 
-/* The shaft moves past its contacts as the last solve said; contacts without a row yet move as their neighbour does. */
+/* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet by their neighbour's. */
 static void slide_shaft(insertion_state *state) {
     for (int i = 0; i < state->active; i++) {
         shaft_contact *contact = &state->contacts[i];
-        contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in to its base drags what has come there */
+        contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
     }
     double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;
@@ -39,8 +39,8 @@ static void slide_shaft(insertion_state *state) {
     state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
 }
 
-/* Needle in the air: straight. Touching the outer surface starts an insertion; drawn out of a dent, it touches nothing.
-   One whose end has slid over an edge is past the tissue, though its axis still cuts the corner. */
+/* A needle in the air is straight. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
+   A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
@@ -53,7 +53,7 @@ static void move_freely(const tick_context *tick) {
     tip_touch(tick, advancing && tip_is_below(model, behind, before) ? behind : before, now);
 }
 
-/* A buckled needle counts as straight and without force until the hand has drawn its end back to where that was stuck. */
+/* A buckled needle is taken to be straight and free of force until the hand has drawn its end back to where it was stuck. */
 static bool has_returned(const tick_context *tick) {
     insertion_state *state = tick->state;
     equilibrium_release(state);
@@ -64,7 +64,7 @@ static bool has_returned(const tick_context *tick) {
     return !state->buckled;
 }
 
-/* The shaft slides as the last solve said, and the base moves. Returns how the tissue was deformed around the tip before it moves. */
+/* Slides the shaft by the slip of the last solve and moves the base. Returns the tissue's deformation around the tip before that. */
 static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
     slide_shaft(state);
@@ -77,7 +77,7 @@ static vec3 move(const tick_context *tick) {
 
 /* ---- cross, solve, answer ------------------------------------------------------------------------------------------ */
 
-/* The tip goes on in the tissue and the shaft next to it slides, each as the last solve said: not always equally far. */
+/* The tip advances in the tissue and the shaft next to it slides, each by its slip in the last solve: these may differ. */
 static void cross(const tick_context *tick, vec3 gradient) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
@@ -92,7 +92,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
     if (tip->depth == 0.0) tip_glide_on_surface(tick);
 }
 
-/* Brings needle and tissue into equilibrium, with what the worker has made known so far. */
+/* Brings needle and tissue into equilibrium, with the newest snapshot. */
 static void solve(const tick_context *tick) {
     int handles[4];
     accept_snapshot(tick);

@@ -25,7 +25,7 @@ vec3 displacement_of(const tick_context *tick, int handle) {
     return u;
 }
 
-/* A contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
+/* Activates a contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
    tip that left it there. */
 static void activate_contact(const tick_context *tick, int index) {
     const insertion_model *model = tick->model;
@@ -36,7 +36,7 @@ static void activate_contact(const tick_context *tick, int index) {
     contact->log_lateral = logarithm.lateral;
     contact->log_axial = logarithm.axial;
     contact->surplus = local_surplus(model, node->tet, node->position);
-    double ahead = shaft_ahead(model, state, index, tick->dt) + contact->slip; /* it slides on in this tick, as the tip did */
+    double ahead = shaft_ahead(model, state, index, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, index));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));

@@ -2,8 +2,8 @@
 
 #include <string.h>
 
-static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line further off than that is a new one */
-static const double NEAR_FACE = 1e-7;                      /* m, surfaces that touch are no farther apart, but for rounding */
+static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
+static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
 typedef struct {
@@ -72,8 +72,8 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     }
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
-    add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
-    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
+    add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
+    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
     vec3 way = tip_way(&state->tip, direction);
     add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
     surface_hit next = {.hit = false};

@@ -12,7 +12,7 @@ typedef enum {
     EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
     EVENT_REENTERED = 1 << 5,    /* and came back the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
-    EVENT_LATE = 1 << 7,         /* the window does not cover the tip: the tick went on with what it had */
+    EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip: the tick used the last point that was covered */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
@@ -41,7 +41,7 @@ typedef struct {
 /* RT */
 static inline void profile_begin(insertion_profile *p) { *p = (insertion_profile){.clock = p->clock, .last = p->clock ? p->clock() : 0}; }
 
-/* What has passed since the last call went into this stage. RT */
+/* Adds the time since the last call to this stage. RT */
 static inline void profile_end_stage(insertion_profile *p, insertion_stage stage) {
     if (!p->clock) return;
     int64_t now = p->clock();
@@ -64,12 +64,12 @@ typedef struct {
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
     double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
-    double loose;                            /* m/N, what the tip yields sideways on top of that while it has not got its full hold */
+    double loose;                            /* m/N, additional lateral compliance of the tip while its hold is not full */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */
     double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
-    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is done again; share of that which is left */
+    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;
 } insertion_workspace;
 

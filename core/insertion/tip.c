@@ -7,7 +7,7 @@
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
-static const double MOST_SHEAR = 0.7;    /* of the tissue along the track, that the tip's direction follows */
+static const double MOST_SHEAR = 0.7;    /* of the tissue along the track, up to which the tip's direction follows it */
 static const double GLIDE_REACH = 2e-3;  /* m, how far above and below a gliding tip the surface is searched for */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
@@ -40,7 +40,7 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* over the edge, once the straight needle would be past the tissue: sooner, it would meet the surface again */
+    if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = v3_axpy(model->needle->given.length, axis, state->needle.base.position);
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tick);
@@ -71,7 +71,7 @@ void tip_glide_on_surface(const tick_context *tick) {
 
 /* ---- in the tissue ----------------------------------------------------------------------------------------------------- */
 
-/* What blocks the tip lets it through. */
+/* The membrane in front of the tip gives way. */
 static void give_way(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     vec3 direction = v3_unit(needle_direction(tick));
@@ -95,8 +95,8 @@ void tip_puncture(const tick_context *tick) {
 }
 
 /* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
-   tissue is deformed beyond what linear elasticity means. How far the tissue is compressed along the needle does not count:
-   what it falsifies in one tick, the slip of the next makes good. */
+   tissue is deformed beyond the range of linear elasticity. Compression along the needle is left out: the error that this makes in
+   one tick is corrected by the slip of the next. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
@@ -146,7 +146,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
-        if (state->tip.blocked_by != NOT_BLOCKED) give_way(tick); /* what the needle already lies in did so before */
+        if (state->tip.blocked_by != NOT_BLOCKED) give_way(tick); /* the needle is already in it */
         cut_forward(tick, direction, whole - state->tip.depth);
         if (state->tip.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.nominal;

@@ -50,7 +50,7 @@ static void exit_tissue(const tick_context *tick) {
     tick->output->events |= EVENT_EXITED;
 }
 
-/* Back out of this body into the gap before it: the tip's place is again where it had left the body before. */
+/* Out of this body, back into the gap before it: the tip is again where it had left the previous body. */
 static void back_into_gap(const tick_context *tick) {
     insertion_state *state = tick->state;
     int gap = last_gap(state);
@@ -74,7 +74,7 @@ void leave_tissue(const tick_context *tick) {
    A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
-/* Does the tip go on along this outer face, which it has reached? Not where other tissue is behind it, or a membrane on it. */
+/* Does the tip go on along the outer face that it has reached? Not if there is other tissue behind it, or a membrane on it. */
 static bool grazes(const insertion_model *model, const needle_tip *tip, int face, vec3 direction) {
     vec3 inward = mesh_face_normal(model->mesh, tip->tet, face);
     if (v3_dot(direction, inward) < -GRAZING || obstacle(model, tip->tet, face, -1) != NOT_BLOCKED) return false;
@@ -90,7 +90,7 @@ static void begin_grazing(const tick_context *tick, int face, vec3 direction) {
     plan_contact(tick, direction);
 }
 
-/* The tip itself has moved by `part` along `direction`, and `nominal` along the face. The tip may be back in the tissue, or out of it. */
+/* The tip has moved by `part` along `direction`, and `nominal` along the face. It may have returned to the tissue, or left it. */
 static void graze_on(const tick_context *tick, vec3 direction, double part) {
     needle_tip *tip = &tick->state->tip;
     tip->beside = v3_axpy(part * v3_dot(direction, tip->outward), tip->outward, tip->beside);
@@ -161,7 +161,7 @@ void draw_back(const tick_context *tick, double distance) {
     while (distance > 0.0) {
         int last = state->refined.count - 1, gap = last_gap(state);
         double entry = tip_entry_depth(state);
-        if (last >= 0 && state->contacts[last].depth < entry) last = -1; /* of a body before this one */
+        if (last >= 0 && state->contacts[last].depth < entry) last = -1; /* in a previous body */
         double length = tip->depth - (last >= 0 ? state->contacts[last].depth : entry);
         if (distance >= length) {
             distance -= fmax(length, 0.0);

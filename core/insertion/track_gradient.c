@@ -6,21 +6,21 @@
 
 enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
 
-/* Where the material point of the tissue at a contact is carried by the shaft, relative to its nominal place, m. */
+/* Displacement of the tissue at a contact, which the shaft carries along, m. */
 static vec3 carried(const tick_context *tick, int index) {
     const insertion_state *state = tick->state;
     needle_point p = needle_at(tick->model->needle, &state->needle, state->contacts[index].arc);
     return v3_sub(p.position, state->contacts[index].track);
 }
 
-/* Displacement of the tissue by which the shaft carries it WINDOW_SPAN behind the tip, m. */
+/* Displacement of the tissue carried along by the shaft WINDOW_SPAN behind the tip, m. */
 static vec3 displacement_behind(const tick_context *tick, vec3 at_tip) {
     const insertion_state *state = tick->state;
     vec3 ahead = at_tip;
     double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
     for (int i = state->active - 1; i >= 0; i--) {
         double depth = state->contacts[i].depth;
-        if (depth < tip_entry_depth(state)) break; /* of another body */
+        if (depth < tip_entry_depth(state)) break; /* in another body */
         vec3 here = carried(tick, i);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
@@ -29,7 +29,7 @@ static vec3 displacement_behind(const tick_context *tick, vec3 at_tip) {
     return ahead;
 }
 
-/* The same of the point up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own where the snapshot does not cover it. */
+/* The same up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
 static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at_tip) {
     const insertion_state *state = tick->state;
     const mesh *m = tick->model->mesh;

@@ -31,8 +31,8 @@ void remesher_free(remesher *r);
    Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
-/* Makes ready what the owner of the inverse will need further along the line of the last request served, one slice at a
-   time, nearest first. False: nothing is left to do. For idle time; changes no answer. */
+/* Prepares what the owner of the inverse will need further along the line of the last request served, one slice at a
+   time, nearest first. False: nothing is left to do. For idle time; does not change any answer. */
 bool remesher_look_ahead(remesher *r);
 
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where

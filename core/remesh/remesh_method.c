@@ -58,7 +58,7 @@ void gather_start(remesher *r) {
 }
 
 static void list_once(int node, int *place_of, int *nodes, int *count, int most) {
-    if (place_of[node] >= 0 || *count == most) return; /* what does not fit is asked for one by one */
+    if (place_of[node] >= 0 || *count == most) return; /* what does not fit is fetched one by one */
     place_of[node] = *count;
     nodes[(*count)++] = node;
 }

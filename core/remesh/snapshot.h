@@ -25,13 +25,13 @@ typedef struct {
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
 
-/* What the tick wants to be known about the tissue next: a complete description, so that only the newest counts. */
+/* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */
 typedef struct {
     uint64_t serial;
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
-    int needed;              /* so many at the window's front; the others may be left out where they are costly (inverse_holds) */
+    int needed;              /* number at the front of the window that are indispensable; others may be left out if costly (inverse_holds) */
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
 

@@ -95,7 +95,7 @@ static void leave_element(scale_run *run) {
 }
 
 static void note_progress(scale_run *run) {
-    int known = prefetch_known_contacts(run->snapshot, &run->state.refined);
+    int known = snapshot_known_contacts(run->snapshot, &run->state.refined);
     for (int i = 0; i < run->contact_count; i++) {
         followed *contact = &run->contacts[i];
         bool takes_part = i < run->state.active;
@@ -125,11 +125,12 @@ static void note_crossing(scale_run *run) {
 }
 
 static trocar_status run_tick(scale_run *run, pose base, double dt, report *why) {
-    insertion_wrench wrench;
+    tick_output wrench;
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();
-    insertion_tick(&run->sim->model->parts.insertion, &run->state, run->sim->workspace, run->snapshot, base, dt, &wrench);
+    insertion_tick(&(tick_context){.model = &run->sim->model->parts.insertion, .state = &run->state, .snapshot = run->snapshot,
+                                   .scratch = run->sim->workspace, .base = {.pose = base}, .dt = dt, .output = &wrench});
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;

@@ -215,6 +215,7 @@ TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /
 TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was chosen, and why */
 TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* what was repaired in the mesh, or looks wrong in it; "": nothing */
 TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* three for each node that is not fixed */
+TROCAR_API int trocar_model_needles(const trocar_model *model);                /* needles of the scene */
 TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
 TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
@@ -257,15 +258,21 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
 
 /* ---- simulation ------------------------------------------------------------------------------------------------------------------ */
 
-/* The needle and what it does to the tissue. `needle` is the index of a needle, 0 for the only one. */
+/* The needles and what they do to the tissue. `needle` is the index of one: 0 to trocar_model_needles() - 1.
+
+   Several needles are ticked one after another, each with its own pose, by one thread. Each feels how the others displace the
+   tissue, as of its last answer from the worker: in lockstep one step late, in real time as late as the worker, with changes of
+   a force below 1 mN left out. What is neglected: needles do not touch each other, where one has cut another finds tissue uncut,
+   and needles in the same element of the mesh do not share the contact nodes in it. */
 typedef struct trocar_sim trocar_sim;
 
-/* The needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
+/* Every needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
    scratch of displacements. The model must outlive it. NO_MEMORY. */
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
-/* Tissue at rest, needle straight at `base`; where it lies in the tissue it counts as inserted along its axis, without force.
+/* The needle straight at `base`, and the tissue as if it had never been there; where it lies in the tissue it counts as inserted along its
+   axis, without force.
    BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
 
@@ -375,7 +382,7 @@ TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, tr
 /* ---- batches ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Runs `batch` insertions of `steps` ticks of `dt` seconds, each in a simulation of its own that is reset at its first pose;
-   poses and outputs are [batch][steps]. `threads` of them at a time. Allocates one simulation a thread. With
+   poses, of needle 0, and outputs are [batch][steps]. `threads` of them at a time. Allocates one simulation a thread. With
    `remeshing: nested` on a dense or condensed inverse the bits do not depend on the number of threads. On an error the
    outputs of that insertion are zero from there on and the first message is returned; the other insertions are finished. */
 TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,

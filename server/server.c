@@ -87,7 +87,10 @@ static trocar_status create_simulation(server *s, report *why) {
     static const double STEP = 1e-3; /* s, the longest */
     trocar_model_options options = {.progress = progress_show, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
-    return status == TROCAR_OK ? trocar_sim_create(s->model, &s->sim, why) : status;
+    if (status != TROCAR_OK) return status;
+    if (trocar_model_needles(s->model) > 1)
+        fprintf(stderr, "trocar-server: the scene has %d needles; the server moves the first one only\n", trocar_model_needles(s->model));
+    return trocar_sim_create(s->model, &s->sim, why);
 }
 
 /* Remembers why real time is refused, for those who waive it. */

@@ -67,7 +67,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __real_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
-    if (atomic_exchange(&fault->poison, false)) sim->state->base_shift.x = NAN;
+    if (atomic_exchange(&fault->poison, false)) sim->needles[0].state.base_shift.x = NAN;
     trocar_status status = __real_trocar_sim_tick(sim, needle, base, dt, output);
     output->force[0] += atomic_load(&fault->spike);
     int nap = atomic_load(&fault->tick_nap) + output->passes * atomic_load(&fault->pass_nap) + atomic_exchange(&fault->stall, 0);

@@ -29,8 +29,9 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
     for (int i = 0; i < r->ticks; i++) {
         double t = (i + 1) / rate;
         report why;
-        insertion_tick(&l->simulation.insertion, &l->state, l->simulation.workspace, l->snapshot, motion_pose(script, lockstep_start(), t),
-                       1 / rate, &l->wrench);
+        insertion_tick(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
+                                       .scratch = l->simulation.workspace, .base = {.pose = motion_pose(script, lockstep_start(), t)},
+                                       .dt = 1 / rate, .output = &l->wrench});
         if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0
             && remesher_serve(l->simulation.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {
             fprintf(stderr, "%s\n", why.text);

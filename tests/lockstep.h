@@ -12,8 +12,9 @@ typedef struct {
     simulation simulation;
     insertion_state state;
     compliance_snapshot *snapshot;
-    insertion_wrench wrench;
+    tick_output wrench;
     pose base;
+    double base_compliance;  /* m/N, of the spring that holds the base */
 } lockstep;
 
 /* Straight over the gland of the figure-8 scene, tip 1 mm before the skin. */
@@ -53,7 +54,8 @@ static inline void lockstep_free(lockstep *l) {
 static inline void lockstep_tick(lockstep *l, pose base, double dt) {
     report why;
     l->base = base;
-    if (simulation_step(&l->simulation, &l->state, l->snapshot, base, dt, &l->wrench, &why) != TROCAR_OK) {
+    tick_context tick = {.state = &l->state, .base = {base, l->base_compliance}, .dt = dt, .output = &l->wrench};
+    if (simulation_step(&l->simulation, tick, l->snapshot, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }

@@ -46,9 +46,9 @@ static host inserted(int ticks) {
 static void only_the_newest_request_is_served(void **unused) {
     (void)unused;
     host h = inserted(300);
-    uint64_t before = h.sim->posted;
+    uint64_t before = h.sim->needles[0].posted;
     for (int t = 300; t < 500; t++) tick_on(&h, t);
-    assert_true(h.sim->posted > before + 2);
+    assert_true(h.sim->needles[0].posted > before + 2);
     served = 0;
     trocar_work done;
     for (int i = 0; i < 3; i++) {
@@ -57,14 +57,14 @@ static void only_the_newest_request_is_served(void **unused) {
     }
     assert_int_equal(served, 1);
     tick_on(&h, 500);
-    assert_true(h.sim->answered + 1 >= h.sim->posted); /* but for what this tick has asked */
+    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted); /* but for what this tick has asked */
     host_close(&h);
 }
 
 static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     (void)unused;
     host h = inserted(300);
-    uint64_t answered = h.sim->answered;
+    uint64_t answered = h.sim->needles[0].answered;
     trocar_work done;
     report why;
     int failures = 0;
@@ -76,13 +76,13 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     }
     assert_true(failures > 0 && isfinite(h.output.force[2]) && h.output.force[2] < 0.0);
     assert_string_equal(why.text, "no good");
-    assert_true(h.sim->answered <= answered + 1 && h.sim->answered < h.sim->posted);
+    assert_true(h.sim->needles[0].answered <= answered + 1 && h.sim->needles[0].answered < h.sim->needles[0].posted);
     fails = false; /* and it goes on */
     for (int t = 400; t < 500; t++) {
         tick_on(&h, t);
         assert_int_equal(trocar_sim_work(h.sim, &done, &why), TROCAR_OK);
     }
-    assert_true(h.sim->answered + 1 >= h.sim->posted && h.output.contacts > 2);
+    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted && h.output.contacts > 2);
     host_close(&h);
 }
 
@@ -90,7 +90,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
 static void a_tick_that_is_not_finite_starts_over(void **unused) {
     (void)unused;
     host h = inserted(300);
-    h.sim->state->tip.depth = NAN;
+    h.sim->needles[0].state.tip.depth = NAN;
     trocar_pose base = pose_at(300);
     assert_int_equal(trocar_sim_tick(h.sim, 0, &base, 1e-3, &h.output), TROCAR_NUMERIC);
     assert_true(h.output.events == TROCAR_EVENT_UNSTABLE && h.output.force[2] == 0.0 && h.output.membrane == -1);
@@ -99,7 +99,7 @@ static void a_tick_that_is_not_finite_starts_over(void **unused) {
         assert_int_equal(trocar_sim_step(h.sim, 0, &base, 1e-3, &h.output, NULL), TROCAR_OK);
     }
     assert_true(h.output.force[2] < 0.0);
-    h.sim->state->tip.depth = NAN;
+    h.sim->needles[0].state.tip.depth = NAN;
     assert_int_equal(trocar_sim_step(h.sim, 0, &base, 1e-3, &h.output, NULL), TROCAR_OK);
     assert_true(h.output.events == TROCAR_EVENT_UNSTABLE && h.output.force[2] == 0.0);
     host_close(&h);

@@ -85,7 +85,7 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
     lockstep *sprung = lockstep_create(&config, lockstep_start()), *rigid = lockstep_create(&config, lockstep_start());
-    sprung->state.base_compliance = 2e-3;
+    sprung->base_compliance = 2e-3;
     pose rest = lockstep_start();
     double furthest = 0.0;
     for (int i = 0; i < 600; i++) {

@@ -144,7 +144,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     assert_true(w.force[2] < -0.3);                        /* against the push */
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: untouched */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
-    assert_true(f->host.sim->posted > 1);
+    assert_true(f->host.sim->needles[0].posted > 1);
     bool fresh;
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->contacts >= 1);
@@ -157,12 +157,12 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
 static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
     fixture *f = *state;
     push(f, 10);
-    uint64_t posted = f->host.sim->posted;
+    uint64_t posted = f->host.sim->needles[0].posted;
     int64_t opened = 0;
     for (int i = 0; i < 400; i++) {
         put_pose(f, 1, 1000 + i, -0.195 + 0.05e-3 * i);
         tick(f, NULL);
-        if (opened == 0 && f->host.sim->posted > posted) opened = f->tick - 1;
+        if (opened == 0 && f->host.sim->needles[0].posted > posted) opened = f->tick - 1;
     }
     const view_sample *view = triple_buffer_read(&f->exchange.views, NULL);
     assert_true(opened > 0 && view->tick > opened + 100);
@@ -214,7 +214,7 @@ static void survive(fixture *f, const char *name, size_t place, double bad, doub
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
     for (int i = -50; i < 350; i++) {
-        if (i == 0) *(double *)((char *)f->host.sim->state + place) = bad;
+        if (i == 0) *(double *)((char *)&f->host.sim->needles[0].state + place) = bad;
         put_pose(f, engagement, f->tick, -0.185 + 0.05e-3 * (i < 50 ? 0 : i < 150 ? 50 - i : i - 250));
         tick(f, &w);
         serve_worker(f);

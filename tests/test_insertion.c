@@ -253,7 +253,7 @@ static void moved_nodes_are_restored(void **unused) {
     for (int i = 0; i < count; i++) { /* the nominal inverse again */
         double block[9];
         report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, 1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3}, &why), TROCAR_OK);
         mat3 found = compliance_between(l->snapshot, MAX_CONTACTS + rows[i], MAX_CONTACTS + rows[0]);
         for (int k = 0; k < 9; k++) assert_true(fabs(found.m[k / 3][k % 3] - block[k]) < 1e-12 * largest);
     }
@@ -313,7 +313,7 @@ static void below_the_friction_limit_motion_is_reversible(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0, 0, -0.0001), 0.1, 1e-3); /* unloads; nothing slides */
-    insertion_wrench before = l->wrench;
+    tick_output before = l->wrench;
     for (int i = 0; i < 5; i++) {
         lockstep_move(l, v3(2e-5, 4e-5, -2e-5), 0.05, 1e-3);
         lockstep_move(l, v3(-2e-5, -4e-5, 2e-5), 0.05, 1e-3);
@@ -523,7 +523,7 @@ static void restored_state_continues_bit_identically(void **unused) {
     compliance_snapshot *known = malloc(sizeof *known);
     memcpy(known, l->snapshot, sizeof *known);
     lockstep_move(l, v3(0.001, 0.002, 0.01), 0.2, 1e-3);
-    insertion_wrench once = l->wrench;
+    tick_output once = l->wrench;
     l->state = saved;
     l->base = base;
     memcpy(l->snapshot, known, sizeof *known);

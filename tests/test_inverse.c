@@ -67,7 +67,7 @@ static void gathered_blocks_are_responses_to_unit_forces(void **state) {
     enum { LD = 11 };
     double blocks[18 * LD];
     report why;
-    assert_int_equal(inverse_gather(body.inverse, 6, rows, 3, columns, blocks, LD, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){6, rows, 3, columns, blocks, LD}, &why), TROCAR_OK);
     for (int j = 0; j < 9; j++) {
         vec3 force[CUBE_NODES] = {{0, 0, 0}}, displacement[CUBE_NODES];
         (&force[columns[j / 3]].x)[j % 3] = 1.0;
@@ -88,7 +88,7 @@ static void all_blocks_match_lapack(void **state) {
     int all[CUBE_NODES], n = 3 * CUBE_NODES;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     double *blocks = malloc((size_t)n * n * sizeof *blocks), largest = 0.0;
-    assert_int_equal(inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, blocks, n, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, blocks, n}, &why), TROCAR_OK);
     for (int i = 0; i < n * n; i++) largest = fmax(largest, fabs(expected.matrix[i]));
     for (int i = 0; i < n * n; i++) assert_close(blocks[i], expected.matrix[i], 1e-11 * largest);
     for (int i = 0; i < n; i++)
@@ -103,7 +103,7 @@ static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     int node = 77, other = 101;
     double block[9];
     report why;
-    assert_int_equal(inverse_gather(body.inverse, 1, &node, 1, &other, block, 3, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){1, &node, 1, &other, block, 3}, &why), TROCAR_OK);
     size_t n = (size_t)body.tissue.dof_count, row = (size_t)body.tissue.dof[node], column = (size_t)body.tissue.dof[other];
     for (size_t a = 0; a < 3; a++)
         for (size_t b = 0; b < 3; b++) assert_true(dense[(column + b) * n + row + a] == block[3 * a + b]);
@@ -121,9 +121,9 @@ static void sparse_rows_match_dense_rows(void **state) {
     enum { N = 3 * CUBE_NODES };
     double *dense = calloc(2 * N * N, sizeof *dense), *found = dense + N * N, largest = 0.0;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
-    assert_int_equal(inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N, &why), TROCAR_OK);
-    for (int i = 0; i < CUBE_NODES; i++) assert_int_equal(inverse_gather(sparse, 1, &all[i], 1, &all[CUBE_NODES - 1 - i], found, N, &why), TROCAR_OK);
-    assert_int_equal(inverse_gather(sparse, CUBE_NODES, all, CUBE_NODES, all, found, N, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, dense, N}, &why), TROCAR_OK);
+    for (int i = 0; i < CUBE_NODES; i++) assert_int_equal(inverse_gather(sparse, &(inverse_blocks){1, &all[i], 1, &all[CUBE_NODES - 1 - i], found, N}, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(sparse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, found, N}, &why), TROCAR_OK);
     for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(dense[i]));
     for (int i = 0; i < N * N; i++) assert_close(found[i], dense[i], 1e-12 * largest);
     vec3 force[CUBE_NODES], one[CUBE_NODES], other[CUBE_NODES];
@@ -156,8 +156,8 @@ static void full_cache_gives_correct_results(void **state) {
         int rows[SIDE], columns[SIDE];
         static double expected[LD * LD], found[LD * LD];
         for (int i = 0; i < SIDE; i++) rows[i] = rand() % m.node_count, columns[i] = rand() % m.node_count; /* twice, and fixed, as well */
-        assert_int_equal(inverse_gather(dense, SIDE, rows, SIDE, columns, expected, LD, &why), TROCAR_OK);
-        assert_int_equal(inverse_gather(sparse, SIDE, rows, SIDE, columns, found, LD, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(dense, &(inverse_blocks){SIDE, rows, SIDE, columns, expected, LD}, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(sparse, &(inverse_blocks){SIDE, rows, SIDE, columns, found, LD}, &why), TROCAR_OK);
         for (int i = 0; i < LD * LD; i++) largest = fmax(largest, fabs(expected[i]));
         for (int i = 0; i < LD * LD; i++) assert_close(found[i], expected[i], 1e-10 * largest);
     }

@@ -27,7 +27,7 @@ static int create(void **state) {
     if (!mkdtemp(directory) || cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     for (int i = 0; i < REGION; i++) region[i] = 3 + 4 * i;
-    if (inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, dense, N, &why) != TROCAR_OK) return -1;
+    if (inverse_gather(body.inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, dense, N}, &why) != TROCAR_OK) return -1;
     for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(dense[i]));
     return 0;
 }
@@ -53,7 +53,7 @@ static void start(condensed *c, double stiffness) {
     materials[0].youngs_modulus *= stiffness;
     assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_OK);
     snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region).path);
-    assert_int_equal(inverse_create_condensed(&c->tissue, REGION, region, directory, (inverse_progress){0}, &c->inverse, &c->notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c->tissue, &(condensed_region){REGION, region, directory, (inverse_progress){0}}, &c->inverse, &c->notice, &why), TROCAR_OK);
 }
 
 static void stop(condensed *c) {
@@ -64,7 +64,7 @@ static void stop(condensed *c) {
 static void assert_blocks(condensed *c, int count, const int *nodes) {
     static double found[N * N];
     report why;
-    assert_int_equal(inverse_gather(c->inverse, count, nodes, count, nodes, found, N, &why), TROCAR_OK);
+    assert_int_equal(inverse_gather(c->inverse, &(inverse_blocks){count, nodes, count, nodes, found, N}, &why), TROCAR_OK);
     for (int i = 0; i < 3 * count; i++)
         for (int j = 0; j < 3 * count; j++)
             assert_close(found[i * N + j], dense[(3 * nodes[i / 3] + i % 3) * N + 3 * nodes[j / 3] + j % 3], 1e-12 * largest);
@@ -135,7 +135,7 @@ static void failed_factorisation_is_reported(void **state) {
     double block[9] = {7.0};
     for (int i = 0; i < 2; i++) {
         report why = {""};
-        assert_int_equal(inverse_gather(c.inverse, 1, &inside, 1, &outside, block, 3, &why), TROCAR_BAD_INPUT);
+        assert_int_equal(inverse_gather(c.inverse, &(inverse_blocks){1, &inside, 1, &outside, block, 3}, &why), TROCAR_BAD_INPUT);
         assert_non_null(strstr(why.text, "do not constrain the whole body"));
         assert_true(block[0] == 7.0);
     }
@@ -228,7 +228,7 @@ static void fully_fixed_region_is_refused(void **state) {
     inverse *inv;
     report notice, why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&t, 3, all, directory, (inverse_progress){0}, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){3, all, directory, (inverse_progress){0}}, &inv, &notice, &why), TROCAR_BAD_INPUT);
     assert_null(inv);
     tissue_free(&t);
 }
@@ -247,7 +247,7 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
     condensed c;
     report why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&c.tissue, REGION, region, "/proc/nowhere", (inverse_progress){note_progress, NULL}, &c.inverse, &c.notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){REGION, region, "/proc/nowhere", (inverse_progress){note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
     assert_true(says(&c, "cannot be written"));
     assert_true(progress_calls >= 3);
     assert_close(progress_last, 1.0, 1e-12);

@@ -26,8 +26,8 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
     int corners[4] = {0, 1, 2, 3};
     refinement none = {.count = 0};
     int handles[4];
-    assert_false(prefetch_covers(empty, corners, handles));
-    assert_int_equal(prefetch_known_contacts(empty, &none), 0);
+    assert_false(snapshot_covers(empty, corners, handles));
+    assert_int_equal(snapshot_known_contacts(empty, &none), 0);
     free(empty);
 }
 
@@ -39,11 +39,11 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
     int handles[4], tet = l->state.tip.tet;
     leaf_point point = {.weights = {0.1, 0.2, 0.3, 0.4}};
     memcpy(point.corners, m->tets[tet], sizeof point.corners);
-    assert_true(prefetch_covers(l->snapshot, point.corners, handles));
+    assert_true(snapshot_covers(l->snapshot, point.corners, handles));
     for (int c = 0; c < 4; c++) {
         double rows[12 * 3];
         report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, 4, m->tets[tet], 1, &m->tets[tet][c], rows, 3, &why), TROCAR_OK);
+        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){4, m->tets[tet], 1, &m->tets[tet][c], rows, 3}, &why), TROCAR_OK);
         mat3 found = compliance_to_point(l->snapshot, handles, point.weights, handles[c]);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
@@ -54,7 +54,7 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
     }
     leaf_point elsewhere = point;
     elsewhere.corners[0] = m->node_count; /* a node that nobody knows */
-    assert_false(prefetch_covers(l->snapshot, elsewhere.corners, handles));
+    assert_false(snapshot_covers(l->snapshot, elsewhere.corners, handles));
     lockstep_free(l);
 }
 
@@ -63,9 +63,9 @@ static void contacts_are_identified_by_their_ids(void **unused) {
     lockstep *l = inserted(0.04);
     refinement other = l->state.refined;
     assert_true(other.count > 3);
-    assert_int_equal(prefetch_known_contacts(l->snapshot, &other), l->snapshot->added_count);
+    assert_int_equal(snapshot_known_contacts(l->snapshot, &other), l->snapshot->added_count);
     other.nodes[2].id += 1000;
-    assert_int_equal(prefetch_known_contacts(l->snapshot, &other), 2);
+    assert_int_equal(snapshot_known_contacts(l->snapshot, &other), 2);
     lockstep_free(l);
 }
 

@@ -32,7 +32,7 @@ static void check_displacement(const refinement *r, const reference *expected) {
     int nodes = CUBE_NODES + r->count;
     for (int i = 0; i < nodes; i++) force[i] = i % 3 ? cube_random_vector(1.0) : v3(0, 0, 0);
     static vec3 scratch[REFINED_FIELD_SCRATCH * (CUBE_NODES + MAX_CONTACTS)];
-    refined_displacement(body.inverse, r, force, force + CUBE_NODES, scratch, u, u + CUBE_NODES);
+    refined_displacement(body.inverse, r, (refined_vectors){force, force + CUBE_NODES}, scratch, (refined_vectors){u, u + CUBE_NODES});
     double largest = 0.0;
     for (int i = 0; i < 3 * nodes; i++) {
         sum[i] = 0.0;

@@ -119,7 +119,7 @@ static rigid_motion motion_now(followed *f) {
    a unit force spread over the gland's nodes: one static solve that knows nothing of refinement. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const simulation *parts = &f->model->parts;
-    const insertion_state *state = f->sim->state;
+    const insertion_state *state = &f->sim->needles[0].state;
     const mesh *m = &parts->mesh;
     vec3 *unit = calloc((size_t)m->node_count, sizeof *unit), *field = calloc((size_t)m->node_count, sizeof *field);
     const mesh_group *gland = &m->groups[mesh_find_group(m, "prostate", 3)];

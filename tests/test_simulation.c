@@ -80,7 +80,7 @@ static void restored_at_rest_engages_again(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     simulation_save(&l->state, l->snapshot, saved);
     lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
-    insertion_wrench once = l->wrench;
+    tick_output once = l->wrench;
     restore(l, saved);
     lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
     assert_memory_equal(&once.force, &l->wrench.force, sizeof once.force);
@@ -129,8 +129,8 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
     static const struct { inverse_choice choice; double radius; const char *words; } cases[] = {
-        {INVERSE_AUTO, 0.02, "dense (572 nodes: 0.0158 GB)"}, {INVERSE_SPARSE, 0.02, "sparse (as the scene asks)"}, {INVERSE_SPARSE, 0, "sparse"},
-        {INVERSE_CONDENSED, 0.02, "condensed (as the scene asks): "}, {INVERSE_CONDENSED, 0.003, "condensed"}, {INVERSE_CONDENSED, 0.0, "condensed"},
+        {INVERSE_AUTO, 0.02, "dense (572 nodes: 0.0158 GB)"}, {INVERSE_SPARSE, 0.02, "sparse (set in the scene)"}, {INVERSE_SPARSE, 0, "sparse"},
+        {INVERSE_CONDENSED, 0.02, "condensed (set in the scene): "}, {INVERSE_CONDENSED, 0.003, "condensed"}, {INVERSE_CONDENSED, 0.0, "condensed"},
     };
     recorded dense, other;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

@@ -13,7 +13,7 @@
 
 enum { N = 3 * CUBE_NODES, LAST = 20 };
 static cube body;
-static double inverse_blocks[N * N], largest;
+static double all_blocks[N * N], largest;
 
 static int create(void **state) {
     (void)state;
@@ -21,8 +21,8 @@ static int create(void **state) {
     int all[CUBE_NODES];
     for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK) return -1;
-    assert_int_equal(inverse_gather(body.inverse, CUBE_NODES, all, CUBE_NODES, all, inverse_blocks, N, &why), TROCAR_OK);
-    for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(inverse_blocks[i]));
+    assert_int_equal(inverse_gather(body.inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, all_blocks, N}, &why), TROCAR_OK);
+    for (int i = 0; i < N * N; i++) largest = fmax(largest, fabs(all_blocks[i]));
     return 0;
 }
 
@@ -64,10 +64,10 @@ static void check_products(const tissue *t) {
         if (rows > count - i) rows = count - i;
         for (int j = 0; j < count; j += PRODUCT_BLOCK) {
             int columns = count - j < PRODUCT_BLOCK ? count - j : PRODUCT_BLOCK;
-            sparse_columns_product(h, rows, dofs + i, (const double *const *)y + i, columns, dofs + j, (const double *const *)y + j, block, LD);
+            sparse_columns_product(h, &(half_solved){rows, dofs + i, (const double *const *)y + i}, &(half_solved){columns, dofs + j, (const double *const *)y + j}, block, LD);
             for (int r = 0; r < 3 * rows; r++)
                 for (int c = 0; c < 3 * columns; c++)
-                    assert_close(block[r * LD + c], inverse_blocks[(3 * nodes[i + r / 3] + r % 3) * N + 3 * nodes[j + c / 3] + c % 3], 1e-12 * largest);
+                    assert_close(block[r * LD + c], all_blocks[(3 * nodes[i + r / 3] + r % 3) * N + 3 * nodes[j + c / 3] + c % 3], 1e-12 * largest);
         }
     }
     for (int i = 0; i < count; i++) free(y[i]);

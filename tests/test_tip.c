@@ -1,5 +1,6 @@
 /* The tip's way through the mesh: where it touches, what stops it, the nodes that it leaves, and the way back. */
 #include "lockstep.h"
+#include "insertion/obstacle.h"
 #include "insertion/tip.h"
 
 #include <setjmp.h>
@@ -12,23 +13,24 @@ static const vec3 NO_GRADIENT = {0, 0, 0};
 static lockstep *touching(void) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
-    insertion_wrench wrench = {.membrane = -1};
-    assert_true(tip_touch(&l->simulation.insertion, &l->state, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001), &wrench));
+    tick_output wrench = {.membrane = -1};
+    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
+    assert_true(tip_touch(&tick, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
     assert_int_equal(wrench.events, EVENT_TOUCHED);
     return l;
 }
 
-static insertion_wrench go(lockstep *l, double slip) {
-    insertion_wrench wrench = {.membrane = -1};
+static tick_output go(lockstep *l, double slip) {
+    tick_output wrench = {.membrane = -1};
     l->state.tip.slip = slip;
-    tip_move(&l->simulation.insertion, &l->state, NO_GRADIENT, &wrench);
+    tip_move(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .output = &wrench}, NO_GRADIENT);
     return wrench;
 }
 
-static insertion_wrench break_through(lockstep *l) {
-    insertion_wrench wrench = {.membrane = -1};
+static tick_output break_through(lockstep *l) {
+    tick_output wrench = {.membrane = -1};
     l->state.tip.slip = 1e-6;
-    tip_puncture(&l->simulation.insertion, &l->state, &wrench);
+    tip_puncture(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .output = &wrench});
     return wrench;
 }
 
@@ -68,7 +70,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
 }
 
 /* At the capsule, with so many layers noted already. */
-static insertion_wrench into_the_gland_after(lockstep *l, int layers) {
+static tick_output into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
     for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.tet]};

@@ -162,7 +162,7 @@ typedef struct {
 static vec3 push(const loop *l, surroundings *in, pose rest, double compliance, vec3 *base, vec3 *torque) {
     *torque = v3(0, 0, 0);
     if (in->tissue) {
-        in->tissue->state.base_compliance = compliance;
+        in->tissue->base_compliance = compliance;
         lockstep_tick(in->tissue, rest, l->situation.period);
         *base = v3_add(rest.position, in->tissue->state.base_shift);
         *torque = in->tissue->wrench.torque;

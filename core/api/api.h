@@ -24,21 +24,32 @@ enum { REQUESTS_REMEMBERED = 1024 };
 typedef struct {
     int64_t asked;           /* ns, by the simulation's clock */
     remesh_request request;
+    tissue_loads others;     /* forces of the other needles */
 } posted_request;
 
-struct trocar_sim {
-    trocar_model *model;
-    insertion_state *state;
-    insertion_workspace *workspace;
-    remesher *remesher;      /* the worker's */
-    triple_buffer requests;   /* posted_request: tick -> worker */
-    triple_buffer snapshots;  /* compliance_snapshot: worker -> tick */
-    int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
+/* One needle of a simulation, and its way to the worker and back. */
+typedef struct {
+    insertion_state state;
+    double base_compliance;  /* m/N, of the spring that holds the base */
+    remesher *remesher;      /* the worker's: the nodes of this needle */
+    triple_buffer requests;  /* posted_request: tick -> worker */
+    triple_buffer snapshots; /* compliance_snapshot: worker -> tick */
     pose given;              /* where the last tick or reset would have the base */
     uint64_t posted;         /* serial of the last request handed over, */
     uint64_t answered;       /* and of the one that the last tick had the answer to */
     int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
+    tissue_loads others;     /* forces of the other needles now, */
+    tissue_loads posted_others; /* and as they were when they were last handed over */
+} needle_track;
+
+struct trocar_sim {
+    trocar_model *model;
+    int needle_count;
+    needle_track *needles;
+    insertion_workspace *workspace; /* of the ticking thread */
+    int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
     int work_wake;           /* eventfd: a request waits */
+    int next_served;         /* needle whose request the worker looks for first */
     vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
     vec3 *added_field;
 };
@@ -46,15 +57,17 @@ struct trocar_sim {
 /* A copy of what there is to see. */
 struct trocar_picture {
     trocar_model *model;
-    insertion_state state;
+    insertion_state states[MAX_NEEDLES]; /* as many as the model has needles */
     vec3 *scratch;           /* for displacements, NULL before the first */
     refined_mesh refined;    /* of the last trocar_picture_refined_mesh, */
     vec3 *force, *displacement; /* and of its nodes */
 };
 
+static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
+
 /* What trocar_sim_contacts and the like say of a state. RT */
-int contacts_of(const trocar_model *model, const insertion_state *state, int needle, trocar_contact *contacts, int room);
-int centreline_of(const trocar_model *model, const insertion_state *state, int needle, double *joints, int room);
+int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
+int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 trocar_pose pose_out(pose base);
 
 #endif

@@ -50,6 +50,7 @@ const char *trocar_model_inverse(const trocar_model *model) { return model->mesh
 const char *trocar_model_description(const trocar_model *model) { return model->parts.about_inverse.text; }
 const char *trocar_model_remarks(const trocar_model *model) { return model->parts.mesh.remarks.text; }
 int trocar_model_unknowns(const trocar_model *model) { return model->parts.tissue.dof_count; }
+int trocar_model_needles(const trocar_model *model) { return model->parts.config.needle_count; }
 int trocar_model_segments(const trocar_model *model) { return model->parts.config.needle.segments; }
 double trocar_model_needle_length(const trocar_model *model) { return model->parts.config.needle.length; }
 double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }

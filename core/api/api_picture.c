@@ -4,6 +4,7 @@
 
 #include "api/api.h"
 #include "base/flush_denormals.h"
+#include "remesh/free_displacement.h"
 
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
@@ -14,7 +15,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     memset(p, 0, sizeof *p); /* touched, so that no page fault comes later */
     p->model = model;
     floating_mode before = flush_denormals();
-    insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->state);
+    for (int i = 0; i < model->parts.config.needle_count; i++) insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->states[i]);
     restore_floating_mode(before);
     *created = p;
     return TROCAR_OK;
@@ -29,19 +30,38 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture);
 }
 
-void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) { memcpy(&picture->state, sim->state, sizeof picture->state); }
-void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) { memcpy(&to->state, &from->state, sizeof to->state); }
+void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
+    for (int i = 0; i < sim->needle_count; i++) memcpy(&picture->states[i], &sim->needles[i].state, sizeof *picture->states);
+}
+
+void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
+    memcpy(to->states, from->states, (size_t)from->model->parts.config.needle_count * sizeof *to->states);
+}
+
+/* NULL for a needle that does not exist. */
+static const insertion_state *state_of(const trocar_picture *picture, int needle) {
+    return has_needle(picture->model, needle) ? &picture->states[needle] : NULL;
+}
 
 int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_contact *contacts, int room) {
-    return contacts_of(picture->model, &picture->state, needle, contacts, room);
+    const insertion_state *state = state_of(picture, needle);
+    return state ? contacts_of(picture->model, state, contacts, room) : 0;
 }
 
 int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room) {
-    return centreline_of(picture->model, &picture->state, needle, joints, room);
+    const insertion_state *state = state_of(picture, needle);
+    return state ? centreline_of(picture->model, state, joints, room) : 0;
 }
 
 trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
-    return pose_out(needle == 0 ? picture->state.needle.base : (pose){.orientation = {1, 0, 0, 0}});
+    const insertion_state *state = state_of(picture, needle);
+    return pose_out(state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}});
+}
+
+/* The forces of all needles but the first, on the mesh as it is without contact nodes. */
+static void load_others(const trocar_picture *p, tissue_loads *others) {
+    others->count = 0;
+    for (int i = 1; i < p->model->parts.config.needle_count; i++) insertion_add_loads(&p->model->parts.insertion, &p->states[i], others);
 }
 
 /* Displacements of the mesh's nodes and of the contact nodes. */
@@ -49,8 +69,10 @@ static trocar_status solve(trocar_picture *p, vec3 *nominal, vec3 *added, report
     simulation *parts = &p->model->parts;
     if (!p->scratch) p->scratch = malloc(simulation_field_scratch(parts) * sizeof *p->scratch);
     if (!p->scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
+    tissue_loads others;
+    load_others(p, &others);
     floating_mode before = flush_denormals();
-    simulation_field(parts, &p->state, p->scratch, nominal, added);
+    simulation_field(parts, &p->states[0], &others, p->scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
 }
@@ -73,12 +95,16 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     trocar_status status = solve(p, p->displacement, p->displacement + nominal, why);
     if (status != TROCAR_OK) return status;
     memset(p->force, 0, room * sizeof *p->force);
-    insertion_refinement(&p->state, &refined);
-    insertion_forces(&parts->insertion, &p->state, p->force, p->force + nominal);
+    insertion_refinement(&p->states[0], &refined);
+    insertion_forces(&parts->insertion, &p->states[0], p->force, p->force + nominal);
+    tissue_loads others;
+    load_others(p, &others);
+    loads_spread(&parts->mesh, &others, p->force);
     status = refined_mesh_create(&parts->mesh, &refined, &p->refined, why);
     if (status != TROCAR_OK) return status;
     const refined_mesh *r = &p->refined;
-    vec3 damping = p->state.tip.damping;
+    vec3 damping = v3(0, 0, 0);
+    for (int i = 0; i < p->model->parts.config.needle_count; i++) damping = v3_add(damping, p->states[i].tip.damping);
     *mesh = (trocar_refined_mesh){.node_count = r->node_count, .tet_count = r->tet_count, .nodes = &r->nodes[0].x, .tets = r->tets[0],
                                   .parents = r->parent, .displacements = &p->displacement[0].x, .forces = &p->force[0].x,
                                   .damping = {damping.x, damping.y, damping.z}};

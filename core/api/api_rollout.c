@@ -12,7 +12,7 @@ typedef struct {
     int batch, steps;
     double dt;
     trocar_output *outputs;
-    atomic_int next;         /* insertion that nobody has taken yet */
+    atomic_int next;         /* first insertion that no thread has taken yet */
     pthread_mutex_t lock;    /* of the next two */
     trocar_status status;    /* first failure */
     report why;
@@ -76,7 +76,7 @@ trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int 
     pthread_mutex_init(&r.lock, NULL);
     int started = 0, most = threads < batch ? threads : batch;
     while (started + 1 < most && pthread_create(&thread[started], NULL, run, &r) == 0) started++;
-    run(&r); /* this thread is one of them; it does all where no other could be started */
+    run(&r); /* this thread is one of them; it does all the work if no other could be started */
     for (int i = 0; i < started; i++) pthread_join(thread[i], NULL);
     pthread_mutex_destroy(&r.lock);
     if (r.status != TROCAR_OK) *why = r.why;

@@ -8,6 +8,7 @@
 
 #include "api/api.h"
 #include "base/flush_denormals.h"
+#include "remesh/free_displacement.h"
 
 _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == NEEDLE_MAX_SEGMENTS + 1, "trocar.h says how many");
 _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_KEPT == (int)EVENT_KEPT, "trocar.h says which bits");
@@ -15,18 +16,25 @@ _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == 
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
+static trocar_status create_needle(const trocar_model *model, needle_track *needle, report *why) {
+    trocar_status status = triple_buffer_create(&needle->requests, sizeof(posted_request), why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&needle->snapshots, sizeof(compliance_snapshot), why);
+    if (status != TROCAR_OK) return status;
+    return remesher_create(model->parts.inverse, model->parts.config.remeshing, &needle->remesher, why);
+}
+
 static trocar_status allocate(trocar_sim *sim, report *why) {
-    sim->state = calloc(1, sizeof *sim->state);
+    size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
+    sim->needles = aligned_alloc(CACHE_LINE, needles);
     sim->workspace = calloc(1, sizeof *sim->workspace);
     sim->work_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (!sim->state || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
+    if (sim->needles) memset(sim->needles, 0, needles); /* touched, so that no page fault comes later */
+    if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     if (sim->work_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    memset(sim->state, 0, sizeof *sim->state); /* touched, so that no page fault comes later */
     memset(sim->workspace, 0, sizeof *sim->workspace);
-    trocar_status status = triple_buffer_create(&sim->requests, sizeof(posted_request), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&sim->snapshots, sizeof(compliance_snapshot), why);
-    if (status != TROCAR_OK) return status;
-    return remesher_create(sim->model->parts.inverse, sim->model->parts.config.remeshing, &sim->remesher, why);
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim->model, &sim->needles[i], why);
+    return status;
 }
 
 trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, trocar_error *error) {
@@ -34,13 +42,13 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
-    trocar_sim *sim = aligned_alloc(CACHE_LINE, (sizeof *sim + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
+    trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
-    memset(sim, 0, sizeof *sim);
     sim->model = model;
+    sim->needle_count = model->parts.config.needle_count;
     sim->work_wake = -1;
     trocar_status status = allocate(sim, why);
-    if (status == TROCAR_OK) status = trocar_sim_reset(sim, 0, &at_origin, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = trocar_sim_reset(sim, i, &at_origin, why);
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
     return status;
@@ -48,11 +56,13 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
 
 void trocar_sim_free(trocar_sim *sim) {
     if (!sim) return;
-    remesher_free(sim->remesher);
-    triple_buffer_free(&sim->requests);
-    triple_buffer_free(&sim->snapshots);
+    for (int i = 0; sim->needles && i < sim->needle_count; i++) {
+        remesher_free(sim->needles[i].remesher);
+        triple_buffer_free(&sim->needles[i].requests);
+        triple_buffer_free(&sim->needles[i].snapshots);
+    }
     if (sim->work_wake >= 0) close(sim->work_wake);
-    free(sim->state);
+    free(sim->needles);
     free(sim->workspace);
     free(sim->field_scratch);
     free(sim->added_field);
@@ -62,94 +72,140 @@ void trocar_sim_free(trocar_sim *sim) {
 /* ---- ticks --------------------------------------------------------------------------------------------------------------- */
 
 /* RT */
-static trocar_status check_pose(int needle, const trocar_pose *p, pose *out, report *why) {
+static trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
+    if (has_needle(sim->model, needle)) return TROCAR_OK;
+    if (!why) return TROCAR_BAD_INPUT;
+    if (sim->needle_count == 1) return fail(why, TROCAR_BAD_INPUT, "needle %d: there is one, number 0; the scene's \"needles\" says how many", needle);
+    return fail(why, TROCAR_BAD_INPUT, "needle %d: there are %d, numbers 0 to %d", needle, sim->needle_count, sim->needle_count - 1);
+}
+
+/* RT */
+static trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
     double norm = 0.0, sum = 0.0;
     for (int i = 0; i < 4; i++) norm += p->orientation[i] * p->orientation[i];
     for (int i = 0; i < 3; i++) sum += p->position[i];
-    if (needle == 0 && isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
+    if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
         quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
         bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* as it comes out of q_unit: normalising it again could change its last bit */
         *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
         return TROCAR_OK;
     }
     if (!why) return TROCAR_BAD_INPUT;
-    if (needle != 0) return fail(why, TROCAR_BAD_INPUT, "needle %d: there is one, number 0", needle);
     if (!isfinite(sum) || !isfinite(norm)) return fail(why, TROCAR_BAD_INPUT, "the pose is not finite");
     return fail(why, TROCAR_BAD_INPUT, "the orientation's length is %g: w x y z must be of unit length", sqrt(norm));
 }
 
 trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error) {
     pose at;
-    trocar_status status = check_pose(needle, base, &at, error);
+    trocar_status status = check_needle(sim, needle, error);
+    if (status == TROCAR_OK) status = check_pose(base, &at, error);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
-    sim->given = at;
-    insertion_reset(&sim->model->parts.insertion, at, sim->state);
+    sim->needles[needle].given = at;
+    insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
     restore_floating_mode(before);
     return TROCAR_OK;
 }
 
-static void answer(const insertion_wrench *wrench, trocar_output *output) {
+static void answer(const tick_output *wrench, trocar_output *output) {
     *output = (trocar_output){.force = {wrench->force.x, wrench->force.y, wrench->force.z},
                               .torque = {wrench->torque.x, wrench->torque.y, wrench->torque.z}, .depth = wrench->depth,
                               .contacts = wrench->contacts, .events = wrench->events, .membrane = wrench->membrane, .passes = wrench->passes,
                               .switches = wrench->switches};
 }
 
+/* Collects the forces of the other needles. RT */
+static void collect_others(trocar_sim *sim, int needle) {
+    tissue_loads *others = &sim->needles[needle].others;
+    others->count = 0;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != needle) insertion_add_loads(&sim->model->parts.insertion, &sim->needles[i].state, others);
+}
+
+/* RT */
+static void copy_loads(const tissue_loads *from, tissue_loads *to) {
+    to->count = from->count;
+    memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
+}
+
+/* Have the other needles' forces changed enough to be worth a request? RT */
+static bool others_changed(const needle_track *needle) {
+    static const double NOTICEABLE = 1e-3; /* N */
+    const tissue_loads *now = &needle->others, *then = &needle->posted_others;
+    if (now->count != then->count) return true;
+    for (int i = 0; i < now->count; i++)
+        if (v3_norm(v3_sub(now->loads[i].force, then->loads[i].force)) > NOTICEABLE) return true;
+    return false;
+}
+
 /* Hands the worker what the tick wants to know next, if that has changed. RT */
-static void post_request(trocar_sim *sim) {
-    if (sim->state->request.serial == sim->posted) return;
-    posted_request *slot = triple_buffer_slot(&sim->requests);
+static void post_request(trocar_sim *sim, needle_track *needle) {
+    uint64_t serial = needle->state.request.serial;
+    if (serial == needle->posted && !others_changed(needle)) return;
+    posted_request *slot = triple_buffer_slot(&needle->requests);
     int64_t asked = slot->asked = sim->clock ? sim->clock() : 0;
-    uint64_t serial = sim->state->request.serial;
-    slot->request = sim->state->request;
-    triple_buffer_publish(&sim->requests);
-    if (serial - sim->posted > REQUESTS_REMEMBERED) sim->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
-    while (sim->posted < serial) sim->asked[++sim->posted % REQUESTS_REMEMBERED] = asked;
+    slot->request = needle->state.request;
+    copy_loads(&needle->others, &slot->others);
+    copy_loads(&needle->others, &needle->posted_others);
+    triple_buffer_publish(&needle->requests);
+    if (serial - needle->posted > REQUESTS_REMEMBERED) needle->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
+    while (needle->posted < serial) needle->asked[++needle->posted % REQUESTS_REMEMBERED] = asked;
     uint64_t one = 1;
-    ssize_t written = write(sim->work_wake, &one, sizeof one); /* fails only when the counter is full: awake anyway */
+    ssize_t written = write(sim->work_wake, &one, sizeof one); /* fails only if the counter is full: the worker is awake anyway */
     (void)written;
 }
 
 /* One tick with what `snapshot` knows of the tissue. A number that is not finite would stay in the state: then the insertion starts
    over, and the answer is NUMERIC. RT */
-static trocar_status run_tick(trocar_sim *sim, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
-    insertion_wrench wrench;
+static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
+    tick_output wrench;
+    needle_track *needle = &sim->needles[index];
+    const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
-    sim->given = base;
-    insertion_tick(&sim->model->parts.insertion, sim->state, sim->workspace, snapshot, base, dt, &wrench);
-    bool finite = insertion_is_finite(sim->state, &wrench);
-    if (!finite) insertion_start_over(&sim->model->parts.insertion, base, sim->state, &wrench);
+    needle->given = base;
+    insertion_tick(&(tick_context){.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
+                                   .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench});
+    bool finite = insertion_is_finite(&needle->state, &wrench);
+    if (!finite) insertion_start_over(model, base, &needle->state, &wrench);
+    collect_others(sim, index);
     restore_floating_mode(before);
-    sim->answered = snapshot->serial;
+    needle->answered = snapshot->serial;
     answer(&wrench, output);
     return finite ? TROCAR_OK : TROCAR_NUMERIC;
 }
 
 trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
     pose at;
-    if (!(dt > 0.0 && dt <= 1.0) || check_pose(needle, base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
-    trocar_status status = run_tick(sim, triple_buffer_read(&sim->snapshots, NULL), at, dt, output);
-    post_request(sim);
+    if (!(dt > 0.0 && dt <= 1.0) || !has_needle(sim->model, needle) || check_pose(base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
+    trocar_status status = run_tick(sim, needle, triple_buffer_read(&sim->needles[needle].snapshots, NULL), at, dt, output);
+    post_request(sim, &sim->needles[needle]);
     return status;
 }
 
 void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, double compliance) {
-    if (needle == 0) sim->state->base_compliance = compliance;
+    if (has_needle(sim->model, needle)) sim->needles[needle].base_compliance = compliance;
 }
 
 int64_t trocar_sim_waiting(const trocar_sim *sim) {
-    if (!sim->clock || sim->answered >= sim->posted) return 0;
-    uint64_t oldest = sim->posted - sim->answered < REQUESTS_REMEMBERED ? sim->answered + 1 : sim->posted + 1; /* or the oldest remembered */
-    return sim->clock() - sim->asked[oldest % REQUESTS_REMEMBERED];
+    int64_t longest = 0;
+    for (int i = 0; sim->clock && i < sim->needle_count; i++) {
+        const needle_track *n = &sim->needles[i];
+        if (n->answered >= n->posted) continue;
+        uint64_t oldest = n->posted - n->answered < REQUESTS_REMEMBERED ? n->answered + 1 : n->posted + 1; /* or the oldest remembered */
+        int64_t waiting = sim->clock() - n->asked[oldest % REQUESTS_REMEMBERED];
+        if (waiting > longest) longest = waiting;
+    }
+    return longest;
 }
 
-/* Serves `request` into the next snapshot. Worker's side. */
-static trocar_status serve(trocar_sim *sim, const remesh_request *request, report *why) {
+/* Serves a request into the next snapshot. Worker's side. */
+static trocar_status serve(trocar_sim *sim, needle_track *needle, const remesh_request *request, const tissue_loads *others, report *why) {
+    compliance_snapshot *snapshot = triple_buffer_slot(&needle->snapshots);
     floating_mode before = flush_denormals();
-    trocar_status status = remesher_serve(sim->remesher, request, triple_buffer_slot(&sim->snapshots), why);
+    trocar_status status = remesher_serve(needle->remesher, request, snapshot, why);
+    if (status == TROCAR_OK) status = free_displacement_find(sim->model->parts.inverse, request, others, snapshot, why);
     restore_floating_mode(before);
-    if (status == TROCAR_OK) triple_buffer_publish(&sim->snapshots);
+    if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     return status;
 }
 
@@ -157,12 +213,26 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     trocar_error ignored, *why = error ? error : &ignored;
     pose at;
     if (!(dt > 0.0 && dt <= 1.0)) return fail(why, TROCAR_BAD_INPUT, "dt of %g s: above 0 and at most 1 s", dt);
-    trocar_status status = check_pose(needle, base, &at, why);
+    trocar_status status = check_needle(sim, needle, why);
+    if (status == TROCAR_OK) status = check_pose(base, &at, why);
     if (status != TROCAR_OK) return status;
-    const compliance_snapshot *snapshot = triple_buffer_read(&sim->snapshots, NULL);
-    run_tick(sim, snapshot, at, dt, output); /* an insertion that has started over goes on */
-    if (snapshot->serial == sim->state->request.serial) return TROCAR_OK;
-    return serve(sim, &sim->state->request, why);
+    needle_track *track = &sim->needles[needle];
+    const compliance_snapshot *snapshot = triple_buffer_read(&track->snapshots, NULL);
+    run_tick(sim, needle, snapshot, at, dt, output); /* if the insertion has started over, it simply goes on */
+    bool same = snapshot->serial == track->state.request.serial, alone = track->others.count == 0 && !snapshot->loaded;
+    return same && alone ? TROCAR_OK : serve(sim, track, &track->state.request, &track->others, why);
+}
+
+/* Answers the newest request of this needle, if there is one. */
+static trocar_status answer_request(trocar_sim *sim, needle_track *needle, trocar_work *work, report *why) {
+    bool fresh;
+    const posted_request *posted = triple_buffer_read(&needle->requests, &fresh);
+    if (!fresh) return TROCAR_OK;
+    trocar_status status = serve(sim, needle, &posted->request, &posted->others, why);
+    work->more = 1;
+    work->answered = status == TROCAR_OK;
+    if (work->answered && sim->clock) work->latency = sim->clock() - posted->asked;
+    return status;
 }
 
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
@@ -170,19 +240,16 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     uint64_t count;
     ssize_t taken = read(sim->work_wake, &count, sizeof count);
     (void)taken;
-    bool fresh;
-    const posted_request *posted = triple_buffer_read(&sim->requests, &fresh);
-    trocar_work work = {.answered = fresh, .more = 1};
+    trocar_work work = {0};
     trocar_status status = TROCAR_OK;
-    if (fresh) {
-        status = serve(sim, &posted->request, why);
-        work.answered = status == TROCAR_OK;
-        if (work.answered && sim->clock) work.latency = sim->clock() - posted->asked;
-    } else {
-        floating_mode before = flush_denormals();
-        work.more = remesher_look_ahead(sim->remesher);
-        restore_floating_mode(before);
+    for (int i = 0; i < sim->needle_count && !work.more; i++) {
+        needle_track *needle = &sim->needles[sim->next_served];
+        sim->next_served = (sim->next_served + 1) % sim->needle_count;
+        status = answer_request(sim, needle, &work, why);
     }
+    floating_mode before = flush_denormals();
+    for (int i = 0; i < sim->needle_count && !work.more; i++) work.more = remesher_look_ahead(sim->needles[i].remesher);
+    restore_floating_mode(before);
     if (done) *done = work;
     return status;
 }
@@ -193,116 +260,4 @@ void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void)) { sim->clock 
 
 void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[TROCAR_STAGES]) {
     memcpy(nanoseconds, sim->workspace->profile.spent, sizeof sim->workspace->profile.spent);
-}
-
-/* ---- save and restore -------------------------------------------------------------------------------------------------------- */
-
-typedef struct {
-    const trocar_model *model;
-    insertion_state state;
-    compliance_snapshot snapshot;
-} saved_state;
-
-size_t trocar_sim_state_size(const trocar_sim *sim) {
-    (void)sim;
-    return sizeof(saved_state);
-}
-
-trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
-    if (size != sizeof(saved_state)) return fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", sizeof(saved_state), size);
-    memcpy((char *)state + offsetof(saved_state, model), &sim->model, sizeof sim->model);
-    memcpy((char *)state + offsetof(saved_state, state), sim->state, sizeof *sim->state);
-    memcpy((char *)state + offsetof(saved_state, snapshot), triple_buffer_read((triple_buffer *)&sim->snapshots, NULL), sizeof(compliance_snapshot));
-    return TROCAR_OK;
-}
-
-trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
-    const trocar_model *model;
-    if (size != sizeof(saved_state)) return fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", sizeof(saved_state), size);
-    memcpy(&model, (const char *)state + offsetof(saved_state, model), sizeof model);
-    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
-    compliance_snapshot *slot = triple_buffer_slot(&sim->snapshots);
-    memcpy(sim->state, (const char *)state + offsetof(saved_state, state), sizeof *sim->state);
-    memcpy(slot, (const char *)state + offsetof(saved_state, snapshot), sizeof *slot);
-    sim->given = sim->state->needle.base;
-    sim->given.position = v3_sub(sim->given.position, sim->state->base_shift);
-    floating_mode before = flush_denormals();
-    trocar_status status = remesher_resume(sim->remesher, &sim->state->request, slot, why);
-    restore_floating_mode(before);
-    triple_buffer_publish(&sim->snapshots);
-    sim->posted = 0;
-    return status;
-}
-
-/* ---- what there is to see -------------------------------------------------------------------------------------------------- */
-
-static void put(vec3 v, double out[3]) {
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
-}
-
-int contacts_of(const trocar_model *parent, const insertion_state *s, int needle, trocar_contact *contacts, int room) {
-    const needle_model *model = &parent->parts.needle;
-    if (needle != 0) return 0;
-    for (int i = 0; i < s->active && i < room; i++) {
-        const shaft_contact *c = &s->contacts[i];
-        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->friction, .arc = c->arc, .depth = c->depth};
-        put(needle_at(model, &s->needle, c->arc).position, contacts[i].position);
-        put(c->force, contacts[i].force);
-    }
-    if (s->tip.phase != TIP_INSIDE) return s->active;
-    if (s->active < room) {
-        contacts[s->active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = model->given.length, .depth = s->tip.depth};
-        put(s->needle.joints[model->given.segments], contacts[s->active].position);
-        put(s->tip.force, contacts[s->active].force);
-    }
-    return s->active + 1;
-}
-
-int centreline_of(const trocar_model *model, const insertion_state *state, int needle, double *joints, int room) {
-    int count = model->parts.needle.given.segments + 1;
-    if (needle != 0) return 0;
-    for (int j = 0; j < count && j < room; j++) put(state->needle.joints[j], joints + 3 * j);
-    return count;
-}
-
-trocar_pose pose_out(pose base) {
-    vec3 x = base.position;
-    quat q = base.orientation;
-    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
-}
-
-int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
-    return contacts_of(sim->model, sim->state, needle, contacts, room);
-}
-
-int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room) {
-    return centreline_of(sim->model, sim->state, needle, joints, room);
-}
-
-static const pose AT_ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
-
-trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
-    pose base = needle == 0 ? sim->given : AT_ORIGIN;
-    if (needle == 0) base.position = v3_add(base.position, sim->state->base_shift);
-    return pose_out(base);
-}
-
-double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
-    return needle == 0 ? needle_energy(&sim->model->parts.needle, &sim->state->needle) : 0.0;
-}
-
-trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
-    simulation *parts = &sim->model->parts;
-    if (!sim->field_scratch) sim->field_scratch = malloc(simulation_field_scratch(parts) * sizeof *sim->field_scratch);
-    if (!sim->added_field) sim->added_field = malloc(MAX_CONTACTS * sizeof *sim->added_field);
-    if (!sim->field_scratch || !sim->added_field) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
-    floating_mode before = flush_denormals();
-    simulation_field(parts, sim->state, sim->field_scratch, (vec3 *)(void *)displacements, sim->added_field);
-    restore_floating_mode(before);
-    return TROCAR_OK;
 }

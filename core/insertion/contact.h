@@ -3,7 +3,7 @@
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 
-#include "remesh/remesh.h"
+#include "remesh/refinement.h"
 
 enum { MAX_POINTS = MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 200 };
 _Static_assert(CONTACT_LD >= MAX_UNKNOWNS, "a row holds all unknowns");

@@ -32,8 +32,8 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
-/* A surface that is never punctured is bone: what the tip comes to there yields as bone does, and the tissue in front of it
-   less and less on the way, so that the tip stops at the bone and not behind it. */
+/* A surface that is never punctured is bone: at the surface the tip meets the compliance of bone, and in the tissue in front of it
+   less and less compliance, so that the tip stops at the bone and not behind it. */
 static void harden_bone(insertion_model *model) {
     const mesh *m = model->mesh;
     double yielding = BONE_COMPLIANCE * model->needle->radius;
@@ -131,9 +131,9 @@ double local_of_share(double logarithm, double stiffness, double surplus) {
     return fmax(logarithm - surplus * stiffness, LEAST_LOGARITHM) / stiffness;
 }
 
-/* Around a tip in the depth the tissue yields less than around one on the surface. The tip counts as in the depth once it is a few
+/* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
-   skin would feel more force the further it cuts, with elastic energy that nobody put in. */
+   skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);

@@ -3,7 +3,7 @@
 #ifndef TROCAR_LOCAL_COMPLIANCE_H
 #define TROCAR_LOCAL_COMPLIANCE_H
 
-#include "insertion/insertion.h"
+#include "insertion/insertion_model.h"
 
 /* A quantity for forces across the needle, and for those along it. */
 typedef struct {

@@ -2,49 +2,9 @@
 
 #include <string.h>
 
-#include "insertion/tip.h"
-
-static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line further off than that is a new one */
-static const double NEAR_FACE = 1e-7;                      /* m, surfaces that touch are no farther apart, but for rounding */
+static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
+static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
-
-/* ---- what is known --------------------------------------------------------------------------------------------------- */
-
-static int handle_of(const compliance_snapshot *snapshot, int node) {
-    for (int k = 0; k < MAX_WINDOW; k++)
-        if (snapshot->window[k] == node) return MAX_CONTACTS + k;
-    return -1;
-}
-
-bool prefetch_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]) {
-    if (snapshot->serial == 0) return false;
-    for (int c = 0; c < 4; c++) {
-        handles[c] = handle_of(snapshot, nodes[c]);
-        if (handles[c] < 0) return false;
-    }
-    return true;
-}
-
-mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other) {
-    mat3 block = {{{0}}};
-    m3_add_block(&block, 1.0, &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
-    return block;
-}
-
-mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
-    mat3 sum = {{{0}}};
-    for (int c = 0; c < 4; c++) m3_add_block(&sum, weights[c], &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
-    return sum;
-}
-
-int prefetch_known_contacts(const compliance_snapshot *snapshot, const refinement *refined) {
-    if (snapshot->serial == 0) return 0;
-    int known = 0;
-    while (known < refined->count && known < snapshot->added_count && refined->nodes[known].id == snapshot->ids[known]) known++;
-    return known;
-}
-
-/* ---- what to ask for ------------------------------------------------------------------------------------------------- */
 
 typedef struct {
     int count, needed;       /* as in remesh_request */
@@ -112,8 +72,8 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     }
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
-    add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
-    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
+    add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
+    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
     vec3 way = tip_way(&state->tip, direction);
     add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
     surface_hit next = {.hit = false};

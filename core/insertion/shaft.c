@@ -9,8 +9,8 @@ static double depth_of(const insertion_state *state, int index) {
 }
 
 /* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
-   another region between them, so that no contact stands for shaft in tissue that it is not in. The border moves to that place as
-   fast as the next point leaves it behind: at once, forces would jump whenever the tip enters a region. */
+   another region between them, so that no contact represents shaft in tissue that it is not in. The border moves there only as
+   fast as the next point moves away from it: otherwise forces would jump whenever the tip enters a region. */
 static double border_behind(const insertion_state *state, int index) {
     double here = depth_of(state, index), next = depth_of(state, index + 1), half = 0.5 * (here + next);
     for (int k = 1; k < state->stratum_count; k++) {

@@ -2,7 +2,13 @@
 #ifndef TROCAR_SHAFT_H
 #define TROCAR_SHAFT_H
 
-#include "insertion/insertion.h"
+#include "insertion/insertion_model.h"
+#include "insertion/insertion_state.h"
+
+/* The part of the track that a point of the shaft stands for. */
+typedef struct {
+    double from, to;         /* m of depth */
+} shaft_share;
 
 /* What a part of the shaft meets in the regions that it lies in. */
 typedef struct {

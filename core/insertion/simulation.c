@@ -7,6 +7,7 @@
 #include <threads.h>
 
 #include "insertion/local_compliance.h"
+#include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
 
 region_material region_defaults(void) {
@@ -19,6 +20,7 @@ void simulation_defaults(simulation_config *config) {
         .mesh_unit = 1.0,
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
+        .needle_count = 1,
         .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
@@ -102,13 +104,13 @@ static double machine_memory(void) {
 static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
-    inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
+    const char *dense_method = remesh_needs_dense(config->remeshing) ? remesh_name(config->remeshing) : NULL;
+    inverse_facts facts = {.given = config->inverse, .dense_method = dense_method, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
                            .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        trocar_status status = inverse_create_condensed(&s->tissue, roi_count, roi, config->cache, config->progress, &s->inverse,
-                                                        &notice, why);
+        trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){roi_count, roi, config->cache, config->progress}, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
@@ -197,12 +199,14 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
-                              insertion_wrench *wrench, report *why) {
-    insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
-    if (!insertion_is_finite(state, wrench)) insertion_start_over(&s->insertion, base, state, wrench);
-    if (snapshot->serial == state->request.serial) return TROCAR_OK;
-    return remesher_serve(s->remesher, &state->request, snapshot, why);
+trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why) {
+    tick.model = &s->insertion;
+    tick.scratch = s->workspace;
+    tick.snapshot = snapshot;
+    insertion_tick(&tick);
+    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
+    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
+    return remesher_serve(s->remesher, &tick.state->request, snapshot, why);
 }
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {
@@ -216,15 +220,16 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
     return remesher_resume(s->remesher, &state->request, snapshot, why);
 }
 
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    refined_displacement(s->inverse, &refined, nominal, force, scratch, nominal, added);
+    if (others) loads_spread(&s->mesh, others, nominal);
+    refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
 }
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    simulation_field(s, state, s->field_scratch, nominal, added);
+    simulation_field(s, state, NULL, s->field_scratch, nominal, added);
 }

@@ -4,6 +4,7 @@
 
 #include "insertion/insertion.h"
 #include "inverse/inverse_choice.h"
+#include "remesh/remesh.h"
 #include "tissue/region_of_interest.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
@@ -19,6 +20,7 @@ typedef struct {
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
     needle_parameters needle;
+    int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
@@ -59,9 +61,9 @@ void simulation_free(simulation *s);
 
 size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
 
-/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
-trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
-                              insertion_wrench *wrench, report *why);
+/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets state, base, dt and
+   output of `tick`; the rest is set here. */
+trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why);
 
 /* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
 typedef struct {
@@ -80,7 +82,8 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 
-/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. */
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `others`: what else loads the tissue;
+   NULL: nothing does. */
+void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

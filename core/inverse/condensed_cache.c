@@ -91,14 +91,24 @@ static bool make_folders(const char *path) {
 }
 
 /* In chunks with checksums (Fletcher's). */
-static bool write_dataset(hid_t file, const char *name, hid_t stored, hid_t type, int dimensions, const hsize_t *size, const void *data) {
+typedef struct {
+    const char *name;
+    hid_t stored, type;      /* in the file, in memory */
+    int dimensions;
+    const hsize_t *size;
+    const void *data;
+} dataset;
+
+static bool write_dataset(hid_t file, const dataset *d) {
+    const hsize_t *size = d->size;
+    int dimensions = d->dimensions;
     hsize_t chunk[2] = {size[0], dimensions == 2 ? size[1] : 1};
     while (dimensions == 2 && chunk[0] > 1 && 8 * chunk[0] * chunk[1] > 8u << 20) chunk[0] = (chunk[0] + 1) / 2;
     hid_t space = H5Screate_simple(dimensions, size, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
     H5Pset_chunk(properties, dimensions, chunk);
     H5Pset_fletcher32(properties);
-    hid_t set = H5Dcreate2(file, name, stored, space, H5P_DEFAULT, properties, H5P_DEFAULT);
-    bool good = set >= 0 && H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, data) >= 0;
+    hid_t set = H5Dcreate2(file, d->name, d->stored, space, H5P_DEFAULT, properties, H5P_DEFAULT);
+    bool good = set >= 0 && H5Dwrite(set, d->type, H5S_ALL, H5S_ALL, H5P_DEFAULT, d->data) >= 0;
     if (set >= 0) good = H5Dclose(set) >= 0 && good;
     H5Pclose(properties);
     H5Sclose(space);
@@ -109,9 +119,9 @@ static bool write_file(const char *path, uint64_t key, int count, const int *ord
     hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
     if (file < 0) return false;
     hsize_t one[1] = {1}, nodes[1] = {(hsize_t)count}, square[2] = {3 * (hsize_t)count, 3 * (hsize_t)count};
-    bool good = write_dataset(file, "key", H5T_STD_U64LE, H5T_NATIVE_UINT64, 1, one, &key)
-             && write_dataset(file, "nodes", H5T_STD_I32LE, H5T_NATIVE_INT, 1, nodes, order)
-             && write_dataset(file, "inverse", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, 2, square, matrix);
+    bool good = write_dataset(file, &(dataset){"key", H5T_STD_U64LE, H5T_NATIVE_UINT64, 1, one, &key})
+             && write_dataset(file, &(dataset){"nodes", H5T_STD_I32LE, H5T_NATIVE_INT, 1, nodes, order})
+             && write_dataset(file, &(dataset){"inverse", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, 2, square, matrix});
     return H5Fclose(file) >= 0 && good;
 }
 

@@ -1,7 +1,9 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <stdlib.h>
 #include <string.h>
+
+#include "inverse/inverse_owner.h"
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
     inv->owner = owner;
@@ -21,10 +23,7 @@ void inverse_free(inverse *inv) {
     free(inv);
 }
 
-trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                             report *why) {
-    return inv->owner->gather(inv, row_count, rows, column_count, columns, out, ld, why);
-}
+trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why) { return inv->owner->gather(inv, blocks, why); }
 
 trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->prepare ? inv->owner->prepare(inv, why) : TROCAR_OK; }
 

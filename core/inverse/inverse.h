@@ -3,6 +3,7 @@
 #ifndef TROCAR_INVERSE_H
 #define TROCAR_INVERSE_H
 
+#include "inverse/inverse_blocks.h"
 #include "tissue/tissue.h"
 
 typedef struct inverse inverse;
@@ -20,11 +21,17 @@ typedef struct {
     void *context;
 } inverse_progress;
 
-/* Dense between `nodes`, 8 (3 count)^2 bytes; read from `directory` if cached there (see condensed_cache.h), else computed and
+typedef struct {
+    int count;
+    const int *nodes;
+    const char *directory;   /* of the cache */
+    inverse_progress progress;
+} condensed_region;
+
+/* Dense between the region's nodes, 8 (3 count)^2 bytes; read from `directory` if cached there (see condensed_cache.h), else computed and
    saved. Other nodes are handled by a sparse inverse. `t` is factorised when needed: if the inverse was cached, not before the
    first displacement field or node outside the region. `notice` receives its source. */
-trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress,
-                                       inverse **created, report *notice, report *why);
+trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
@@ -39,11 +46,9 @@ bool inverse_prefetches(const inverse *inv);
 /* False if blocks of this node would require factorising the whole matrix; then request them only if indispensable. */
 bool inverse_holds(const inverse *inv, int node);
 
-/* Blocks of K^-1 between nodes rows[0..row_count) and columns[0..column_count), m/N:
-   out[(3 i + a) * ld + 3 j + b]. Rows and columns of fixed nodes are zero. Fails if the factor of the
-   whole matrix is needed but cannot be computed; `out` is then unchanged. Thread-safe; calls to the sparse inverse are serialised. */
-trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                             report *why);
+/* Writes the blocks of K^-1 between these nodes. Rows and columns of fixed nodes are zero. Fails if the factor of the whole matrix is
+   needed but cannot be computed; nothing is written then. Thread-safe; calls to the sparse inverse are serialised. */
+trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
 
 /* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Zero if the factor is needed but
    cannot be computed. Thread-safe; calls are serialised. */

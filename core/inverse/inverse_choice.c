@@ -22,8 +22,7 @@ inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
     int nodes = facts->node_count, roi = facts->roi_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, condensed = 72e-9 * roi * roi, share = SHARE * 1e-9 * facts->memory;
     if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "set in the scene");
-    if (remesh_needs_dense(facts->remeshing))
-        return choose(about, INVERSE_DENSE, "required by remeshing: %s, %.3g GB", remesh_name(facts->remeshing), dense);
+    if (facts->dense_method) return choose(about, INVERSE_DENSE, "required by remeshing: %s, %.3g GB", facts->dense_method, dense);
     if (dense <= fmin(LITTLE, share)) return choose(about, INVERSE_DENSE, "%d nodes: %.3g GB", nodes, dense);
     if (!facts->roi_given)
         return choose(about, INVERSE_SPARSE, "%d nodes: dense would take %.3g GB, and there is no region_of_interest", nodes, dense);

@@ -2,7 +2,9 @@
 #ifndef TROCAR_INVERSE_CHOICE_H
 #define TROCAR_INVERSE_CHOICE_H
 
-#include "remesh/remesh.h"
+#include <stdbool.h>
+
+#include "base/report.h"
 
 typedef enum {
     INVERSE_AUTO,            /* depends on size and memory: see inverse_choose */
@@ -17,10 +19,10 @@ const char *inverse_choice_name(inverse_choice choice);
 /* Inputs of the choice. */
 typedef struct {
     inverse_choice given;
-    remesh_method remeshing;
+    const char *dense_method;  /* name of a remeshing method that works on the whole inverse; NULL: the scene's does not */
     int node_count, dof_count;
-    bool roi_given;        /* the scene defines a region of interest */
-    int roi_count;         /* its number of nodes */
+    bool roi_given;          /* the scene defines a region of interest */
+    int roi_count;           /* its number of nodes */
     double memory;           /* bytes, of the machine */
 } inverse_facts;
 

@@ -1,10 +1,11 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <cblas.h>
 #include <stdlib.h>
 #include <string.h>
 #include <threads.h>
 
+#include "inverse/inverse_owner.h"
 #include "inverse/condensed_cache.h"
 
 /* The dense inverse between the nodes of a region of interest, K^-1_RR (condensation, Bro-Nielsen 1998). Other
@@ -62,16 +63,16 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
 }
 
 /* Copies blocks of the region; other blocks come from the sparse inverse. */
-static trocar_status condensed_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                                      report *why) {
+static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
-    if (!is_inside(c, row_count, rows) || !is_inside(c, column_count, columns)) {
+    if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
         inverse *rest;
         trocar_status status = rest_of(c, &rest, why);
-        return status == TROCAR_OK ? inverse_gather(rest, row_count, rows, column_count, columns, out, ld, why) : status;
+        return status == TROCAR_OK ? inverse_gather(rest, blocks, why) : status;
     }
-    for (int i = 0; i < row_count; i++)
-        for (int j = 0; j < column_count; j++) look_up(c, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+    for (int i = 0; i < blocks->row_count; i++)
+        for (int j = 0; j < blocks->column_count; j++)
+            look_up(c, blocks->rows[i], blocks->columns[j], blocks->out + (size_t)(3 * i) * (size_t)blocks->ld + 3 * j, blocks->ld);
     return TROCAR_OK;
 }
 
@@ -196,8 +197,9 @@ static trocar_status fill(condensed_inverse *c, const char *directory, inverse_p
     return TROCAR_OK;
 }
 
-trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, const char *directory, inverse_progress progress,
-                                       inverse **created, report *notice, report *why) {
+trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {
+    int count = region->count;
+    const int *nodes = region->nodes;
     condensed_inverse *c = calloc(1, sizeof *c);
     *created = c ? &c->shared : NULL;
     if (!c) return fail(why, TROCAR_NO_MEMORY, "no memory");
@@ -218,7 +220,7 @@ trocar_status inverse_create_condensed(tissue *t, int count, const int *nodes, c
         status = fail(why, TROCAR_BAD_INPUT, "inverse: condensed needs a region_of_interest with nodes that are not fixed");
     if (status == TROCAR_OK) {
         memcpy(c->given, nodes, (size_t)count * sizeof *nodes);
-        status = fill(c, directory, progress, notice, why);
+        status = fill(c, region->directory, region->progress, notice, why);
     }
     if (status != TROCAR_OK) {
         inverse_free(&c->shared);

@@ -1,8 +1,10 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <cblas.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "inverse/inverse_owner.h"
 
 /* The paper's method: the whole inverse in memory. */
 typedef struct {
@@ -12,18 +14,17 @@ typedef struct {
 
 static double *dense_of(inverse *inv) { return ((dense_inverse *)inv)->dense; }
 
-static trocar_status dense_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                                  report *why) {
+static trocar_status dense_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     (void)why;
     size_t n = (size_t)inv->tissue->dof_count;
     const int *dof = inv->tissue->dof;
-    for (int i = 0; i < row_count; i++)
-        for (int j = 0; j < column_count; j++) {
-            int row = dof[rows[i]], column = dof[columns[j]];
+    for (int i = 0; i < blocks->row_count; i++)
+        for (int j = 0; j < blocks->column_count; j++) {
+            int row = dof[blocks->rows[i]], column = dof[blocks->columns[j]];
             const double *block = dense_of(inv) + (size_t)(row < 0 ? 0 : row) * n + (column < 0 ? 0 : column);
             for (int a = 0; a < 3; a++)
                 for (int b = 0; b < 3; b++)
-                    out[(3 * i + a) * ld + 3 * j + b] = row < 0 || column < 0 ? 0.0 : block[(size_t)a * n + (size_t)b];
+                    blocks->out[(3 * i + a) * blocks->ld + 3 * j + b] = row < 0 || column < 0 ? 0.0 : block[(size_t)a * n + (size_t)b];
         }
     return TROCAR_OK;
 }

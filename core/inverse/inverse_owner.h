@@ -4,11 +4,14 @@
 
 #include <threads.h>
 
-#include "inverse/inverse.h"
+#include "inverse/inverse_blocks.h"
+#include "tissue/tissue.h"
+
+typedef struct inverse inverse; /* inverse.h */
 
 typedef struct {
     const char *name;
-    trocar_status (*gather)(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld, report *why);
+    trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, report *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
     trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
     void (*release)(inverse *inv);                                          /* frees all but the common part */

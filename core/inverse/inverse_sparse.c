@@ -1,9 +1,10 @@
-#include "inverse/inverse_owner.h"
+#include "inverse/inverse.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "inverse/inverse_owner.h"
 #include "inverse/block_cache.h"
 #include "inverse/sparse_inverse_columns.h"
 
@@ -75,31 +76,31 @@ static void point_to_halves(sparse_inverse *s, block_side *side) {
 }
 
 /* At most PRODUCT_BLOCK rows and columns. */
-static void gather_block(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
-    block_side left = movable(s->shared.tissue, row_count, rows), right = movable(s->shared.tissue, column_count, columns);
+static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
+    block_side left = movable(s->shared.tissue, b->row_count, b->rows), right = movable(s->shared.tissue, b->column_count, b->columns);
     int both[LEAST_SLOTS];
     memcpy(both, left.node, (size_t)left.count * sizeof *both);
     memcpy(both + left.count, right.node, (size_t)right.count * sizeof *both);
     solve_missing(s, left.count + right.count, both);
     point_to_halves(s, &left);
     point_to_halves(s, &right);
-    sparse_columns_product(s->half, left.count, left.dof, left.y, right.count, right.dof, right.y, s->block, 3 * PRODUCT_BLOCK);
-    for (int i = 0; i < 3 * row_count; i++) memset(out + (size_t)i * (size_t)ld, 0, 3 * (size_t)column_count * sizeof *out);
+    sparse_columns_product(s->half, &(half_solved){left.count, left.dof, left.y}, &(half_solved){right.count, right.dof, right.y}, s->block, 3 * PRODUCT_BLOCK);
+    for (int i = 0; i < 3 * b->row_count; i++) memset(b->out + (size_t)i * (size_t)b->ld, 0, 3 * (size_t)b->column_count * sizeof *b->out);
     for (int i = 0; i < left.count; i++)
         for (int j = 0; j < right.count; j++)
             for (int a = 0; a < 3; a++)
-                memcpy(out + (size_t)(3 * left.place[i] + a) * (size_t)ld + 3 * right.place[j],
-                       s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *out);
+                memcpy(b->out + (size_t)(3 * left.place[i] + a) * (size_t)b->ld + 3 * right.place[j],
+                       s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *b->out);
 }
 
 static int least(int a, int b) { return a < b ? a : b; }
 
 /* Does not use the cache of blocks. */
-static void gather_afresh(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
-    for (int i = 0; i < row_count; i += PRODUCT_BLOCK)
-        for (int j = 0; j < column_count; j += PRODUCT_BLOCK)
-            gather_block(s, least(row_count - i, PRODUCT_BLOCK), rows + i, least(column_count - j, PRODUCT_BLOCK), columns + j,
-                         out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+static void gather_afresh(sparse_inverse *s, const inverse_blocks *b) {
+    for (int i = 0; i < b->row_count; i += PRODUCT_BLOCK)
+        for (int j = 0; j < b->column_count; j += PRODUCT_BLOCK)
+            gather_block(s, &(inverse_blocks){least(b->row_count - i, PRODUCT_BLOCK), b->rows + i, least(b->column_count - j, PRODUCT_BLOCK),
+                                              b->columns + j, b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld});
 }
 
 /* Lists the `nodes` that have no cached block with some node of `others`. */
@@ -120,29 +121,29 @@ static void compute_missing(sparse_inverse *s, int row_count, const int *rows, i
     for (int i = 0; i < row_end; i += PRODUCT_BLOCK)
         for (int j = 0; j < column_end; j += PRODUCT_BLOCK) {
             int high = least(row_end - i, PRODUCT_BLOCK), wide = least(column_end - j, PRODUCT_BLOCK);
-            gather_block(s, high, missing_rows + i, wide, missing_columns + j, s->tile, 3 * PRODUCT_BLOCK);
+            gather_block(s, &(inverse_blocks){high, missing_rows + i, wide, missing_columns + j, s->tile, 3 * PRODUCT_BLOCK});
             for (int k = 0; k < high * wide; k++)
                 block_cache_put(&s->blocks, missing_rows[i + k / wide], missing_columns[j + k % wide],
                                 s->tile + 3 * (k / wide) * 3 * PRODUCT_BLOCK + 3 * (k % wide), 3 * PRODUCT_BLOCK);
         }
 }
 
-static void gather_cached(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld) {
-    if (!block_cache_take(&s->blocks, row_count, rows, column_count, columns)) {
-        gather_afresh(s, row_count, rows, column_count, columns, out, ld);
+static void gather_cached(sparse_inverse *s, const inverse_blocks *b) {
+    if (!block_cache_take(&s->blocks, b->row_count, b->rows, b->column_count, b->columns)) {
+        gather_afresh(s, b);
         return;
     }
-    compute_missing(s, row_count, rows, column_count, columns);
-    for (int i = 0; i < row_count; i++)
-        for (int j = 0; j < column_count; j++) block_cache_get(&s->blocks, rows[i], columns[j], out + (size_t)(3 * i) * (size_t)ld + 3 * j, ld);
+    compute_missing(s, b->row_count, b->rows, b->column_count, b->columns);
+    for (int i = 0; i < b->row_count; i++)
+        for (int j = 0; j < b->column_count; j++)
+            block_cache_get(&s->blocks, b->rows[i], b->columns[j], b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld);
 }
 
-static trocar_status sparse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
-                                   report *why) {
+static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     (void)why;
     sparse_inverse *s = (sparse_inverse *)inv;
     mtx_lock(&s->gather_lock);
-    gather_cached(s, row_count, rows, column_count, columns, out, ld);
+    gather_cached(s, blocks);
     mtx_unlock(&s->gather_lock);
     return TROCAR_OK;
 }

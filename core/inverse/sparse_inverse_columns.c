@@ -127,15 +127,20 @@ static side find_side(const sparse_columns *h, int s, int count, const int *dofs
     return found;
 }
 
-/* Packs rows [from, from + rows) of supernode s of each Y; zero above the start of a path. Column-major, leading dimension PANEL. */
-static void pack(const sparse_columns *h, int s, int from, int rows, const side *of, const int *dofs, const double *const *y, double *packed) {
+/* Rows [from, from + rows) of a supernode. */
+typedef struct {
+    int supernode, from, rows;
+} panel;
+
+/* Packs these rows of each Y; zero above the start of a path. Column-major, leading dimension PANEL. */
+static void pack(const sparse_columns *h, panel p, const side *of, const half_solved *solved, double *packed) {
     for (int i = 0; i < of->count; i++) {
-        int dof = dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[s] + from;
-        int missing = at < 0 ? (-at < rows ? -at : rows) : 0;
+        int dof = solved->dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[p.supernode] + p.from;
+        int missing = at < 0 ? (-at < p.rows ? -at : p.rows) : 0;
         for (int a = 0; a < 3; a++) {
             double *column = packed + (size_t)(3 * i + a) * PANEL;
             memset(column, 0, (size_t)missing * sizeof *column);
-            memcpy(column + missing, y[of->place[i]] + (size_t)a * (size_t)length + at + missing, (size_t)(rows - missing) * sizeof *column);
+            memcpy(column + missing, solved->y[of->place[i]] + (size_t)a * (size_t)length + at + missing, (size_t)(p.rows - missing) * sizeof *column);
         }
     }
 }
@@ -158,18 +163,17 @@ static int collect_ways(sparse_columns *h, int count, const int *dofs) {
     return found;
 }
 
-void sparse_columns_product(sparse_columns *h, int row_count, const int *rows, const double *const *row_y, int column_count, const int *columns,
-                  const double *const *column_y, double *out, int ld) {
-    for (int i = 0; i < 3 * row_count; i++) memset(out + (size_t)i * (size_t)ld, 0, 3 * (size_t)column_count * sizeof *out);
-    int supernodes = collect_ways(h, row_count, rows);
+void sparse_columns_product(sparse_columns *h, const half_solved *rows, const half_solved *columns, double *out, int ld) {
+    for (int i = 0; i < 3 * rows->count; i++) memset(out + (size_t)i * (size_t)ld, 0, 3 * (size_t)columns->count * sizeof *out);
+    int supernodes = collect_ways(h, rows->count, rows->dofs);
     for (int k = 0; k < supernodes; k++) {
         int s = h->way[k];
-        side left = find_side(h, s, row_count, rows), right = find_side(h, s, column_count, columns);
+        side left = find_side(h, s, rows->count, rows->dofs), right = find_side(h, s, columns->count, columns->dofs);
         if (right.count == 0) continue;
         for (int from = 0; from < width(h, s); from += PANEL) {
             int depth = width(h, s) - from < PANEL ? width(h, s) - from : PANEL;
-            pack(h, s, from, depth, &left, rows, row_y, h->left);
-            pack(h, s, from, depth, &right, columns, column_y, h->right);
+            pack(h, (panel){s, from, depth}, &left, rows, h->left);
+            pack(h, (panel){s, from, depth}, &right, columns, h->right);
             cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, 3 * left.count, 3 * right.count, depth, 1.0, h->left, PANEL, h->right, PANEL,
                         from == 0 ? 0.0 : 1.0, h->product, SIDE);
         }

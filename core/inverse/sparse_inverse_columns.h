@@ -21,9 +21,15 @@ int sparse_columns_longest(const sparse_columns *h);
 /* Y of up to HALF_BLOCK nodes, y[i] column-major sparse_columns_length x 3. Allocates nothing. */
 void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, double *const *y);
 
+/* Nodes by their first dofs, and their Y. */
+typedef struct {
+    int count;
+    const int *dofs;
+    const double *const *y;
+} half_solved;
+
 /* out[(3 i + a) * ld + 3 j + b] = entry of K^-1 between dofs rows[i] + a and columns[j] + b, from their Y. At most
    PRODUCT_BLOCK rows and columns. Allocates nothing. */
-void sparse_columns_product(sparse_columns *h, int row_count, const int *rows, const double *const *row_y, int column_count, const int *columns,
-                  const double *const *column_y, double *out, int ld);
+void sparse_columns_product(sparse_columns *h, const half_solved *rows, const half_solved *columns, double *out, int ld);
 
 #endif

@@ -1,3 +1,5 @@
+#include "needle/needle.h"
+
 #include "base/lame.h"
 #include "needle/needle_kind.h"
 

@@ -2,7 +2,7 @@
 #ifndef TROCAR_NEEDLE_KIND_H
 #define TROCAR_NEEDLE_KIND_H
 
-#include "needle/needle.h"
+#include "needle/needle_model.h"
 
 struct needle_kind {
     trocar_status (*create)(needle_model *, report *);               /* called with checked parameters and with EI and GJ set */

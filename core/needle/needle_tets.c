@@ -175,11 +175,11 @@ static vec3 nodal_force(const needle_solid *solid, const layer_tet *tet, const s
     return v3_scale(solid->volume, m3_apply(&s->deformation, traction));
 }
 
-/* Derivative of the force on node a with respect to the position of node b, added to 3 x 3 of `out`; `spread` is F F^T:
+/* Derivative of the force on node a = nodes[0] with respect to the position of b = nodes[1], added to 3 x 3 of `out`; `spread` is F F^T:
    V [(g_a . S g_b) 1 + lambda (F g_a)(F g_b)^T + mu (F g_b)(F g_a)^T + mu (g_a . g_b) F F^T]. */
-static void add_stiffness(const needle_solid *solid, const layer_tet *tet, const strained *s, const mat3 *spread, int a, int b,
+static void add_stiffness(const needle_solid *solid, const layer_tet *tet, const strained *s, const mat3 *spread, const int nodes[2],
                           double (*out)[TRIDIAGONAL_LD]) {
-    vec3 ga = tet->gradients[a], gb = tet->gradients[b];
+    vec3 ga = tet->gradients[nodes[0]], gb = tet->gradients[nodes[1]];
     vec3 fa = m3_apply(&s->deformation, ga), fb = m3_apply(&s->deformation, gb);
     const double p[3] = {fa.x, fa.y, fa.z}, q[3] = {fb.x, fb.y, fb.z};
     double v = solid->volume, geometric = v * v3_dot(ga, m3_apply(&s->stress, gb));
@@ -202,7 +202,7 @@ static void assemble_tet(const needle_solid *solid, const layer_tet *tet, const 
             if (above_a > above_b || block < 0) continue; /* symmetric part; fixed */
             double (*rows)[TRIDIAGONAL_LD] = above_a == above_b ? chain->diagonal[block] : chain->upper[block];
             int row = 3 * (tet->nodes[a] % NEEDLE_SECTION), column = 3 * (tet->nodes[b] % NEEDLE_SECTION);
-            add_stiffness(solid, tet, s, &spread, a, b, (double (*)[TRIDIAGONAL_LD])&rows[row][column]);
+            add_stiffness(solid, tet, s, &spread, (int[]){a, b}, (double (*)[TRIDIAGONAL_LD])&rows[row][column]);
         }
 }
 

@@ -116,12 +116,11 @@ static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec
     }
 }
 
-void refined_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
-                          vec3 *nominal, vec3 *added) {
+void refined_displacement(inverse *inv, const refinement *r, refined_vectors forces, vec3 *scratch, refined_vectors displacement) {
     const size_t n = (size_t)inverse_tissue(inv)->mesh->node_count, all = n + (size_t)r->count;
     vec3 *force = scratch, *u = scratch + all;
-    memcpy(force, nominal_force, n * sizeof *force);
-    memcpy(force + n, added_force, (size_t)r->count * sizeof *force);
+    memcpy(force, forces.nominal, n * sizeof *force);
+    memcpy(force + n, forces.added, (size_t)r->count * sizeof *force);
     bool coupled = false;
     for (int q = 0; q < r->count; q++) {
         int moved = r->nodes[q].moved;
@@ -132,8 +131,8 @@ void refined_displacement(inverse *inv, const refinement *r, const vec3 *nominal
     }
     if (coupled) displace_coupled(inv, r, force, u, scratch + 2 * all);
     else displace_uncoupled(inv, r, force, scratch + 2 * all, u);
-    memcpy(nominal, u, n * sizeof *nominal);
-    memcpy(added, u + n, (size_t)r->count * sizeof *added);
+    memcpy(displacement.nominal, u, n * sizeof *u);
+    memcpy(displacement.added, u + n, (size_t)r->count * sizeof *u);
     for (int q = 0; q < r->count; q++)
-        if (r->nodes[q].moved >= 0) added[q] = u[r->nodes[q].moved];
+        if (r->nodes[q].moved >= 0) displacement.added[q] = u[r->nodes[q].moved];
 }

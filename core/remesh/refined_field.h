@@ -8,11 +8,15 @@
 
 enum { REFINED_FIELD_SCRATCH = 7 };  /* vectors of scratch for each node */
 
-/* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each, `scratch`
+/* One vector for each node of the refined mesh: `nominal` has node_count entries, `added` r->count. */
+typedef struct {
+    vec3 *nominal, *added;
+} refined_vectors;
+
+/* Displacements of the refined mesh under nodal forces (N -> m), which may be in the same place; `scratch`:
    REFINED_FIELD_SCRATCH times both. Exact: inside elements the surplus is solved in closed form, with nodes on faces or moved all by
    conjugate gradients, with an inverse_apply a step. For display and export. */
-void refined_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
-                          vec3 *nominal, vec3 *added);
+void refined_displacement(inverse *inv, const refinement *r, refined_vectors force, vec3 *scratch, refined_vectors displacement);
 
 /* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);

@@ -42,10 +42,18 @@ static void fetch_ahead(const double *entries) {
     for (int k = 0; k < LINES; k++) __builtin_prefetch(entries + k * PER_LINE, 1);
 }
 
+/* A dof to switch (-1: none), and its column of the matrix. */
+typedef struct {
+    int dof;
+    double *column;
+} dof_switch;
+
 /* One pass through the triangle, no slower than reading and writing it: each column loses its share of the rank one; the dof's own row
    and column, `column` so far, are put while they are at hand, and those of the next dof to switch (none: -1) taken. */
-static void sweep(dense_remesher *r, int n, int dof, const double *column, int next, double *next_column, double back) {
-    double pivot = column[dof];
+static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_switch *then, double back) {
+    int dof = now->dof, next = then->dof;
+    const double *column = now->column;
+    double pivot = column[dof], *next_column = then->column;
     for (int j = 0; j < n; j++) {
         double *entries = r->matrix + (size_t)j * (size_t)r->ld, scaled = column[j] / pivot;
         if (j + 1 < n) fetch_ahead(entries + r->ld + j + 1);
@@ -63,7 +71,7 @@ static trocar_status switch_singly(dense_remesher *r, int n, int count, const in
     for (int a = 0; a < count; a++) {
         double *column = columns[a % 2], pivot = column[dofs[a]];
         if (!(pivot * back < 0.0)) return fail(why, TROCAR_NUMERIC, "boundary-condition switch of dof %d: pivot %g", dofs[a], pivot);
-        sweep(r, n, dofs[a], column, a + 1 < count ? dofs[a + 1] : -1, columns[(a + 1) % 2], back);
+        sweep(r, n, &(dof_switch){dofs[a], column}, &(dof_switch){a + 1 < count ? dofs[a + 1] : -1, columns[(a + 1) % 2]}, back);
     }
     return TROCAR_OK;
 }

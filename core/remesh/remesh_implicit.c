@@ -151,7 +151,7 @@ static trocar_status implicit_add(remesher *shared, int index, report *why) {
     trocar_status status = gather_factors(r, index, why);
     if (status != TROCAR_OK) return status;
     touch_nodes(r, index);
-    status = change_middle(change->rank, &p->change[0][0], MAX_RANK, r->touched + change->first, ALL_RANKS, change->middle, why);
+    status = change_middle(change->rank, (strided_matrix){&p->change[0][0], MAX_RANK}, (strided_matrix){r->touched + change->first, ALL_RANKS}, change->middle, why);
     if (status != TROCAR_OK) return status;
 
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);
@@ -195,7 +195,7 @@ trocar_status remesher_create_implicit(inverse *inv, remesher **created, report 
     double row[9] = {0};
     int node = 0;
     while (inverse_tissue(inv)->fixed[node] || !inverse_holds(inv, node)) node++;
-    if (status == TROCAR_OK) status = inverse_gather(inv, 1, &node, 1, &node, row, 3, why);
+    if (status == TROCAR_OK) status = inverse_gather(inv, &(inverse_blocks){1, &node, 1, &node, row, 3}, why);
     r->spring = row[0]; /* of any size, as it is taken away again; the compliances' own does not lose digits */
     return status;
 }

@@ -2,8 +2,11 @@
 #ifndef TROCAR_REMESH_METHOD_H
 #define TROCAR_REMESH_METHOD_H
 
+#include "inverse/inverse.h"
 #include "remesh/patch.h"
-#include "remesh/remesh.h"
+#include "remesh/snapshot.h"
+
+typedef struct remesher remesher; /* remesh.h */
 
 enum { MAX_AHEAD = 640 };           /* nodes that are made ready in idle time */
 enum { MAX_ROWS = MAX_WINDOW, MAX_COLUMNS = MAX_WINDOW + MAX_MOVED_PATCHES + 8 * MAX_CONTACTS };
@@ -42,9 +45,11 @@ struct remesher {
 
 /* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: what a change of stiffness at `n` dofs takes off the inverse
    between their columns (Woodbury), where `block` is the inverse between them. Row-major; `middle`, n square, may be `change`. */
-trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why);
+typedef struct { const double *entries; int ld; } strided_matrix;
+trocar_status change_middle(int n, strided_matrix change, strided_matrix block, double *middle, report *why);
 
 trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why);
+void remesher_release(remesher *r); /* what init has allocated */
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why);
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why);
@@ -55,6 +60,9 @@ trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, repo
 
 /* The handles in use, in ascending order. Returns how many. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
+
+/* Place of a nominal node (or of -1: a free one) in the window, or -1. */
+int window_place(const int *window, int node);
 
 /* The node of a handle in use, coded as a leaf corner: the nominal node of a moved one. */
 int handle_node(const remesher *r, int handle);

@@ -22,7 +22,7 @@ static trocar_status factor_change(dense_remesher *r, const dense_change *c, rep
         for (int b = 0; b < n; b++) block[a * n + b] = columns[(size_t)b * (size_t)r->ld + (size_t)c->dofs[a]];
     memcpy(middle, c->change, (size_t)(n * n) * sizeof *middle);
     for (int a = n - c->fresh; a < n; a++) middle[a * n + a] -= 1.0 / spring;
-    trocar_status status = change_middle(n, middle, n, block, n, middle, why);
+    trocar_status status = change_middle(n, (strided_matrix){middle, n}, (strided_matrix){block, n}, middle, why);
     if (status != TROCAR_OK) return status;
     cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, c->n, n, n, 1.0, columns, r->ld, middle, n, 0.0, weighted, r->ld);
     return TROCAR_OK;

@@ -387,20 +387,25 @@ static const face_record *find_face(const face_record *faces, size_t count, cons
     return low < count && compare_keys(faces[low].key, key) == 0 ? &faces[low] : NULL;
 }
 
-static trocar_status mark_surfaces(mesh *m, const face_record *faces, int triangle_count, const int (*triangles)[3],
-                                   const int *triangle_group, const char *name, report *why) {
+/* Triangles of named surfaces. */
+typedef struct {
+    int count;
+    const int (*nodes)[3], *group;
+} surface_triangles;
+
+static trocar_status mark_surfaces(mesh *m, const face_record *faces, const surface_triangles *triangles, const char *name, report *why) {
     size_t count = 4 * (size_t)m->tet_count;
-    for (int i = 0; i < triangle_count; i++) {
-        int key[3] = {triangles[i][0], triangles[i][1], triangles[i][2]};
+    for (int i = 0; i < triangles->count; i++) {
+        int key[3] = {triangles->nodes[i][0], triangles->nodes[i][1], triangles->nodes[i][2]};
         bool odd;
         sort_key(key, &odd);
         const face_record *f = find_face(faces, count, key);
         if (!f)
             return fail(why, TROCAR_BAD_INPUT,
                         "%s: surface \"%s\" has a triangle (nodes %d %d %d) that is not a face of any tetrahedron: "
-                        "mesh surface and volume together", name, m->groups[triangle_group[i]].name, key[0], key[1], key[2]);
+                        "mesh surface and volume together", name, m->groups[triangles->group[i]].name, key[0], key[1], key[2]);
         for (; f < faces + count && compare_keys(f->key, key) == 0; f++)
-            m->face_groups[f->tet][f->face] |= UINT32_C(1) << triangle_group[i];
+            m->face_groups[f->tet][f->face] |= UINT32_C(1) << triangles->group[i];
     }
     return TROCAR_OK;
 }
@@ -491,12 +496,11 @@ static bool build_tree(mesh *m) {
 
 /* ---- the whole mesh ---- */
 
-static trocar_status join_faces(mesh *m, int triangle_count, const int (*triangles)[3], const int *triangle_group,
-                                const char *name, report *why) {
+static trocar_status join_faces(mesh *m, const surface_triangles *triangles, const char *name, report *why) {
     face_record *faces = sorted_faces(m);
     if (!faces) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d tetrahedra", name, m->tet_count);
     trocar_status status = join_neighbours(m, faces, name, why);
-    if (status == TROCAR_OK) status = mark_surfaces(m, faces, triangle_count, triangles, triangle_group, name, why);
+    if (status == TROCAR_OK) status = mark_surfaces(m, faces, triangles, name, why);
     if (status == TROCAR_OK) mark_anatomy(m);
     free(faces);
     return status;
@@ -526,7 +530,7 @@ trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3]
     trocar_status status = check_nodes(m, name, why);
     if (status == TROCAR_OK) status = orient_tets(m, name, why);
     if (status == TROCAR_OK) status = measure_nodes(m, name, why);
-    if (status == TROCAR_OK) status = join_faces(m, triangle_count, triangles, triangle_group, name, why);
+    if (status == TROCAR_OK) status = join_faces(m, &(surface_triangles){triangle_count, triangles, triangle_group}, name, why);
     if (status == TROCAR_OK) status = finish_boundary(m, name, why);
     return status;
 }

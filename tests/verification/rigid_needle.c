@@ -69,7 +69,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     all = *s;
     all.active = contacts;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
-    if (!prefetch_covers(&b->snapshot, corners, handles)) return 0;
+    if (!snapshot_covers(&b->snapshot, corners, handles)) return 0;
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
@@ -103,13 +103,13 @@ static double total_force(const body *b, int axis, double *tip_alone) {
 /* The same by the tick, from the change of the wrench on a needle that holds all of its contacts, as its base moves by 1 mm. (At
    rest it is not quite zero: nodes are kept off the faces of elements, and so a little beside the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
-    insertion_wrench wrench;
+    tick_output wrench;
     insertion_reset(&b->simulation.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;
     for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* the contacts take part in the second tick, the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
-        status = simulation_step(&b->simulation, &b->state, &b->snapshot, base, 1e-3, &wrench, why);
+        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
     }
     return status;

@@ -258,7 +258,7 @@ static void check_reversibility(rows *r, bool converged, double limit) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, TICK);
     lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unloads, so that nothing slides */
-    insertion_wrench before = l->wrench;
+    tick_output before = l->wrench;
     double swing = 0.0, twist = 0.0, force = 0.0, torque = 0.0;
     for (int i = 0; i < 5; i++) {
         lockstep_move(l, v3(2e-5, 4e-5, -2e-5), 0.05, TICK);

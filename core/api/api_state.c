@@ -1,0 +1,140 @@
+/* trocar.h: save and restore a simulation; what there is to see of it. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/api.h"
+#include "base/flush_denormals.h"
+
+/* ---- save and restore -------------------------------------------------------------------------------------------------------- */
+
+/* Of each needle, after the model's address. Copied member by member: the caller's memory need not be aligned. */
+typedef struct {
+    insertion_state state;
+    double base_compliance;
+    compliance_snapshot snapshot;
+} saved_needle;
+
+size_t trocar_sim_state_size(const trocar_sim *sim) { return sizeof sim->model + (size_t)sim->needle_count * sizeof(saved_needle); }
+
+static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
+    size_t expected = trocar_sim_state_size(sim);
+    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", expected, size);
+}
+
+trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
+    trocar_error ignored;
+    trocar_status status = check_size(sim, size, error ? error : &ignored);
+    if (status != TROCAR_OK) return status;
+    memcpy(state, &sim->model, sizeof sim->model);
+    char *to = (char *)state + sizeof sim->model;
+    for (int i = 0; i < sim->needle_count; i++, to += sizeof(saved_needle)) {
+        needle_track *needle = &sim->needles[i];
+        memcpy(to + offsetof(saved_needle, state), &needle->state, sizeof needle->state);
+        memcpy(to + offsetof(saved_needle, base_compliance), &needle->base_compliance, sizeof needle->base_compliance);
+        memcpy(to + offsetof(saved_needle, snapshot), triple_buffer_read(&needle->snapshots, NULL), sizeof(compliance_snapshot));
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status restore_needle(needle_track *needle, const char *from, report *why) {
+    compliance_snapshot *slot = triple_buffer_slot(&needle->snapshots);
+    memcpy(&needle->state, from + offsetof(saved_needle, state), sizeof needle->state);
+    memcpy(&needle->base_compliance, from + offsetof(saved_needle, base_compliance), sizeof needle->base_compliance);
+    memcpy(slot, from + offsetof(saved_needle, snapshot), sizeof *slot);
+    needle->given = needle->state.needle.base;
+    needle->given.position = v3_sub(needle->given.position, needle->state.base_shift);
+    floating_mode before = flush_denormals();
+    trocar_status status = remesher_resume(needle->remesher, &needle->state.request, slot, why);
+    restore_floating_mode(before);
+    triple_buffer_publish(&needle->snapshots);
+    needle->posted = 0;
+    return status;
+}
+
+trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    const trocar_model *model;
+    trocar_status status = check_size(sim, size, why);
+    if (status != TROCAR_OK) return status;
+    memcpy(&model, state, sizeof model);
+    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
+    const char *from = (const char *)state + sizeof model;
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(&sim->needles[i], from, why);
+    return status;
+}
+
+/* ---- what there is to see -------------------------------------------------------------------------------------------------- */
+
+static void put(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
+    const needle_model *model = &parent->parts.needle;
+    for (int i = 0; i < s->active && i < room; i++) {
+        const shaft_contact *c = &s->contacts[i];
+        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->friction, .arc = c->arc, .depth = c->depth};
+        put(needle_at(model, &s->needle, c->arc).position, contacts[i].position);
+        put(c->force, contacts[i].force);
+    }
+    if (s->tip.phase != TIP_INSIDE) return s->active;
+    if (s->active < room) {
+        contacts[s->active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = model->given.length, .depth = s->tip.depth};
+        put(s->needle.joints[model->given.segments], contacts[s->active].position);
+        put(s->tip.force, contacts[s->active].force);
+    }
+    return s->active + 1;
+}
+
+int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room) {
+    int count = model->parts.needle.given.segments + 1;
+    for (int j = 0; j < count && j < room; j++) put(state->needle.joints[j], joints + 3 * j);
+    return count;
+}
+
+trocar_pose pose_out(pose base) {
+    vec3 x = base.position;
+    quat q = base.orientation;
+    return (trocar_pose){{x.x, x.y, x.z}, {q.w, q.x, q.y, q.z}};
+}
+
+/* NULL for a needle that does not exist. */
+static const insertion_state *state_of(const trocar_sim *sim, int needle) { return has_needle(sim->model, needle) ? &sim->needles[needle].state : NULL; }
+
+int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? contacts_of(sim->model, state, contacts, room) : 0;
+}
+
+int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? centreline_of(sim->model, state, joints, room) : 0;
+}
+
+trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
+    if (!has_needle(sim->model, needle)) return pose_out((pose){.orientation = {1, 0, 0, 0}});
+    pose base = sim->needles[needle].given;
+    base.position = v3_add(base.position, sim->needles[needle].state.base_shift);
+    return pose_out(base);
+}
+
+double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? needle_energy(&sim->model->parts.needle, &state->needle) : 0.0;
+}
+
+trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    simulation *parts = &sim->model->parts;
+    if (!sim->field_scratch) sim->field_scratch = malloc(simulation_field_scratch(parts) * sizeof *sim->field_scratch);
+    if (!sim->added_field) sim->added_field = malloc(MAX_CONTACTS * sizeof *sim->added_field);
+    if (!sim->field_scratch || !sim->added_field) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
+    tissue_loads others = {.count = 0};
+    for (int i = 1; i < sim->needle_count; i++) insertion_add_loads(&parts->insertion, &sim->needles[i].state, &others);
+    floating_mode before = flush_denormals();
+    simulation_field(parts, &sim->needles[0].state, &others, sim->field_scratch, (vec3 *)(void *)displacements, sim->added_field);
+    restore_floating_mode(before);
+    return TROCAR_OK;
+}

@@ -1,0 +1,214 @@
+#include "insertion/contact_assembly.h"
+
+#include <string.h>
+
+#include "insertion/local_compliance.h"
+#include "insertion/obstacle.h"
+#include "insertion/strata.h"
+
+static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
+static const double TIP_BITE = 0.05;     /* N, or the force along the needle at which it is full on the surface */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in tissue, having come out of a gap */
+
+/* ---- points and forces --------------------------------------------------------------------------------------------- */
+
+void locate_points(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    const insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < state->active; i++) {
+        w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
+        w->nominal[i] = v3_add(state->contacts[i].track, tick->snapshot->u_free[i]);
+    }
+    if (!w->tip) return;
+    w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
+    w->nominal[state->active] = v3_add(tip_place(&state->tip), w->free_at_tip);
+}
+
+void load_needle(const tick_context *tick) {
+    const insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    memset(w->load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->load);
+    for (int i = 0; i < w->problem.count; i++) {
+        vec3 force = i < state->active ? state->contacts[i].force : state->tip.force;
+        const needle_point *p = &w->points[i];
+        for (int k = 0; k < 3; k++) w->load[p->first + k] = v3_axpy(-p->weights[k], force, w->load[p->first + k]);
+    }
+}
+
+/* ---- compliance of the tissue -------------------------------------------------------------------------------------- */
+
+void find_tip_rows(const tick_context *tick, const int handles[4]) {
+    const insertion_state *state = tick->state;
+    const double *weights = state->tip.known_weights;
+    mat3 own = {{{0}}};
+    tick->scratch->free_at_tip = v3(0, 0, 0);
+    for (int c = 0; c < 4; c++) {
+        tick->scratch->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], tick->scratch->free_at_tip);
+        mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
+        m3_add_scaled(&own, weights[c], &row);
+    }
+    for (int i = 0; i < state->active; i++) tick->scratch->tip_row[i] = compliance_to_point(tick->snapshot, handles, weights, i);
+    tick->scratch->tip_row[state->active] = own;
+}
+
+void find_local_compliance(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    const insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < state->active; i++) {
+        const shaft_contact *contact = &state->contacts[i];
+        shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[i], 0.0);
+        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus);
+        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus);
+    }
+    if (!w->tip) return;
+    int t = state->active;
+    const needle_tip *tip = &state->tip;
+    double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
+    double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
+    shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
+    lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
+    lateral_axial line = local_at(model, tip->tet, tip->nominal);
+    w->lateral[t] = logarithm.lateral / (shaft.lateral + radius * logarithm.lateral / line.lateral); /* one radius more */
+    w->held_axial = logarithm.axial / (shaft.axial + radius * logarithm.axial / line.axial);
+    w->loose = w->lateral[t] * (1.0 / fmax(hold, 1e-6) - 1.0);
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing);
+    w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
+}
+
+/* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
+   the traction that it bears, m. Shaft that enters another region has not sheared the tissue there yet; without this, it would have to
+   slide for it, in the tick in which the tip enters that region. */
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness) {
+    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
+    double before = *softness;
+    *softness = (share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS);
+    return before > 0.0 ? logarithm * (*softness - before) * traction : 0.0;
+}
+
+void keep_shear(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < state->active; i++) {
+        shaft_contact *contact = &state->contacts[i];
+        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, contact->traction, &contact->softness);
+    }
+    if (!w->tip) return;
+    needle_tip *tip = &state->tip;
+    double logarithm = local_logarithm(model, tip->tet, tip->nominal).axial;
+    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_traction, &tip->shaft_softness);
+}
+
+/* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
+
+static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, friction_state last) {
+    contact_problem *p = &tick->scratch->problem;
+    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid);
+    p->upper[i] = friction.dry;
+    p->lower[i] = -friction.dry;
+    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt;
+    p->state[i] = last;
+}
+
+/* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
+static void bound_tip(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    contact_problem *p = &tick->scratch->problem;
+    const needle_tip *tip = &tick->state->tip;
+    int t = tick->state->active;
+    p->upper[t] = tip_resistance(model, tip);
+    p->lower[t] = 0.0;
+    p->viscosity[t][0] = 0.0;
+    p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt;
+    p->state[t] = tip->friction;
+    bound_friction(tick, t + 1, tick->scratch->shares[t], tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction);
+}
+
+void bound_contacts(const tick_context *tick) {
+    for (int i = 0; i < tick->state->active; i++) {
+        const shaft_contact *contact = &tick->state->contacts[i];
+        bound_friction(tick, i, tick->scratch->shares[i], contact->slid + fabs(contact->slip), contact->friction);
+    }
+    if (tick->scratch->tip) bound_tip(tick);
+}
+
+/* ---- the contact problem ------------------------------------------------------------------------------------------- */
+
+static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
+    mat3 sum = {{{0}}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            m3_add_block(&sum, p->weights[i] * q->weights[j], &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)], NEEDLE_LD);
+    return sum;
+}
+
+static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, const mat3 *frame_i, const mat3 *frame_j) {
+    mat3 half = m3_multiply(compliance, frame_j), turned = m3_transposed(frame_i);
+    turned = m3_multiply(&turned, &half);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) {
+            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
+            if (row >= column) p->compliance[row][column] = turned.m[a][b];
+            else p->compliance[column][row] = turned.m[a][b];
+        }
+}
+
+/* The shaft next to the tip acts at the same point along the same line: so far a copy of the tip's last row and column. */
+static void repeat_tip(contact_problem *p) {
+    int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
+    memcpy(p->compliance[shaft], p->compliance[tip], (size_t)shaft * sizeof **p->compliance);
+    p->compliance[shaft][shaft] = p->compliance[tip][tip];
+}
+
+/* Local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with a
+   needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. The shaft next to the tip
+   carries what lies sideways with it as a contact would, so that nothing jumps when one takes the place of the other. What the end
+   face presses in yields along the needle, under its own force alone. */
+static void add_local_compliance(contact_problem *p, const insertion_workspace *w, int point, vec3 track, bool tip) {
+    int first = unknown(p->count, point, 0), face = unknown(p->count, point, 2), axial = face + tip;
+    const int row[] = {first, first + 1, axial};
+    vec3 share = m3_apply_transposed(&w->points[point].frame, track); /* of each force, along the track */
+    const double along[] = {share.x, share.y, share.z};
+    double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j <= i; j++)
+            p->compliance[row[i]][row[j]] += w->lateral[point] * ((i == j) - along[i] * along[j]) + (j == 2 ? shaft : held) * along[i] * along[j];
+    if (tip) p->compliance[face][face] += w->axial[point];
+}
+
+void assemble_compliance(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    const insertion_state *state = tick->state;
+    contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++)
+        for (int j = 0; j <= i; j++) {
+            mat3 sum = i == state->active ? w->tip_row[j] : compliance_between(tick->snapshot, i, j);
+            mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
+            m3_add_scaled(&sum, 1.0, &needle);
+            for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
+            put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
+        }
+    if (w->tip) repeat_tip(p);
+    for (int i = 0; i < state->active; i++) add_local_compliance(p, w, i, state->contacts[i].direction, false);
+    if (!w->tip) return;
+    add_local_compliance(p, w, state->active, state->tip.direction, true);
+    for (int a = 0; a < 2; a++) p->compliance[2 * state->active + a][2 * state->active + a] += w->loose;
+}
+
+void assemble_gaps(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    contact_problem *p = &w->problem;
+    for (int i = 0; i < p->count; i++) {
+        const needle_point *at = &w->points[i];
+        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->nominal[i]);
+        for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
+        gap = m3_apply_transposed(&at->frame, gap);
+        p->gap[unknown(p->count, i, 0)] = gap.x;
+        p->gap[unknown(p->count, i, 1)] = gap.y;
+        p->gap[unknown(p->count, i, 2)] = gap.z;
+    }
+    int shaft = unknown(p->count, p->count, 2);
+    if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
+}

@@ -1,0 +1,37 @@
+/* Puts the contact problem together: what the points of contact are, how tissue, needle and mount yield between them, which
+   forces they can bear, and the gaps that would be open without forces. */
+#ifndef TROCAR_CONTACT_ASSEMBLY_H
+#define TROCAR_CONTACT_ASSEMBLY_H
+
+#include "insertion/tick.h"
+
+/* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
+static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
+
+/* Where the points of contact are on the needle, and in tissue that the needle exerts no force on. RT */
+void locate_points(const tick_context *tick);
+
+/* Forces of the contacts on the needle's joints. RT */
+void load_needle(const tick_context *tick);
+
+/* Compliance of the tissue between the tip, whose corners have these handles, and each point; the free displacement at the tip. RT */
+void find_tip_rows(const tick_context *tick, const int handles[4]);
+
+/* Keeps the shear of the tissue along each share as the share comes to lie in other regions. RT */
+void keep_shear(const tick_context *tick);
+
+/* Local compliances of the points, m/N. Shaft: by its share of length in each region. Tip: sideways as shaft of its share and
+   one radius more (its hold fades out at the surface unless it is pressed in); along the needle as a disc under the cutting force,
+   beside the shaft next to it. RT */
+void find_local_compliance(const tick_context *tick);
+
+/* Bounds of the forces along the needle. RT */
+void bound_contacts(const tick_context *tick);
+
+/* Compliance of tissue, needle and mount between all points, in their frames; local compliance on the diagonal. RT */
+void assemble_compliance(const tick_context *tick);
+
+/* The gaps that would be open without contact forces. RT */
+void assemble_gaps(const tick_context *tick);
+
+#endif

@@ -1,0 +1,25 @@
+/* The contact nodes along the track: planned ahead of the tip, left behind as it cuts, taken up again as it is drawn back. */
+#ifndef TROCAR_CONTACT_NODES_H
+#define TROCAR_CONTACT_NODES_H
+
+#include "insertion/tick.h"
+
+/* Depth of the last one that the tip has passed, m; -INFINITY without one. RT */
+double last_contact_depth(const insertion_state *state);
+
+/* On entering an element: its contact node is due half way through it (or where the tip leaves it, as the scene says), but not closer
+   to the last one than the spacing. Requested now, its row of the inverse is there when the tip is. RT */
+void plan_contact(const tick_context *tick, vec3 direction);
+void drop_plan(insertion_state *state); /* RT */
+
+/* Leaves a contact node at the tip: the planned one, or a new one if the tip came elsewhere. It takes part as soon as the worker
+   has its row. RT */
+void leave_contact(const tick_context *tick);
+
+/* The tip has come back to its last contact node and takes its place. RT */
+void take_up_contact(const tick_context *tick);
+
+/* Sets how far the tip is out of an outer face; zero: it is not. RT */
+void set_beside(needle_tip *tip, vec3 beside);
+
+#endif

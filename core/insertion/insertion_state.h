@@ -1,0 +1,103 @@
+/* All that changes during an insertion: contacts along the shaft, the tip, the layers along its track. Plain data. */
+#ifndef TROCAR_INSERTION_STATE_H
+#define TROCAR_INSERTION_STATE_H
+
+#include "insertion/contact.h"
+#include "needle/needle.h"
+#include "remesh/snapshot.h"
+
+enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
+
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side or in a gap, shaft still in the tissue */
+
+/* One contact: a node of the tissue that the shaft passes. */
+typedef struct {
+    double arc;              /* m from the base: the needle's material point that is there */
+    vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
+    vec3 beside;             /* m, by how much that is outside an outer face: as in needle_tip */
+    vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
+    double depth;            /* m along the nominal track from the skin */
+    double slip;             /* m, by which the shaft slid forward past it in the last solve; applied by the next tick */
+    double slid;             /* m of sliding since it last stuck */
+    friction_state friction;
+    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
+    double log_axial;        /* the same along the needle */
+    double surplus;          /* m/N, compliance that its node adds by being in the mesh */
+    double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double traction;         /* N/m, force along the needle over the length of its share */
+    vec3 force;              /* N, world frame, on the tissue */
+} shaft_contact;
+
+/* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
+typedef struct {
+    tip_phase phase;
+    int tet;                 /* nominal element, -1 outside */
+    vec3 nominal;            /* m, the tissue's material point at the tip */
+    vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
+    double depth;            /* m along the nominal track from the skin */
+    double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
+    friction_state friction; /* forward while it cuts */
+    double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
+    double shaft_slid;       /* m, and friction: as in shaft_contact */
+    friction_state shaft_friction;
+    double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
+    double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
+    vec3 force;              /* N, world frame, on the tissue */
+    double dent;             /* m along the track, by which the tissue at the tip is displaced */
+    vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
+    double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
+    int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    int face;                /* of `tet`: where the tip is on the surface or blocked */
+    bool entering;           /* the tip is blocked at the outer surface and comes from outside */
+    vec3 outward;            /* unit normal of the outer face along which the tip grazes; zero: it does not */
+    vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
+    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
+    double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
+    bool planned;            /* that node is in the refinement already, as its last one */
+    int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
+    double known_weights[4]; /* and that point's barycentric weights */
+} needle_tip;
+
+/* m, nominal: where the tip is, which `nominal` stands for in the mesh. RT */
+static inline vec3 tip_place(const needle_tip *tip) { return v3_add(tip->nominal, tip->beside); }
+
+/* Direction in which `nominal` moves while the tip moves along `direction`: not out of the face that it grazes. RT */
+static inline vec3 tip_way(const needle_tip *tip, vec3 direction) { return v3_axpy(-v3_dot(direction, tip->outward), tip->outward, direction); }
+
+/* N, total force on the tissue at the tip: the needle's, and the damper's while the tissue springs back. RT */
+static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->force, tip->damping); }
+
+/* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
+enum { IN_A_GAP = -1 };
+typedef struct {
+    double depth;            /* m */
+    int region;              /* group index, or IN_A_GAP */
+    int tet;                 /* element that the track starts in there; of a gap, the one that it left */
+    vec3 point;              /* m, nominal: where it starts */
+} stratum;
+
+enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
+
+/* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
+   and restores it. */
+typedef struct {
+    vec3 base_shift;             /* m, by which the spring that holds the base has yielded */
+    needle_state needle;
+    needle_tip tip;
+    vec3 entry;                  /* m, nominal point where the track starts */
+    stratum strata[MAX_STRATA];  /* regions along the track, from the skin to the tip */
+    int stratum_count;
+    refinement refined;          /* the contact nodes, base to tip */
+    shaft_contact contacts[MAX_CONTACTS];
+    int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
+    bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
+    bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
+    vec3 stuck_at;               /* m, world frame: where the needle's end was then */
+    uint64_t next_id;
+    remesh_request request;      /* what the tick wants next; serial grows with each change */
+} insertion_state;
+
+/* Contact nodes that the tip has passed: all but a planned one. RT */
+static inline int contacts_passed(const insertion_state *state) { return state->refined.count - state->tip.planned; }
+
+#endif

@@ -1,0 +1,77 @@
+#include "insertion/known_tissue.h"
+
+#include <string.h>
+
+#include "insertion/local_compliance.h"
+
+/* Handles of the last point under the tip that the snapshot covered; false: there is none. */
+static bool tip_handles(const tick_context *tick, int handles[4]) {
+    const needle_tip *tip = &tick->state->tip;
+    return tip->phase == TIP_INSIDE && tip->known_tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known_tet], handles);
+}
+
+vec3 displacement_of(const tick_context *tick, int handle) {
+    const insertion_state *state = tick->state;
+    vec3 u = tick->snapshot->u_free[handle];
+    for (int i = 0; i < state->active; i++) {
+        mat3 c = compliance_between(tick->snapshot, handle, i);
+        u = v3_add(u, m3_apply(&c, state->contacts[i].force));
+    }
+    int corners[4];
+    if (tip_handles(tick, corners)) {
+        mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known_weights, handle);
+        u = v3_add(u, m3_apply_transposed(&c, tip_load(&state->tip)));
+    }
+    return u;
+}
+
+/* Activates a contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
+   tip that left it there. */
+static void activate_contact(const tick_context *tick, int index) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    shaft_contact *contact = &state->contacts[index];
+    const added_node *node = &state->refined.nodes[index];
+    lateral_axial logarithm = local_logarithm(model, node->tet, node->position);
+    contact->log_lateral = logarithm.lateral;
+    contact->log_axial = logarithm.axial;
+    contact->surplus = local_surplus(model, node->tet, node->position);
+    double ahead = shaft_ahead(model, state, index, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
+    vec3 tissue = v3_add(contact->track, displacement_of(tick, index));
+    needle_point p = needle_at(model->needle, &state->needle, contact->arc);
+    contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));
+    contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
+}
+
+void accept_snapshot(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state);
+    while (state->active < known && state->active < passed) {
+        int index = state->active++;
+        state->contacts[index].force = v3(0, 0, 0);
+        activate_contact(tick, index);
+        tick->output->events |= EVENT_ADDED;
+    }
+}
+
+bool follow_known_point(const tick_context *tick, int handles[4]) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    needle_tip *tip = &state->tip;
+    if (tip->phase != TIP_INSIDE) return false;
+    double weights[4];
+    int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->tet, tip->nominal, weights);
+    bool covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
+    if (!covered && tet != tip->tet) { /* the window follows the nominal mesh */
+        tet = tip->tet;
+        mesh_barycentric(model->mesh, tet, tip->nominal, weights);
+        covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
+    }
+    if (!covered) {
+        tick->output->events |= EVENT_LATE;
+        return tip_handles(tick, handles);
+    }
+    tip->known_tet = tet;
+    memcpy(tip->known_weights, weights, sizeof weights);
+    return true;
+}

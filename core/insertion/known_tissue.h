@@ -1,0 +1,18 @@
+/* What the newest snapshot tells the tick: which contacts can take part, where the tip's force acts, how the tissue is displaced. */
+#ifndef TROCAR_KNOWN_TISSUE_H
+#define TROCAR_KNOWN_TISSUE_H
+
+#include "insertion/tick.h"
+
+/* Displacement of a handle under the present forces, and others' on the tissue, m. RT */
+vec3 displacement_of(const tick_context *tick, int handle);
+
+/* Contacts whose rows of the inverse have arrived start to take part. RT */
+void accept_snapshot(const tick_context *tick);
+
+/* Handles of the corners around the tip; if the worker is late, around the last point that the snapshot covered. False: there are
+   none. The tip's force acts on the nominal mesh by interpolation: a node of its own would become stiffer as it came nearer to a
+   face, and what it would add is below what the mesh resolves. RT */
+bool follow_known_point(const tick_context *tick, int handles[4]);
+
+#endif

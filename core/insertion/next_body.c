@@ -1,0 +1,84 @@
+#include "insertion/next_body.h"
+
+#include "insertion/contact_nodes.h"
+#include "insertion/obstacle.h"
+#include "insertion/strata.h"
+#include "insertion/tip_path.h"
+
+static const double OVERLAP = 2e-3; /* m, by which bodies that were meshed separately may overlap */
+
+vec3 needle_direction(const tick_context *tick) {
+    quat frame = tick->state->needle.frames[tick->model->needle->given.segments - 1];
+    return q_rotate(frame, v3(0, -tick->model->needle->given.bevel_slope, 1.0));
+}
+
+/* How far the needle's end is beyond the point of the shaft at which the tip left the tissue, m. */
+static double beyond_exit(const tick_context *tick) {
+    const insertion_state *state = tick->state;
+    int last = state->refined.count - 1;
+    if (last < 0) return -INFINITY;
+    return tick->model->needle->given.length - (state->contacts[last].arc + state->tip.depth - state->contacts[last].depth);
+}
+
+void come_back(const tick_context *tick) {
+    double beyond = beyond_exit(tick);
+    if (beyond > -tick->model->needle->radius) return;
+    tick->state->tip.phase = TIP_INSIDE;
+    if (isfinite(beyond)) tick->state->tip.slip = beyond;
+    tick->output->events |= EVENT_REENTERED;
+}
+
+static entrance entrance_at(const insertion_model *model, surface_hit hit) {
+    return (entrance){hit.hit, hit.tet, hit.face, hit.hit ? obstacle(model, hit.tet, hit.face, hit.tet) : NOT_BLOCKED, hit.point};
+}
+
+void enter_next(const tick_context *tick, const entrance *at, double gap) {
+    needle_tip *tip = &tick->state->tip;
+    if (!at->found) return;
+    if (tick->state->stratum_count + 2 > MAX_STRATA) {
+        tick->output->events |= EVENT_FULL;
+        return;
+    }
+    note_stratum(tick, IN_A_GAP);
+    tip->phase = TIP_INSIDE;
+    tip->tet = at->tet;
+    tip->face = at->face;
+    tip->nominal = at->point;
+    set_beside(tip, v3(0, 0, 0));
+    tip->direction = v3_unit(needle_direction(tick));
+    tip->depth += fmax(gap, FACE_CLEARANCE);
+    tip->known_tet = -1;
+    tip->blocked_by = at->blocked_by;
+    tip->entering = true;
+    tip->next_contact = NAN;
+    enter_stratum(tick);
+    tick->output->events |= EVENT_TOUCHED;
+}
+
+entrance next_body(const insertion_model *model, vec3 left, vec3 to) {
+    vec3 direction = v3_unit(v3_sub(to, left)), beyond = v3_axpy(2.0 * FACE_CLEARANCE, direction, left);
+    entrance overlap = entrance_at(model, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
+    surface_hit before = {.hit = overlap.found, .tet = overlap.tet, .point = overlap.point};
+    if (before.hit && reaches(model->mesh, before, beyond, &overlap.tet)) {
+        overlap.point = beyond;
+        return overlap;
+    }
+    return entrance_at(model, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
+}
+
+void enter_what_touches(const tick_context *tick, vec3 direction) {
+    vec3 left = tick->state->tip.nominal, way = v3_sub(tick->state->tip.end, left);
+    if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
+    entrance at = next_body(tick->model, left, v3_add(left, way));
+    enter_next(tick, &at, v3_norm(v3_sub(at.point, left)));
+}
+
+void look_for_next(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    needle_tip *tip = &tick->state->tip;
+    vec3 before = tip->end, now = tick->state->needle.joints[model->needle->given.segments];
+    tip->end = now;
+    if (v3_dot(v3_sub(now, before), needle_direction(tick)) <= 0.0) return;
+    entrance at = entrance_at(model, mesh_enter(model->mesh, before, now));
+    enter_next(tick, &at, beyond_exit(tick) - v3_norm(v3_sub(now, at.point)));
+}

@@ -1,0 +1,22 @@
+#include "insertion/obstacle.h"
+
+#include <math.h>
+
+static const region_material *material_at(const insertion_model *model, int tet) {
+    return &model->materials[model->mesh->region[tet]];
+}
+
+double tip_resistance(const insertion_model *model, const needle_tip *tip) {
+    double cutting = material_at(model, tip->tet)->cutting_force;
+    if (tip->blocked_by == BLOCKED_BY_BONE) return INFINITY;
+    return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, model->membranes[tip->blocked_by].puncture_force);
+}
+
+int obstacle(const insertion_model *model, int tet, int face, int behind) {
+    if (behind >= 0 && isinf(material_at(model, behind)->cutting_force)) return BLOCKED_BY_BONE;
+    int strongest = NOT_BLOCKED;
+    for (int i = 0; i < model->membrane_count; i++)
+        if (model->mesh->face_groups[tet][face] >> model->membranes[i].group & 1
+            && (strongest < 0 || model->membranes[i].puncture_force > model->membranes[strongest].puncture_force)) strongest = i;
+    return strongest;
+}

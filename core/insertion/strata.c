@@ -1,0 +1,29 @@
+#include "insertion/strata.h"
+
+void note_stratum(const tick_context *tick, int region) {
+    insertion_state *state = tick->state;
+    const needle_tip *tip = &state->tip;
+    int last = state->stratum_count - 1;
+    if (last >= 0 && state->strata[last].region == region) return;
+    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->depth, region, tip->tet, tip->nominal};
+    else tick->output->events |= EVENT_FULL;
+}
+
+void enter_stratum(const tick_context *tick) {
+    note_stratum(tick, tick->model->mesh->region[tick->state->tip.tet]);
+}
+
+int last_gap(const insertion_state *state) {
+    int k = state->stratum_count - 1;
+    while (k >= 0 && state->strata[k].region != IN_A_GAP) k--;
+    return k;
+}
+
+double tip_entry_depth(const insertion_state *state) {
+    int gap = last_gap(state);
+    return gap >= 0 ? state->strata[gap + 1].depth : 0.0;
+}
+
+void leave_strata(insertion_state *state) {
+    while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.depth) state->stratum_count--;
+}

@@ -1,0 +1,93 @@
+/* What one tick works with: the model, the state, what is known of the tissue, scratch memory, and the output. */
+#ifndef TROCAR_TICK_H
+#define TROCAR_TICK_H
+
+#include "insertion/shaft.h"
+
+typedef enum {
+    EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
+    EVENT_PUNCTURED = 1 << 1,    /* a membrane gave way (`membrane` says which) */
+    EVENT_ADDED = 1 << 2,        /* a contact became active */
+    EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
+    EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
+    EVENT_REENTERED = 1 << 5,    /* and came back the same way */
+    EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
+    EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip: the tick used the last point that was covered */
+    EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
+    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
+    EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
+} insertion_event;
+
+/* What a tick answers. */
+typedef struct {
+    vec3 force;                  /* N, world frame: what the base exerts on the hand */
+    vec3 torque;                 /* N m, world frame, about the base point, where it is */
+    double depth;                /* m, length of the track in the tissue, gaps between bodies included */
+    int contacts;                /* active */
+    unsigned events;             /* insertion_event bits of this tick */
+    int membrane;                /* index of the membrane punctured in this tick, or -1 */
+    int passes, switches;        /* effort of this tick */
+} tick_output;
+
+typedef enum { INSERTION_TISSUE, INSERTION_NEEDLE, INSERTION_CONTACT, INSERTION_WRENCH, INSERTION_STAGES } insertion_stage;
+
+/* Where a tick spends its time. The clock is its caller's; NULL: nothing is measured. */
+typedef struct {
+    int64_t (*clock)(void);          /* ns */
+    int64_t last;                    /* ns, when the last stage ended */
+    int64_t spent[INSERTION_STAGES]; /* ns, in this tick */
+} insertion_profile;
+
+/* RT */
+static inline void profile_begin(insertion_profile *p) { *p = (insertion_profile){.clock = p->clock, .last = p->clock ? p->clock() : 0}; }
+
+/* Adds the time since the last call to this stage. RT */
+static inline void profile_end_stage(insertion_profile *p, insertion_stage stage) {
+    if (!p->clock) return;
+    int64_t now = p->clock();
+    p->spent[stage] += now - p->last;
+    p->last = now;
+}
+
+/* Scratch of one tick: nothing in it but the profile outlives the call. */
+typedef struct {
+    bool tip;                                /* takes part in the solve, as the last of the points; the others are the contacts */
+    needle_tangent tangent;
+    contact_problem problem;
+    needle_point points[MAX_POINTS];
+    vec3 nominal[MAX_POINTS];                /* m, where the tissue at each point would be without the needle's forces */
+    vec3 free_at_tip;                        /* m, u_free there */
+    shaft_share shares[MAX_POINTS];
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
+    double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
+    double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
+    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
+    double tip_yield;                        /* m/N, and of the tip itself */
+    double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
+    double loose;                            /* m/N, additional lateral compliance of the tip while its hold is not full */
+    mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
+    needle_state start;                      /* shape before the first pass, */
+    vec3 start_force[MAX_POINTS];            /* N, and forces, */
+    double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
+    insertion_profile profile;
+} insertion_workspace;
+
+/* How the base is held: by a spring to `pose`, where it rests without force. */
+typedef struct {
+    pose pose;
+    double compliance;       /* m/N, the same in every direction; 0: held rigidly */
+} mount;
+
+/* One tick and all that it works with. The tick takes what the snapshot holds and leaves in state->request what it wants next. */
+typedef struct {
+    const insertion_model *model;
+    insertion_state *state;
+    const compliance_snapshot *snapshot;
+    insertion_workspace *scratch;
+    mount base;
+    double dt;               /* s */
+    tick_output *output;
+} tick_context;
+
+#endif

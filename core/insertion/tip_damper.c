@@ -1,0 +1,46 @@
+#include "insertion/tip_damper.h"
+
+#include "insertion/contact_assembly.h"
+#include "insertion/local_compliance.h"
+
+double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
+    if (tip->friction != SLIP_FORWARD || tip->dent == 0.0) return 1.0;
+    return -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
+}
+
+void damp_tip(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    contact_problem *p = &w->problem;
+    int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
+    double *a = w->tip_column;
+    vec3 along = tick->state->tip.direction, own = m3_apply(&w->tip_row[t], along);
+    double facing = v3_dot(needle_along(&w->points[t]), along);
+    for (int i = 0; i < p->count; i++) {
+        vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
+        moved = m3_apply_transposed(&w->points[i].frame, moved);
+        a[unknown(p->count, i, 0)] = moved.x;
+        a[unknown(p->count, i, 1)] = moved.y;
+        a[unknown(p->count, i, 2)] = moved.z;
+    }
+    a[tip + 1] = a[tip];
+    a[tip] += w->axial[t] * facing;
+    w->tip_yield = v3_dot(along, own) + w->axial[t] * facing * facing;
+    double held = (1.0 - w->relaxed) / w->tip_yield;
+    if (held == 0.0) return;
+    for (int i = 0; i < all; i++) {
+        for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
+        p->gap[i] -= held * a[i] * tick->state->tip.dent;
+    }
+}
+
+void spring_back(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    const insertion_workspace *w = tick->scratch;
+    const contact_problem *p = &w->problem;
+    int tip = unknown(p->count, p->count - 1, 2);
+    double u = 0.0;
+    for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
+    double dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
+    state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);
+    state->tip.dent = dent;
+}

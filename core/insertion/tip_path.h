@@ -1,0 +1,25 @@
+/* The tip's path through the nominal mesh: forward from element to element, along outer faces, and back along the track. */
+#ifndef TROCAR_TIP_PATH_H
+#define TROCAR_TIP_PATH_H
+
+#include "insertion/tick.h"
+
+enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
+static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
+
+/* Cuts forward by `distance` along the unit nominal direction: leaves contacts where they are due; membranes stop it. RT */
+void cut_forward(const tick_context *tick, vec3 direction, double distance);
+
+/* Draws back by `distance` along the track, taking up contact nodes on the way. RT */
+void draw_back(const tick_context *tick, double distance);
+
+/* Into the element behind a face, or out of the tissue. RT */
+void cross_face(const tick_context *tick, int face, vec3 direction);
+
+/* The needle is out of the tissue. RT */
+void leave_tissue(const tick_context *tick);
+
+/* Does the straight line from a hit on the outer surface to x lead through tissue? *tet: the element of x. RT */
+bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet);
+
+#endif

@@ -1,0 +1,63 @@
+#include "insertion/track_gradient.h"
+
+#include "insertion/known_tissue.h"
+#include "insertion/prefetch.h"
+#include "insertion/strata.h"
+
+enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
+
+/* Displacement of the tissue at a contact, which the shaft carries along, m. */
+static vec3 carried(const tick_context *tick, int index) {
+    const insertion_state *state = tick->state;
+    needle_point p = needle_at(tick->model->needle, &state->needle, state->contacts[index].arc);
+    return v3_sub(p.position, state->contacts[index].track);
+}
+
+/* Displacement of the tissue carried along by the shaft WINDOW_SPAN behind the tip, m. */
+static vec3 displacement_behind(const tick_context *tick, vec3 at_tip) {
+    const insertion_state *state = tick->state;
+    vec3 ahead = at_tip;
+    double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
+    for (int i = state->active - 1; i >= 0; i--) {
+        double depth = state->contacts[i].depth;
+        if (depth < tip_entry_depth(state)) break; /* in another body */
+        vec3 here = carried(tick, i);
+        if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
+        ahead = here;
+        ahead_depth = depth;
+    }
+    return ahead;
+}
+
+/* The same up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
+static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at_tip) {
+    const insertion_state *state = tick->state;
+    const mesh *m = tick->model->mesh;
+    double left = WINDOW_SPAN, chord;
+    vec3 x = state->tip.nominal;
+    int tet = state->tip.tet;
+    direction = tip_way(&state->tip, direction);
+    for (int step = 0; step < MOST_ELEMENTS; step++) {
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        x = v3_axpy(fmin(left, chord), direction, x);
+        left -= chord;
+        if (face < 0 || left <= 0.0 || m->neighbours[tet][face] < 0) break;
+        tet = m->neighbours[tet][face];
+    }
+    int handles[4];
+    double weights[4];
+    tet = refinement_element(m, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tet, x, weights);
+    if (!snapshot_covers(tick->snapshot, m->tets[tet], handles)) return at_tip;
+    vec3 u = v3(0, 0, 0);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displacement_of(tick, handles[c]), u);
+    return u;
+}
+
+vec3 track_gradient(const tick_context *tick) {
+    const insertion_state *state = tick->state;
+    if (state->tip.phase != TIP_INSIDE || state->active == 0) return v3(0, 0, 0);
+    needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.slip);
+    vec3 at_tip = v3_sub(end.position, tip_place(&state->tip));
+    vec3 ahead = displacement_ahead(tick, needle_along(&end), at_tip);
+    return v3_scale(0.5 / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, at_tip)));
+}

@@ -1,0 +1,74 @@
+#include "remesh/free_displacement.h"
+
+#include <string.h>
+
+enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
+
+/* Nominal nodes, each once, and their displacement. */
+typedef struct {
+    int count, nodes[MAX_NODES];
+    vec3 displacement[MAX_NODES];
+} node_field;
+
+static int place_of(const node_field *field, int node) {
+    int k = 0;
+    while (k < field->count && field->nodes[k] != node) k++;
+    return k;
+}
+
+static void list_node(node_field *field, int node) {
+    int place = place_of(field, node);
+    if (place == field->count) field->nodes[field->count++] = node;
+}
+
+/* The window's nodes and the corners around the contact nodes. */
+static void list_nodes(const mesh *m, const remesh_request *request, const compliance_snapshot *snapshot, node_field *field) {
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (snapshot->window[k] >= 0) list_node(field, snapshot->window[k]);
+    for (int i = 0; i < snapshot->added_count; i++)
+        for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[i].tet][c]);
+}
+
+static trocar_status add_load(inverse *inv, const mesh *m, const tissue_load *load, node_field *field, report *why) {
+    double blocks[3 * MAX_NODES][12];
+    trocar_status status = inverse_gather(inv, &(inverse_blocks){field->count, field->nodes, 4, m->tets[load->tet], blocks[0], 12}, why);
+    if (status != TROCAR_OK) return status;
+    for (int k = 0; k < field->count; k++)
+        for (int c = 0; c < 4; c++) {
+            mat3 block = {{{0}}};
+            m3_add_block(&block, load->weights[c], &blocks[3 * k][3 * c], 12);
+            field->displacement[k] = v3_add(field->displacement[k], m3_apply(&block, load->force));
+        }
+    return TROCAR_OK;
+}
+
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why) {
+    const mesh *m = inverse_tissue(inv)->mesh;
+    snapshot->loaded = loads->count > 0;
+    memset(snapshot->u_free, 0, sizeof snapshot->u_free);
+    if (!snapshot->loaded) return TROCAR_OK;
+    node_field field = {.count = 0};
+    list_nodes(m, request, snapshot, &field);
+    for (int i = 0; i < loads->count; i++) {
+        trocar_status status = add_load(inv, m, &loads->loads[i], &field, why);
+        if (status != TROCAR_OK) return status;
+    }
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (snapshot->window[k] >= 0) snapshot->u_free[MAX_CONTACTS + k] = field.displacement[place_of(&field, snapshot->window[k])];
+    for (int i = 0; i < snapshot->added_count; i++) {
+        const added_node *node = &request->wanted.nodes[i];
+        double weights[4];
+        mesh_barycentric(m, node->tet, node->position, weights);
+        for (int c = 0; c < 4; c++)
+            snapshot->u_free[i] = v3_axpy(weights[c], field.displacement[place_of(&field, m->tets[node->tet][c])], snapshot->u_free[i]);
+    }
+    return TROCAR_OK;
+}
+
+void loads_spread(const mesh *m, const tissue_loads *loads, vec3 *nominal) {
+    for (int i = 0; i < loads->count; i++)
+        for (int c = 0; c < 4; c++) {
+            vec3 *corner = &nominal[m->tets[loads->loads[i].tet][c]];
+            *corner = v3_axpy(loads->loads[i].weights[c], loads->loads[i].force, *corner);
+        }
+}

@@ -1,0 +1,17 @@
+/* Free displacement: where the tissue at the handles would be if the needle that asks exerted no force. See README.md, "Several
+   needles". */
+#ifndef TROCAR_FREE_DISPLACEMENT_H
+#define TROCAR_FREE_DISPLACEMENT_H
+
+#include "inverse/inverse.h"
+#include "remesh/snapshot.h"
+
+/* Fills u_free of a snapshot that answers `request`: the displacement that `loads` cause in the nominal mesh. A contact node's is
+   interpolated from its nominal element, which is exact as long as no load acts on an added node of the same element. Worker's
+   side; allocates nothing. */
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why);
+
+/* Adds the loads to nodal forces (node_count), N. */
+void loads_spread(const mesh *m, const tissue_loads *loads, vec3 *nominal);
+
+#endif

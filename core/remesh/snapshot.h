@@ -1,0 +1,62 @@
+/* What passes between the tick and the worker: requests one way, snapshots of the compliance between handles the other way. */
+#ifndef TROCAR_SNAPSHOT_H
+#define TROCAR_SNAPSHOT_H
+
+#include "remesh/refinement.h"
+
+enum {
+    MAX_WINDOW = 96,                            /* nominal nodes around the tip, behind it and ahead */
+    MAX_HANDLES = MAX_CONTACTS + MAX_WINDOW,
+    SNAPSHOT_LD = 3 * MAX_HANDLES,
+};
+
+/* A force on the tissue at a point of the nominal mesh. */
+typedef struct {
+    int tet;
+    double weights[4];       /* barycentric */
+    vec3 force;              /* N */
+} tissue_load;
+
+enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1) };
+
+/* What else loads the tissue beside the needle that asks: the other needles. */
+typedef struct {
+    int count;
+    tissue_load loads[MAX_LOADS];
+} tissue_loads;
+
+/* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */
+typedef struct {
+    uint64_t serial;
+    refinement wanted;
+    int window_count;
+    int window[MAX_WINDOW];  /* nominal nodes */
+    int needed;              /* number at the front of the window that are indispensable; others may be left out if costly (inverse_holds) */
+    vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
+} remesh_request;
+
+/* The answer: the inverse of the refined stiffness matrix between handles. Contact node i is handle i, window entry k is
+   handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
+typedef struct {
+    uint64_t serial;         /* of the request that it answers; 0: none yet */
+    int added_count;
+    uint64_t ids[MAX_CONTACTS];
+    int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
+    bool loaded;             /* u_free is not zero everywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
+    double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
+} compliance_snapshot;
+
+/* Handles of four nominal nodes in the snapshot; false if one is missing. RT */
+bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
+
+/* Contact nodes at the front of the list whose rows the snapshot holds. RT */
+int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
+
+/* Compliance between two handles, m/N. RT */
+mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
+
+/* Compliance between the point of these corners and weights, and a handle. RT */
+mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other);
+
+#endif

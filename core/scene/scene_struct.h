@@ -1,0 +1,31 @@
+/* What a scene says: every key's value; and the reference table of the keys. */
+#ifndef TROCAR_SCENE_STRUCT_H
+#define TROCAR_SCENE_STRUCT_H
+
+#include "insertion/simulation.h"
+#include "scene/device.h"
+
+#define SCENE_MIN_RATE 250.0   /* Hz, limits on rate_hz */
+#define SCENE_MAX_RATE 10000.0 /* Hz */
+
+typedef struct {
+    char path[1024];         /* of the scene file, empty without one: relative paths start from its directory */
+    simulation_config simulation;
+    double rate_hz;          /* of the haptic loop */
+    char profile[MESH_NAME]; /* of the device, empty: none */
+    device_limits device;
+} scene;
+
+/* One row of the reference table. The strings live as long as the program. */
+typedef struct {
+    const char *key;         /* "regions[].friction.static": one for each entry of the list */
+    const char *unit;        /* "" where there is none */
+    const char *accepts;     /* "a number above 0", "rod or tetrahedra" */
+    const char *doc;
+    bool required;
+} scene_key_info;
+
+int scene_key_count(void);
+scene_key_info scene_key_at(int index);
+
+#endif

@@ -1,0 +1,175 @@
+#include "scene/scene_table.h"
+
+#include <float.h>
+#include <stddef.h>
+#include <string.h>
+
+static const range POSITIVE = {DBL_MIN, DBL_MAX, "a number above 0"};
+static const range NOT_NEGATIVE = {0, DBL_MAX, "a number of at least 0"};
+static const range FORCE = {0, INFINITY, "a number of at least 0, or .inf"};
+static const range STIFFNESS = {DBL_MIN, INFINITY, "a number above 0, or .inf"};
+static const range POISSON = {0, 0.49999999, "a number of at least 0 and below 0.5"};
+const range ANY_NUMBER = {-DBL_MAX, DBL_MAX, "a number"};
+static const range SLOPE = {0, 1, "a number from 0 to 1"};
+static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
+static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
+static const range NEEDLES = {1, MAX_NEEDLES, "a whole number from 1 to 4"};
+_Static_assert(MAX_NEEDLES == 4, "the text of NEEDLES says so");
+static const range PASSES = {1, 100, "a whole number from 1 to 100"};
+_Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
+
+#define WORDS(function, ...)                                                       \
+    static const char *function(int index) {                                       \
+        static const char *const words[] = {__VA_ARGS__};                          \
+        return index < (int)(sizeof words / sizeof *words) ? words[index] : NULL;  \
+    }
+WORDS(model_word, [NEEDLE_ROD] = "rod", [NEEDLE_TETRAHEDRA] = "tetrahedra")
+WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PLACE_MOVED] = "moved")
+WORDS(strain_word, [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
+static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
+static const char *inverse_word(int index) { return index < INVERSE_CHOICES ? inverse_choice_name((inverse_choice)index) : NULL; }
+static const char *profile_word(int index) { return device_profiles[index]; }
+
+#define OF(member) offsetof(scene, member)
+#define MATERIAL(member) offsetof(region_config, material.member)
+
+const row SCENE_TABLE[] = {
+    {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
+    {"mesh_unit", "", LENGTH_UNIT, OF(simulation.mesh_unit), .doc = "of the mesh file's coordinates"},
+    {"rate_hz", "Hz", NUMBER, OF(rate_hz), &RATE, .doc = "of the haptic loop"},
+
+    {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
+    {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .list = REGIONS, .doc = "of the tissue"},
+    {"regions[].poisson_ratio", "", NUMBER, MATERIAL(poisson_ratio), &POISSON, .list = REGIONS, .doc = "of the tissue"},
+    {"regions[].cutting_force", "N", NUMBER, MATERIAL(cutting_force), &FORCE, .list = REGIONS, .doc = "resistance at the tip; .inf is bone"},
+    {"regions[].cutting_viscosity", "N s/m", NUMBER, MATERIAL(cutting_viscosity), &NOT_NEGATIVE, .list = REGIONS,
+     .doc = "added resistance per speed of the tip"},
+    {"regions[].friction.static", "N/m", NUMBER, MATERIAL(friction_static), &NOT_NEGATIVE, .list = REGIONS,
+     .doc = "limit of the shaft's friction per length while it sticks"},
+    {"regions[].friction.kinetic", "N/m", NUMBER, MATERIAL(friction_kinetic), &NOT_NEGATIVE, .list = REGIONS,
+     .doc = "friction per length once it slides; at most the static limit"},
+    {"regions[].friction.viscous", "N s/m^2", NUMBER, MATERIAL(friction_viscous), &NOT_NEGATIVE, .list = REGIONS,
+     .doc = "added friction per length and sliding speed"},
+
+    {"membranes[].name", "", NAME, offsetof(membrane_config, name), .list = MEMBRANES, .required = true, .doc = "a physical surface of the mesh"},
+    {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .list = MEMBRANES, .required = true,
+     .doc = "that the tip must exceed; .inf is bone"},
+
+    {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
+
+    {"needle.model", "", WORD, OF(simulation.needle.kind), .words = model_word, .doc = "tetrahedra is the paper's; 20 segments of it keep up with 1 kHz"},
+    {"needle.length", "m", NUMBER, OF(simulation.needle.length), &POSITIVE, .doc = "from base to tip"},
+    {"needle.outer_diameter", "m", NUMBER, OF(simulation.needle.outer_diameter), &POSITIVE, .doc = "18 G by default"},
+    {"needle.inner_diameter", "m", NUMBER, OF(simulation.needle.inner_diameter), &NOT_NEGATIVE, .doc = "0 is solid"},
+    {"needle.youngs_modulus", "Pa", NUMBER, OF(simulation.needle.youngs_modulus), &POSITIVE, .doc = "of the needle"},
+    {"needle.poisson_ratio", "", NUMBER, OF(simulation.needle.poisson_ratio), &POISSON, .doc = "of the needle"},
+    {"needle.bevel_slope", "", NUMBER, OF(simulation.needle.bevel_slope), &SLOPE, .doc = "sideways cut per forward cut"},
+    {"needle.segments", "", COUNT, OF(simulation.needle.segments), &SEGMENTS, .doc = "of its length"},
+
+    {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
+
+    {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
+    {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
+     .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
+    {"contact.resolution", "", NUMBER, OF(simulation.insertion.resolution), &POSITIVE, .doc = "alpha of the local compliance"},
+    {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
+     .doc = "of sliding over which static friction falls to kinetic"},
+    {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,
+     .doc = "of the path ahead of the tip that the worker keeps ready"},
+    {"contact.max_passes", "", COUNT, OF(simulation.insertion.max_passes), &PASSES, .doc = "Newton passes in a step, at most"},
+    {"contact.tolerance", "m", NUMBER, OF(simulation.insertion.tolerance), &POSITIVE, .doc = "error of the needle's shape at which the passes stop"},
+
+    {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "how the inverse follows the changes of the mesh"},
+    {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,
+     .doc = "auto: dense below 1 GB, else condensed with a region_of_interest, else sparse"},
+    {"volumetric_strain", "", WORD, OF(simulation.volumetric), .words = strain_word, .doc = "averaged at nodes, which does not lock, or by element"},
+    {"cache", "", DIRECTORY_PATH, OF(simulation.cache), .doc = "directory of condensed inverses; by default $XDG_CACHE_HOME/trocar"},
+
+    {"region_of_interest.regions", "", NAMES, OF(simulation.roi.regions), .doc = "regions that needles reach"},
+    {"region_of_interest.corridor.from", "m", POINT, OF(simulation.roi.from), .required = true, .doc = "start of the corridor's axis"},
+    {"region_of_interest.corridor.to", "m", POINT, OF(simulation.roi.to), .required = true, .doc = "end of the corridor's axis"},
+    {"region_of_interest.corridor.radius", "m", NUMBER, OF(simulation.roi.radius), &POSITIVE, .required = true, .doc = "of the corridor"},
+
+    {"device.profile", "", PROFILE, OF(profile), .words = profile_word, .doc = "a device by name; explicit keys override it"},
+    {"device.max_stiffness", "N/m", NUMBER, OF(device.max_stiffness), &STIFFNESS, .doc = "of the virtual coupling; .inf: none"},
+    {"device.max_force", "N", NUMBER, OF(device.max_force), &POSITIVE, .doc = "largest force sent to the hand"},
+    {"device.max_torque", "N m", NUMBER, OF(device.max_torque), &POSITIVE, .doc = "largest torque sent to the hand"},
+    {"device.max_force_rate", "N/s", NUMBER, OF(device.max_force_rate), &POSITIVE, .doc = "slew limit of the force"},
+    {"device.max_torque_rate", "N m/s", NUMBER, OF(device.max_torque_rate), &POSITIVE, .doc = "slew limit of the torque"},
+    {"device.max_speed", "m/s", NUMBER, OF(device.max_speed), &POSITIVE, .doc = "poses that move faster are refused"},
+    {"device.max_turn_rate", "rad/s", NUMBER, OF(device.max_turn_rate), &POSITIVE, .doc = "poses that turn faster are refused"},
+    {"device.hold_time", "s", NUMBER, OF(device.hold_time), &NOT_NEGATIVE, .doc = "without a pose before the wrench is ramped down"},
+    {"device.ramp_time", "s", NUMBER, OF(device.ramp_time), &POSITIVE, .doc = "of every ramp"},
+};
+enum { ROWS = sizeof SCENE_TABLE / sizeof *SCENE_TABLE };
+const int SCENE_ROWS = ROWS;
+
+const list_row LIST_TABLE[LISTS] = {
+    [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS},
+    [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES},
+};
+
+void *entry_of(scene *s, list_kind list, int index) {
+    return (char *)s + LIST_TABLE[list].entries + (size_t)index * LIST_TABLE[list].stride;
+}
+int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
+const char *name_of(const scene *s, list_kind list, int index) { return entry_of((scene *)s, list, index); } /* its first member */
+_Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0, "name_of relies on it");
+
+int *names_count(scene *s, const row *r, int *least, int *most) {
+    bool fixed = r->offset == OF(simulation.fixed);
+    *least = fixed ? 1 : 0;
+    *most = fixed ? MAX_FIXED : REACH_MAX_REGIONS;
+    return fixed ? &s->simulation.fixed_count : &s->simulation.roi.region_count;
+}
+
+void *append_entry(scene *s, list_kind list) {
+    void *entry = entry_of(s, list, (*count_of(s, list))++);
+    memset(entry, 0, LIST_TABLE[list].stride);
+    if (list == REGIONS) ((region_config *)entry)->material = region_defaults();
+    return entry;
+}
+
+const row *find_row(const char *pattern) {
+    for (int i = 0; i < ROWS; i++)
+        if (strcmp(SCENE_TABLE[i].key, pattern) == 0) return &SCENE_TABLE[i];
+    return NULL;
+}
+
+bool leads_on(const char *pattern, const char *next) {
+    size_t length = strlen(pattern);
+    for (int i = 0; i < ROWS; i++)
+        if (strncmp(SCENE_TABLE[i].key, pattern, length) == 0 && strncmp(SCENE_TABLE[i].key + length, next, strlen(next)) == 0) return true;
+    return false;
+}
+
+static const struct { const char *name; double size; } UNITS[] = {{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}};
+enum { UNIT_COUNT = sizeof UNITS / sizeof *UNITS };
+const char UNIT_WORDS[] = "m, cm, mm, or the unit's size in m (1e-9 to 1000)";
+
+double unit_size(const char *name) {
+    for (int i = 0; i < UNIT_COUNT; i++)
+        if (strcmp(name, UNITS[i].name) == 0) return UNITS[i].size;
+    return 0.0;
+}
+
+int scene_key_count(void) { return ROWS; }
+
+void list_words(word_of word, char *list, size_t size) {
+    size_t used = 0;
+    for (int i = 0; word(i) && used < size; i++)
+        used += (size_t)snprintf(list + used, size - used, "%s%s", i == 0 ? "" : word(i + 1) ? ", " : " or ", word(i));
+}
+
+scene_key_info scene_key_at(int index) {
+    static char lists[ROWS][WORDS_ROOM];
+    static const char *const others[] = {[NAME] = "a name", [NAMES] = "a list of names", [FILE_PATH] = "a path", [DIRECTORY_PATH] = "a path",
+                                         [POINT] = "three numbers"};
+    const row *r = &SCENE_TABLE[index];
+    const char *accepts = r->allowed ? r->allowed->words : r->kind == LENGTH_UNIT ? UNIT_WORDS : others[r->kind];
+    if (r->words) {
+        list_words(r->words, lists[index], sizeof lists[index]);
+        accepts = lists[index];
+    }
+    return (scene_key_info){r->key, r->unit, accepts, r->doc, r->required};
+}

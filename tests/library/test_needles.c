@@ -1,0 +1,208 @@
+/* Several needles in one tissue, through trocar.h. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "trocar.h"
+
+static trocar_error why;
+
+#define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
+
+enum { IN = 500 }; /* ticks of 1 ms at 0.1 mm: 50 mm */
+
+static trocar_model *create_model(const char *needles) {
+    trocar_scene *scene;
+    trocar_model *model;
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    if (needles) OK(trocar_scene_set(scene, "needles", needles, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    trocar_scene_free(scene);
+    return model;
+}
+
+/* Needle 0 goes in at the left, needle 1 at the right, `apart` (m) from each other. */
+static trocar_pose base_at(int needle, double apart, int tick) {
+    return (trocar_pose){{(needle - 0.5) * apart, 0.003, -0.201 + 1e-4 * tick}, {1, 0, 0, 0}};
+}
+
+/* Both of them, or one alone; outputs[needle][tick]. */
+static trocar_sim *push_in(trocar_model *model, double apart, const int *held, trocar_output outputs[2][IN]) {
+    trocar_sim *sim;
+    OK(trocar_sim_create(model, &sim, &why));
+    for (int n = 0; n < 2; n++) {
+        trocar_pose start = base_at(n, apart, 0);
+        OK(trocar_sim_reset(sim, n, &start, &why));
+    }
+    for (int t = 0; t < IN; t++)
+        for (int n = 0; n < 2; n++) {
+            trocar_pose base = base_at(n, apart, t + 1);
+            if (held[n]) OK(trocar_sim_step(sim, n, &base, 1e-3, &outputs[n][t], &why));
+        }
+    return sim;
+}
+
+static double distance(const double a[3], const double b[3]) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
+
+/* 60 mm apart: the one force displaces the tissue at the other needle by F / (8 pi mu d) (3 - 4 nu + cos^2) / (2 (1 - nu)) or less,
+   0.13 mm per N (Kelvin, mu = 10 kPa), which a shaft that sticks over 50 mm turns into less than a tenth of F. */
+static void needles_far_apart_feel_what_they_feel_alone(void **state) {
+    (void)state;
+    static trocar_output both[2][IN], alone[2][IN];
+    trocar_model *model = create_model("2");
+    assert_int_equal(trocar_model_needles(model), 2);
+    trocar_sim_free(push_in(model, 0.06, (int[]){1, 1}, both));
+    trocar_sim_free(push_in(model, 0.06, (int[]){1, 0}, alone));
+    trocar_sim_free(push_in(model, 0.06, (int[]){0, 1}, alone));
+    for (int n = 0; n < 2; n++) {
+        double peak = 0.0, worst = 0.0;
+        for (int t = 0; t < IN; t++) {
+            double off = distance(both[n][t].force, alone[n][t].force), force = distance(both[n][t].force, (double[3]){0});
+            peak = force > peak ? force : peak;
+            worst = off > worst ? off : worst;
+        }
+        print_message("needle %d: peak %.3f N, with the other one off by %.4f N\n", n, peak, worst);
+        assert_true(peak > 0.5 && both[n][IN - 1].contacts > 5);
+        assert_true(worst < 0.1 * peak && worst > 1e-5);
+    }
+    trocar_model_free(model);
+}
+
+/* Change of needle `felt`'s force when needle `moved`'s base goes by 50 um along `axis`, N, in equilibrium. */
+static void nudge(trocar_sim *sim, const void *start, int moved, int axis, double change[3]) {
+    trocar_output before, after;
+    int felt = 1 - moved;
+    OK(trocar_sim_restore(sim, start, trocar_sim_state_size(sim), &why));
+    trocar_pose base[2] = {trocar_sim_base(sim, 0), trocar_sim_base(sim, 1)};
+    OK(trocar_sim_step(sim, felt, &base[felt], 1e-3, &before, &why));
+    base[moved].position[axis] += 50e-6;
+    for (int t = 0; t < 100; t++) {
+        OK(trocar_sim_step(sim, moved, &base[moved], 1e-3, &after, &why));
+        OK(trocar_sim_step(sim, felt, &base[felt], 1e-3, &after, &why));
+    }
+    for (int a = 0; a < 3; a++) change[a] = after.force[a] - before.force[a];
+}
+
+/* Maxwell and Betti: what one needle feels of the other's displacement is what the other feels of its own. */
+static void the_coupling_is_reciprocal(void **state) {
+    (void)state;
+    static trocar_output outputs[2][IN];
+    trocar_model *model = create_model("2");
+    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs);
+    trocar_pose base[2] = {trocar_sim_base(sim, 0), trocar_sim_base(sim, 1)};
+    for (int t = 0; t < 300; t++)
+        for (int n = 0; n < 2; n++) OK(trocar_sim_step(sim, n, &base[n], 1e-3, &outputs[n][0], &why));
+    size_t size = trocar_sim_state_size(sim);
+    void *start = malloc(size);
+    OK(trocar_sim_save(sim, start, size, &why));
+    double of_0[3][3], of_1[3][3], largest = 0.0; /* [axis moved][felt]: by moving needle 0, needle 1 */
+    for (int axis = 0; axis < 2; axis++) { /* across the needles, where nothing slides */
+        nudge(sim, start, 0, axis, of_0[axis]);
+        nudge(sim, start, 1, axis, of_1[axis]);
+        largest = fmax(largest, fmax(fabs(of_0[axis][0]), fabs(of_0[axis][1])));
+    }
+    for (int a = 0; a < 2; a++)
+        for (int b = 0; b < 2; b++) {
+            print_message("moved %c felt %c: %.3e and %.3e N\n", "xy"[a], "xy"[b], of_0[a][b], of_1[b][a]);
+            assert_true(fabs(of_0[a][b] - of_1[b][a]) < 0.02 * largest);
+        }
+    assert_true(largest > 1e-5);
+    free(start);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static void what_follows_a_restore_follows_the_save(void **state) {
+    (void)state;
+    static trocar_output outputs[2][IN], again[2];
+    trocar_model *model = create_model("2");
+    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other;
+    OK(trocar_sim_create(model, &other, &why));
+    size_t size = trocar_sim_state_size(sim);
+    void *start = malloc(size);
+    OK(trocar_sim_save(sim, start, size, &why));
+    OK(trocar_sim_restore(other, start, size, &why));
+    for (int t = 0; t < 50; t++)
+        for (int n = 0; n < 2; n++) {
+            trocar_pose base = base_at(n, 0.02, IN + t);
+            OK(trocar_sim_step(sim, n, &base, 1e-3, &outputs[n][0], &why));
+            OK(trocar_sim_step(other, n, &base, 1e-3, &again[n], &why));
+            assert_memory_equal(&outputs[n][0], &again[n], sizeof again[n]);
+        }
+    free(start);
+    trocar_sim_free(sim);
+    trocar_sim_free(other);
+    trocar_model_free(model);
+}
+
+/* The worker's answers in between, as in real time; both needles are served. */
+static void ticks_and_worker_serve_every_needle(void **state) {
+    (void)state;
+    static trocar_output outputs[2][IN];
+    trocar_model *model = create_model("2");
+    trocar_sim_free(push_in(model, 0.06, (int[]){1, 1}, outputs));
+    trocar_sim *sim;
+    OK(trocar_sim_create(model, &sim, &why));
+    for (int n = 0; n < 2; n++) {
+        trocar_pose start = base_at(n, 0.06, 0);
+        OK(trocar_sim_reset(sim, n, &start, &why));
+    }
+    for (int t = 0; t < IN; t++)
+        for (int n = 0; n < 2; n++) {
+            trocar_pose base = base_at(n, 0.06, t + 1);
+            trocar_output output;
+            trocar_work work;
+            OK(trocar_sim_tick(sim, n, &base, 1e-3, &output));
+            do OK(trocar_sim_work(sim, &work, &why)); while (work.answered);
+            assert_true(distance(output.force, outputs[n][t].force) < 0.02);
+        }
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static void a_needle_that_is_none_is_refused(void **state) {
+    (void)state;
+    trocar_scene *scene;
+    OK(trocar_scene_create(&scene, &why));
+    assert_int_equal(trocar_scene_set(scene, "needles", "0", &why), TROCAR_BAD_INPUT);
+    assert_int_equal(trocar_scene_set(scene, "needles", "5", &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "a whole number from 1 to 4"));
+    trocar_scene_free(scene);
+    static const int wrong[] = {-1, 1, 2};
+    trocar_model *model = create_model(NULL);
+    assert_int_equal(trocar_model_needles(model), 1);
+    trocar_sim *sim;
+    OK(trocar_sim_create(model, &sim, &why));
+    trocar_pose base = base_at(0, 0.0, 0);
+    for (int i = 0; i < 3; i++) {
+        trocar_output output;
+        trocar_contact contact;
+        double joint[3];
+        assert_int_equal(trocar_sim_reset(sim, wrong[i], &base, &why), TROCAR_BAD_INPUT);
+        assert_non_null(strstr(why.text, "there is one, number 0"));
+        assert_int_equal(trocar_sim_step(sim, wrong[i], &base, 1e-3, &output, &why), TROCAR_BAD_INPUT);
+        assert_int_equal(trocar_sim_tick(sim, wrong[i], &base, 1e-3, &output), TROCAR_BAD_INPUT);
+        assert_int_equal(trocar_sim_contacts(sim, wrong[i], &contact, 1), 0);
+        assert_int_equal(trocar_sim_centreline(sim, wrong[i], joint, 1), 0);
+        assert_true(trocar_sim_needle_energy(sim, wrong[i]) == 0.0);
+        trocar_sim_set_base_compliance(sim, wrong[i], 1.0);
+        assert_true(trocar_sim_base(sim, wrong[i]).orientation[0] == 1.0);
+    }
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(needles_far_apart_feel_what_they_feel_alone), cmocka_unit_test(the_coupling_is_reciprocal),
+        cmocka_unit_test(what_follows_a_restore_follows_the_save),     cmocka_unit_test(ticks_and_worker_serve_every_needle),
+        cmocka_unit_test(a_needle_that_is_none_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,60 @@
+#!/usr/bin/env python3
+"""The mechanics have no include circles: neither between files, a .c with its .h counting as one, nor between folders."""
+import pathlib
+import re
+import sys
+
+
+def includes(root):
+    """What each unit (a path without its suffix) includes of the others."""
+    files = {path.relative_to(root).as_posix(): path for path in root.rglob('*.[ch]')}
+    graph = {}
+    for name, path in files.items():
+        found = re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), re.MULTILINE)
+        graph.setdefault(name[:-2], set()).update(other[:-2] for other in found if other in files and other[:-2] != name[:-2])
+    return graph
+
+
+def by_folder(graph):
+    def folder(unit):
+        return unit.rpartition('/')[0] or unit  # trocar.h, which all may include, has no folder
+    folders = {}
+    for unit, others in graph.items():
+        folders.setdefault(folder(unit), set()).update(folder(other) for other in others if folder(other) != folder(unit))
+    return folders
+
+
+def circles(graph):
+    """Depth first; a circle is a way back to a node that is still open."""
+    found, state, way = [], {}, []
+
+    def visit(node):
+        state[node] = 'open'
+        way.append(node)
+        for other in sorted(graph.get(node, ())):
+            if state.get(other) == 'open':
+                found.append(way[way.index(other):] + [other])
+            elif other not in state:
+                visit(other)
+        way.pop()
+        state[node] = 'done'
+
+    for node in sorted(graph):
+        if node not in state:
+            visit(node)
+    return found
+
+
+def main():
+    assert circles({'a': {'b'}, 'b': {'c'}, 'c': {'a'}}) == [['a', 'b', 'c', 'a']] and not circles({'a': {'b', 'c'}, 'b': {'c'}})
+    graph = includes(pathlib.Path(sys.argv[1]))
+    assert len(graph) > 40, f'only {len(graph)} files under {sys.argv[1]}'
+    bad = circles(graph) + circles(by_folder(graph))
+    for circle in bad:
+        print('include circle: ' + ' -> '.join(circle), file=sys.stderr)
+    print(f'{len(graph)} files, {len(by_folder(graph))} folders, {len(bad)} circles')
+    return 1 if bad else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -43,7 +43,7 @@ static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
         int64_t start = processor_ns();
-        more = remesher_look_ahead(run->sim->remesher);
+        more = remesher_look_ahead(run->sim->needles[0].remesher);
         run->idle += 1e-9 * (double)(processor_ns() - start);
     }
     if (!more) run->idle = fmax(run->idle, run->now);
@@ -64,7 +64,7 @@ static trocar_status work(scale_run *run, report *why) {
     }
     double begin = fmax(run->now, run->idle); /* a slice of idle work that has begun comes to its end */
     int64_t start = processor_ns();
-    trocar_status status = remesher_serve(run->sim->remesher, &run->state.request, run->next, why);
+    trocar_status status = remesher_serve(run->sim->needles[0].remesher, &run->state.request, run->next, why);
     int64_t taken = processor_ns() - start;
     histogram_add(&run->result->serve, taken);
     run->ready = run->idle = begin + 1e-9 * (double)taken;

@@ -261,9 +261,7 @@ static int start_thread(trocar_client *c, int priority) {
     return error;
 }
 
-trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size) {
-    static const trocar_client_options standard = {0};
-    const trocar_client_options *o = options != NULL ? options : &standard;
+static trocar_client *open_or_say_why(const trocar_client_options *o, char *why, size_t size) {
     trocar_client *c = create_client(o);
     if (c == NULL) {
         snprintf(why, size, "the client cannot be created: %s", strerror(errno));
@@ -283,6 +281,15 @@ trocar_client *trocar_client_open(const trocar_client_options *options, char *wh
              "as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", o->url != NULL ? o->url : "$LCM_DEFAULT_URL");
     free_client(c);
     return NULL;
+}
+
+trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size) {
+    static const trocar_client_options standard = {0};
+    char text[512] = "";
+    trocar_client *c = open_or_say_why(options != NULL ? options : &standard, text, sizeof text);
+    if (c == NULL && why == NULL) fprintf(stderr, "trocar_client: %s\n", text);
+    if (why != NULL) snprintf(why, size, "%s", text);
+    return c;
 }
 
 void trocar_client_close(trocar_client *c) {

@@ -49,7 +49,7 @@ typedef struct trocar_client_wrench {
 } trocar_client_wrench;
 
 /* Connects; `options` may be NULL. Waits for the network, not for a server: one that starts later is found. Returns NULL and a
-   message with the remedy in `why`, of `size` bytes (NULL, 0: no message). Starts a thread and allocates. */
+   message with the remedy in `why`, of `size` bytes (NULL: the message goes to stderr). Starts a thread and allocates. */
 trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size);
 
 /* Releases the needle, so that another device may have it at once, and disconnects. NULL is allowed. */

@@ -29,11 +29,10 @@ static HDCallbackCode HDCALLBACK exchange(void *user) {
 }
 
 int main(void) {
-    char why[256];
     HHD device = hdInitDevice(HD_DEFAULT_DEVICE);
     if (HD_DEVICE_ERROR(hdGetError())) return fprintf(stderr, "no device\n"), 1;
-    trocar_client *server = trocar_client_open(NULL, why, sizeof why);
-    if (!server) return fprintf(stderr, "%s\n", why), 1;
+    trocar_client *server = trocar_client_open(NULL, NULL, 0);
+    if (!server) return 1;
     hdEnable(HD_FORCE_OUTPUT);
     HDSchedulerHandle loop = hdScheduleAsynchronous(exchange, server, HD_DEFAULT_SCHEDULER_PRIORITY);
     hdStartScheduler();

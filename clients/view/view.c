@@ -318,7 +318,7 @@ static trocar_status open_live(view *v, report *why) {
     const char *url = v->options->lcm_url;
     v->lcm = lcm_create(url);
     if (!v->lcm)
-        return fail(why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
+        return fail(why, TROCAR_SYSTEM, "LCM cannot be opened at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, &v->mesh, v->scene.rate_hz, &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->scene.simulation.needle.length, why);

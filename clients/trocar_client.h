@@ -9,7 +9,8 @@
 
    A thread of the client does all that belongs to the network. The functions marked RT exchange the newest pose and the newest
    wrench with it through memory. They take no lock, allocate nothing and never wait, so that they may be called from a
-   real-time loop. They belong to one thread, the device's; the others may be called from any thread, one at a time.
+   real-time loop; to publish takes one system call, which wakes the client's thread. They belong to one thread, the device's;
+   the others may be called from any thread, one at a time.
 
    The client chooses a session number, follows one server where two are heard, tells the server which wrench the hand feels
    (the server's virtual coupling needs the round trip), and discards wrenches that are meant for another device.

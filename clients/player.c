@@ -82,7 +82,7 @@ static trocar_status send_pose(player *p, double t) {
     trocar_status status = recording_add_pose(r, now(), base, p->why);
     if (status != TROCAR_OK) return status;
     if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;
-    return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (README.md)?", POSE_CHANNEL);
+    return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (docs/troubleshooting.md)?", POSE_CHANNEL);
 }
 
 /* Waits for a wrench or the timer; returns the periods that have passed, 0 after a wrench, -1 when interrupted. */

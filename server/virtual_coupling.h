@@ -39,7 +39,7 @@ int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand);
 
 /* Where the coupling, whose hand end is at `hand`, would have the needle's base without force; `compliance` (m/N) is how far
    a force moves it from there in this tick of length dt (s). The stiffness is `limit` (N/m), or less, so that the loop is
-   stable over the delay whatever is in the needle's way (README.md, "Devices"). RT */
+   stable over the delay whatever is in the needle's way (docs/connect-a-device.md, "Forces and stability"). RT */
 pose coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
 
 /* The tick is done, the base at `base` (m) under `force` (N, on the hand): returns the torque about the hand's point. RT */

@@ -19,7 +19,7 @@ declare -A hosts    # name: process that keeps the namespace
 ip link add switch type bridge mcast_snooping 0
 ip link set switch up
 
-# A host named $1 with address 10.0.0.$2, joined to the switch by the cable "to-$1"; the route is what README tells users to set.
+# A host named $1 with address 10.0.0.$2, joined to the switch by the cable "to-$1"; the route is what docs/connect-a-device.md tells users to set.
 plug_in() {
     unshare --net sleep 1000 &
     hosts[$1]=$!

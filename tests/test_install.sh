@@ -111,7 +111,8 @@ grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/troca
 export PKG_CONFIG_PATH=$libraries/pkgconfig
 cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
-cc bridge/bridge_example.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-types) || fail "pkg-config trocar-types"
+cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
+c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
 # libtrocar: the same program in C and C++, each with CMake or pkg-config, and in Python prints the same digits.
 examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/figure8.yaml
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
@@ -128,10 +129,10 @@ PYTHONPATH=$prefix/lib/python3/dist-packages /usr/bin/python3 "$prefix/share/doc
 [ "$(find "$prefix/include" -name '*.h' | grep -c /trocar.h)" -eq 1 ] || fail "no trocar.h"
 unset LD_LIBRARY_PATH
 
-# The README's whole bridge is this one; with its two functions filled in it drives a device.
-sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge_example.c - || fail "the README shows another bridge"
-sed '/^static void read_device/,/^static void render_on_device/c #include "device.h"' bridge/bridge_example.c >filled.c
-cc -I "$source/tests/install" filled.c -o filled $(pkg-config --cflags --libs trocar-types) -lm || fail "the bridge with a device"
+# The README shows this bridge; with another device.h it drives a device.
+sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge.c - || fail "the README shows another bridge"
+mkdir filled_in && cp bridge/bridge.c filled_in
+cc -I "$source/tests/install" filled_in/bridge.c -o filled $(pkg-config --cflags --libs trocar-client) -lm || fail "the bridge with a device"
 
 # The installed server answers the bridge: a recording of both holds wrenches for the bridge's poses. When the server dies in
 # the middle of an insertion the device gets no force within 50 ms, and from the next server it gets one again.

@@ -20,7 +20,7 @@ declare -A programs # name: process
 until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
 "$build/clients/trocar-device" --script figure8 --duration 4 --report report.json >device 2>&1 & programs[device]=$!
 sleep 0.5 # the device owns the needle, not the bridge
-"$build/clients/bridge_example" >bridge 2>&1 & programs[bridge]=$!
+"$build/clients/bridge" >bridge 2>&1 & programs[bridge]=$!
 TERM=dumb "$build/clients/trocar-top" --plain >top 2>&1 & programs[top]=$!
 mkdir page && touch page/index.html
 "$build/clients/view/trocar-view" --scene "$source/meshes/figure8.yaml" --socket "$work/browsers" --page "$work/page" >view 2>&1 & programs[view]=$!

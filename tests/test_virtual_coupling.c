@@ -249,7 +249,7 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* The stiffest that a scene may ask for, as README says: full slew for a hand of 1 m/s. */
+/* The stiffest that a scene may ask for, as docs/connect-a-device.md says: full slew for a hand of 1 m/s. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;

@@ -340,7 +340,7 @@ static trocar_status open_live(view *v, report *why) {
     const char *url = v->options->lcm_url;
     v->lcm = lcm_create(url);
     if (!v->lcm)
-        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (README.md)?", url ? url : "its default URL");
+        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, trocar_model_node_count(v->model), trocar_model_rate(v->model), &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->needle_length, why);

@@ -45,7 +45,7 @@ typedef struct {
     insertion_workspace *workspace;     /* of whichever thread runs the ticks */
 } simulation;
 
-/* Defaults of README's parameter table; names and mesh are empty. */
+/* Defaults of docs/reference/scene.md; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 

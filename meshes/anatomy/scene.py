@@ -14,7 +14,7 @@ def region(name, material):
 
 def text(title, mesh, soft, bones, walls):
     """`soft`: names of regions, the gland's first, whatever it is called; `bones`: whether there are any; `walls`: names of the surfaces that nothing resists."""
-    lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has the default of README.md's table.", "",
+    lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",
              f"mesh: {mesh}", "", "regions:"]
     lines += region(soft[0], MATERIALS["prostate"])
     for name in soft[1:] + ["surrounding"]:

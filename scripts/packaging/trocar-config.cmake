@@ -1,19 +1,25 @@
-# find_package(trocar COMPONENTS library types): trocar::trocar is the simulation library (include <trocar.h>), trocar::types the C
-# bindings of the messages (include "trocar_needle_pose_t.h"). Both if no component is given.
+# find_package(trocar COMPONENTS library client types):
+#   trocar::trocar  simulation library: #include <trocar.h>
+#   trocar::client  connects a device to the server: #include <trocar_client.h>
+#   trocar::types   C bindings of the messages: #include "trocar_needle_pose_t.h"
+# All of them if no component is given.
 if(NOT trocar_FIND_COMPONENTS)
-    set(trocar_FIND_COMPONENTS library types)
+    set(trocar_FIND_COMPONENTS library client types)
 endif()
 set(trocar_FOUND TRUE)
 foreach(component ${trocar_FIND_COMPONENTS})
-    if(component STREQUAL types)
+    if(component MATCHES "^(client|types)$")
         include(CMakeFindDependencyMacro)
         find_dependency(PkgConfig)
+        find_dependency(Threads)
         pkg_check_modules(LCM REQUIRED IMPORTED_TARGET lcm)
-    elseif(NOT component STREQUAL library)
+        include(${CMAKE_CURRENT_LIST_DIR}/trocar-types.cmake)
+    elseif(component STREQUAL library)
+        include(${CMAKE_CURRENT_LIST_DIR}/trocar-library.cmake)
+    else()
         set(trocar_FOUND FALSE)
-        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}; components: library, types")
+        set(trocar_NOT_FOUND_MESSAGE "trocar has no component ${component}; components: library, client, types")
         return()
     endif()
-    include(${CMAKE_CURRENT_LIST_DIR}/trocar-${component}.cmake)
     set(trocar_${component}_FOUND TRUE)
 endforeach()

@@ -1,0 +1,301 @@
+#define _GNU_SOURCE
+#include "trocar_client.h"
+
+#include <errno.h>
+#include <math.h>
+#include <poll.h>
+#include <pthread.h>
+#include <semaphore.h>
+#include <stdalign.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/random.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <lcm/lcm.h>
+
+#include "server_choice.h"
+#include "trocar_command_t.h"
+#include "trocar_needle_pose_t.h"
+#include "trocar_needle_wrench_t.h"
+
+static const double WATCHDOG = 0.02; /* s */
+static const double RAMP = 0.1;      /* s, after an outage */
+static const double PATIENCE = 0.1;  /* s of silence until another server is followed */
+
+typedef struct {
+    double position[3], orientation[4];
+    int64_t wrench_tick;     /* of the wrench that the hand feels */
+} sent_pose;
+
+typedef struct {
+    double arrival;          /* s, monotonic; 0: none yet */
+    trocar_client_wrench wrench;
+} received_wrench;
+
+/* The newest value of one thread for one other: three slots. The writer fills its own and swaps it with the middle one; the reader
+   swaps the middle one with its own if it is fresh. */
+enum { FRESH = 4u, INDEX = 3u };
+typedef struct {
+    alignas(64) atomic_uint middle;  /* index, | FRESH until it is read */
+    alignas(64) unsigned back;       /* writer's */
+    alignas(64) unsigned front;      /* reader's */
+} slots;
+
+struct trocar_client {
+    /* device's loop -> client's thread */
+    slots pose_slots;
+    sent_pose poses[3];
+    /* client's thread -> device's loop */
+    slots wrench_slots;
+    received_wrench wrenches[3];
+    atomic_bool resets, ends;
+    int wake;                /* eventfd: a pose, a reset or the end waits */
+
+    /* device's loop */
+    double watchdog;         /* s */
+    double alive_since;      /* s, 0: no wrench comes */
+    int64_t felt_tick;
+
+    /* client's thread */
+    pthread_t thread;
+    sem_t opened;            /* the thread is connected, or has failed */
+    lcm_t *lcm;
+    char *url;               /* NULL: LCM's choice */
+    int64_t session, seq;
+    server_choice servers;
+};
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static int64_t wall_clock(void) { /* us */
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return t.tv_sec * INT64_C(1000000) + t.tv_nsec / 1000;
+}
+
+static void slots_init(slots *s) {
+    atomic_init(&s->middle, 0);
+    s->back = 1;
+    s->front = 2;
+}
+
+/* Hands the writer's slot over. */
+static void slots_publish(slots *s) {
+    s->back = atomic_exchange_explicit(&s->middle, s->back | FRESH, memory_order_acq_rel) & INDEX;
+}
+
+/* Moves the reader's slot to the newest value; false if there is no new one. */
+static bool slots_renew(slots *s) {
+    if (!(atomic_load_explicit(&s->middle, memory_order_relaxed) & FRESH)) return false;
+    s->front = atomic_exchange_explicit(&s->middle, s->front, memory_order_acq_rel) & INDEX;
+    return true;
+}
+
+static bool all_finite(const double *numbers, int count) {
+    for (int i = 0; i < count; i++)
+        if (!isfinite(numbers[i])) return false;
+    return true;
+}
+
+/* ---- the device's loop ---------------------------------------------------------------------------------------------- */
+
+/* Neither blocks nor fails: an eventfd would block only at 2^64 - 1. */
+static void wake(trocar_client *c) {
+    uint64_t one = 1;
+    if (write(c->wake, &one, sizeof one) < 0) return;
+}
+
+int trocar_client_publish(trocar_client *c, const double position[3], const double orientation[4]) {
+    if (!all_finite(position, 3) || !all_finite(orientation, 4)) return 0;
+    sent_pose *p = &c->poses[c->pose_slots.back];
+    memcpy(p->position, position, sizeof p->position);
+    memcpy(p->orientation, orientation, sizeof p->orientation);
+    p->wrench_tick = c->felt_tick;
+    slots_publish(&c->pose_slots);
+    wake(c);
+    return 1;
+}
+
+int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
+    slots_renew(&c->wrench_slots);
+    const received_wrench *r = &c->wrenches[c->wrench_slots.front];
+    double time = now();
+    if (r->arrival == 0 || time - r->arrival >= c->watchdog) {
+        *wrench = (trocar_client_wrench){.membrane = -1};
+        c->alive_since = 0;
+        c->felt_tick = 0;
+        return 0;
+    }
+    *wrench = r->wrench;
+    c->felt_tick = r->wrench.tick;
+    if (c->alive_since == 0) c->alive_since = time;
+    double gain = fmin(1.0, (time - c->alive_since) / RAMP);
+    for (int i = 0; i < 3; i++) {
+        wrench->force[i] *= gain;
+        wrench->torque[i] *= gain;
+    }
+    return 1;
+}
+
+void trocar_client_reset(trocar_client *c) {
+    atomic_store(&c->resets, true);
+    wake(c);
+}
+
+/* ---- the client's thread ------------------------------------------------------------------------------------------------ */
+
+static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
+    (void)channel;
+    trocar_client *c = user;
+    trocar_needle_wrench_t w;
+    if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &w) != (int)buffer->data_size) return;
+    if (w.session != c->session || !all_finite(w.force, 3) || !all_finite(w.torque, 3)) return;
+    double time = now();
+    if (!server_choice_follows(&c->servers, w.server, time)) return;
+    received_wrench *r = &c->wrenches[c->wrench_slots.back];
+    *r = (received_wrench){time, {.depth = w.depth, .tick = w.tick, .contacts = w.contacts, .events = w.events,
+                                  .membrane = w.membrane, .flags = w.flags}};
+    memcpy(r->wrench.force, w.force, sizeof w.force);
+    memcpy(r->wrench.torque, w.torque, sizeof w.torque);
+    slots_publish(&c->wrench_slots);
+}
+
+/* A pose that the network refuses is lost, and counted by the server: the next one follows. */
+static void send_pose(trocar_client *c) {
+    const sent_pose *p = &c->poses[c->pose_slots.front];
+    trocar_needle_pose_t m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick};
+    memcpy(m.position, p->position, sizeof m.position);
+    memcpy(m.orientation, p->orientation, sizeof m.orientation);
+    trocar_needle_pose_t_publish(c->lcm, "TROCAR_POSE", &m);
+}
+
+static void send_command(trocar_client *c, int what) {
+    trocar_command_t m = {.utime = wall_clock(), .session = c->session, .command = what};
+    trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
+}
+
+static bool connect_lcm(trocar_client *c) {
+    lcm_t *lcm = lcm_create(c->url);
+    if (lcm == NULL) return false;
+    if (lcm_subscribe(lcm, "TROCAR_WRENCH", on_wrench, c) == NULL || lcm_get_fileno(lcm) < 0) {
+        lcm_destroy(lcm);
+        return false;
+    }
+    c->lcm = lcm;
+    return true;
+}
+
+static void exchange_until_end(trocar_client *c) {
+    struct pollfd events[2] = {{.fd = c->wake, .events = POLLIN}, {.fd = lcm_get_fileno(c->lcm), .events = POLLIN}};
+    while (!atomic_load(&c->ends)) {
+        if (poll(events, 2, -1) < 0) continue;
+        uint64_t count;
+        if (events[0].revents && read(c->wake, &count, sizeof count) > 0) {
+            if (atomic_exchange(&c->resets, false)) send_command(c, TROCAR_COMMAND_T_RESET);
+            if (slots_renew(&c->pose_slots)) send_pose(c);
+        }
+        if (events[1].revents && lcm_handle(c->lcm) < 0) nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+    }
+}
+
+static void *run(void *user) {
+    trocar_client *c = user;
+    bool connected = connect_lcm(c);
+    sem_post(&c->opened);
+    if (!connected) return NULL;
+    exchange_until_end(c);
+    send_command(c, TROCAR_COMMAND_T_RELEASE);
+    lcm_destroy(c->lcm);
+    return NULL;
+}
+
+/* ---- opening and closing --------------------------------------------------------------------------------------------------- */
+
+static void free_client(trocar_client *c) {
+    if (c->wake >= 0) close(c->wake);
+    sem_destroy(&c->opened);
+    free(c->url);
+    free(c);
+}
+
+static trocar_client *create_client(const trocar_client_options *o) {
+    trocar_client *c = aligned_alloc(alignof(trocar_client), sizeof *c);
+    if (c == NULL) return NULL;
+    memset(c, 0, sizeof *c); /* touched as well: the device's loop meets no page fault */
+    slots_init(&c->pose_slots);
+    slots_init(&c->wrench_slots);
+    sem_init(&c->opened, 0, 0);
+    c->watchdog = o->watchdog > 0 ? o->watchdog : WATCHDOG;
+    c->servers.patience = PATIENCE;
+    c->url = o->url != NULL ? strdup(o->url) : NULL;
+    c->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    if (getrandom(&c->session, sizeof c->session, 0) < 0) c->session = wall_clock();
+    c->session = (c->session & INT64_MAX) | 1; /* 0 means nobody */
+    if (c->wake >= 0 && (o->url == NULL || c->url != NULL)) return c;
+    free_client(c);
+    return NULL;
+}
+
+/* Returns 0 or an errno value. */
+static int start_thread(trocar_client *c, int priority) {
+    pthread_attr_t attributes;
+    int error = pthread_attr_init(&attributes);
+    if (error != 0) return error;
+    if (priority != 0) {
+        pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
+        pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
+        error = pthread_attr_setschedparam(&attributes, &(struct sched_param){.sched_priority = priority});
+    }
+    if (error == 0) error = pthread_create(&c->thread, &attributes, run, c);
+    pthread_attr_destroy(&attributes);
+    return error;
+}
+
+static trocar_client *open_or_say_why(const trocar_client_options *o, char *why, size_t size) {
+    trocar_client *c = create_client(o);
+    if (c == NULL) {
+        snprintf(why, size, "the client cannot be created: %s", strerror(errno));
+        return NULL;
+    }
+    int error = start_thread(c, o->priority);
+    if (error != 0) {
+        snprintf(why, size, error == EPERM ? "SCHED_FIFO is not permitted (%s): raise the limit rtprio or leave `priority` at 0"
+                                           : "the client's thread cannot start: %s", strerror(error));
+        free_client(c);
+        return NULL;
+    }
+    while (sem_wait(&c->opened) != 0) continue;
+    if (c->lcm != NULL) return c;
+    pthread_join(c->thread, NULL);
+    snprintf(why, size, "LCM cannot connect to \"%s\": check the address and the multicast route. On a single machine without a network, "
+             "as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", o->url != NULL ? o->url : "$LCM_DEFAULT_URL");
+    free_client(c);
+    return NULL;
+}
+
+trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size) {
+    static const trocar_client_options standard = {0};
+    char text[512] = "";
+    trocar_client *c = open_or_say_why(options != NULL ? options : &standard, text, sizeof text);
+    if (c == NULL && why == NULL) fprintf(stderr, "trocar_client: %s\n", text);
+    if (why != NULL) snprintf(why, size, "%s", text);
+    return c;
+}
+
+void trocar_client_close(trocar_client *c) {
+    if (c == NULL) return;
+    atomic_store(&c->ends, true);
+    wake(c);
+    pthread_join(c->thread, NULL);
+    free_client(c);
+}

@@ -1,0 +1,73 @@
+/* Connects a haptic device to trocar-server, from C or C++.
+
+       trocar_client *server = trocar_client_open(NULL, NULL, 0);
+       for (;;) {                                               the device's loop
+           trocar_client_publish(server, position, orientation);
+           trocar_client_newest(server, &wrench);
+           ...                                                  render wrench.force and wrench.torque
+       }
+
+   A thread of the client does all that belongs to the network. The functions marked RT exchange the newest pose and the newest
+   wrench with it through memory. They take no lock, allocate nothing and never wait, so that they may be called from a
+   real-time loop; to publish takes one system call, which wakes the client's thread. They belong to one thread, the device's;
+   the others may be called from any thread, one at a time.
+
+   The client chooses a session number, follows one server where two are heard, tells the server which wrench the hand feels
+   (the server's virtual coupling needs the round trip), and discards wrenches that are meant for another device.
+
+   Watchdog: 20 ms without a wrench and the force is zero. When wrenches come again, the force is ramped up in 0.1 s.
+
+   Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
+   and its bevel faces local +y. Link with trocar::client (CMake) or trocar-client (pkg-config). */
+#ifndef TROCAR_CLIENT_H
+#define TROCAR_CLIENT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct trocar_client trocar_client;
+
+typedef struct trocar_client_options {
+    const char *url;         /* LCM URL; NULL: $LCM_DEFAULT_URL, or else LCM's default */
+    double watchdog;         /* s without a wrench until the force is zero; 0: 0.02 */
+    int priority;            /* SCHED_FIFO priority of the client's thread, below the device's loop; 0: as the caller */
+} trocar_client_options;
+
+/* What the hand should feel. All zero while no wrench comes. */
+typedef struct trocar_client_wrench {
+    double force[3];         /* N, world frame: what the needle's base exerts on the hand */
+    double torque[3];        /* N m, world frame, about the base point */
+    double depth;            /* m, length of the needle's track in the tissue */
+    int64_t tick;            /* of the server */
+    int32_t contacts;        /* active contact nodes */
+    int32_t events;          /* of that tick alone: subscribe to TROCAR_WRENCH to see those of every tick */
+    int32_t membrane;        /* punctured in that tick, -1 if none */
+    int32_t flags;           /* TROCAR_NEEDLE_WRENCH_T_STALE, ... of trocar_needle_wrench_t.h */
+} trocar_client_wrench;
+
+/* Connects; `options` may be NULL. Waits for the network, not for a server: one that starts later is found. Returns NULL and a
+   message with the remedy in `why`, of `size` bytes (NULL: the message goes to stderr). Starts a thread and allocates. */
+trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size);
+
+/* Releases the needle, so that another device may have it at once, and disconnects. NULL is allowed. */
+void trocar_client_close(trocar_client *client);
+
+/* Sends this pose of the needle's base. Of poses that follow each other faster than the network takes them, the newest counts.
+   Returns 0, and sends nothing, if a number is not finite. RT */
+int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
+
+/* The newest wrench. Returns 1, or 0 with a wrench of zero where the watchdog has expired: there is no server, or the needle
+   belongs to another device. RT */
+int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
+
+/* Asks the server to take the needle out of the tissue and to put the tissue at rest; the next pose engages it anew. RT */
+void trocar_client_reset(trocar_client *client);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

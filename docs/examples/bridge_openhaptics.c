@@ -1,0 +1,45 @@
+/* A bridge for devices of OpenHaptics (Touch, Touch X, Premium). Compiled, not run on hardware.
+   cc bridge_openhaptics.c $(pkg-config --cflags --libs trocar-client) -lHD -o bridge
+   In the scene: device: {profile: touch} */
+#include <stdio.h>
+#include <HD/hd.h>
+#include <trocar_client.h>
+#include "frames.h"
+
+static const frame scene = {FRAME_Z_TOWARD_OPERATOR, {0.005, 0.003, -0.201}}; /* the device's origin: tip 1 mm before the skin */
+
+/* The scheduler calls this a thousand times a second in a thread of its own. */
+static HDCallbackCode HDCALLBACK exchange(void *user) {
+    trocar_client *server = user;
+    trocar_client_wrench wrench;
+    double turn[16], place[3], rotation[3][3], base[3], quaternion[4], force[3];
+    hdBeginFrame(hdGetCurrentDevice());
+    hdGetDoublev(HD_CURRENT_TRANSFORM, turn); /* by columns; mm */
+    for (int i = 0; i < 3; i++) {
+        place[i] = 1e-3 * turn[12 + i];
+        for (int j = 0; j < 3; j++) rotation[i][j] = turn[4 * j + i];
+    }
+    pose_in_world(&scene, place, rotation, base, quaternion);
+    trocar_client_publish(server, base, quaternion);
+    trocar_client_newest(server, &wrench);
+    vector_on_device(&scene, wrench.force, force);
+    hdSetDoublev(HD_CURRENT_FORCE, force); /* N; these devices render no torque */
+    hdEndFrame(hdGetCurrentDevice());
+    return HD_CALLBACK_CONTINUE;
+}
+
+int main(void) {
+    HHD device = hdInitDevice(HD_DEFAULT_DEVICE);
+    if (HD_DEVICE_ERROR(hdGetError())) return fprintf(stderr, "no device\n"), 1;
+    trocar_client *server = trocar_client_open(NULL, NULL, 0);
+    if (!server) return 1;
+    hdEnable(HD_FORCE_OUTPUT);
+    HDSchedulerHandle loop = hdScheduleAsynchronous(exchange, server, HD_DEFAULT_SCHEDULER_PRIORITY);
+    hdStartScheduler();
+    puts("Enter ends.");
+    getchar();
+    hdStopScheduler();
+    hdUnschedule(loop);
+    trocar_client_close(server);
+    hdDisableDevice(device);
+}

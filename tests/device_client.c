@@ -1,0 +1,178 @@
+/* clients/trocar_client.h against a live server: poses out, wrenches in, and no force when the server dies.
+   usage: device_client SERVER; in a private network namespace. */
+#define _GNU_SOURCE
+#include <math.h>
+#include <sched.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "allocations.h"
+#include "trocar_client.h"
+
+static char *server_path;
+static pid_t server;
+static double position[3] = {0.005, 0.003, -0.201}; /* tip 1 mm before the skin */
+static const double orientation[4] = {1, 0, 0, 0};
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static double norm(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+static void start_server(void) {
+    char *const command[] = {server_path, "--scene", MESHES "/figure8.yaml", "--allow-non-rt", NULL};
+    assert_int_equal(posix_spawn(&server, command[0], NULL, NULL, command, environ), 0);
+}
+
+static void kill_server(void) {
+    if (server == 0) return;
+    kill(server, SIGKILL);
+    waitpid(server, NULL, 0);
+    server = 0;
+}
+
+/* One period of a device's loop. */
+static int exchange(trocar_client *c, trocar_client_wrench *w) {
+    nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+    assert_true(trocar_client_publish(c, position, orientation));
+    return trocar_client_newest(c, w);
+}
+
+/* Exchanges until there is a force above `least`, with the needle where it is. */
+static void feel(trocar_client *c, trocar_client_wrench *w, double least) {
+    double end = now() + 10;
+    do {
+        exchange(c, w);
+        assert_true(now() < end);
+    } while (!(norm(w->force) > least));
+}
+
+static void insert(trocar_client *c, trocar_client_wrench *w) {
+    for (int i = 0; i < 210; i++) {
+        position[2] += 0.1e-3;
+        exchange(c, w);
+    }
+}
+
+static int open_client(void **state) {
+    char why[256] = "";
+    position[2] = -0.201;
+    *state = trocar_client_open(NULL, why, sizeof why);
+    if (*state == NULL) print_error("%s\n", why);
+    return *state != NULL ? 0 : -1;
+}
+
+static int close_client(void **state) {
+    trocar_client_close(*state);
+    kill_server();
+    return 0;
+}
+
+/* The server's depth shows that poses arrive as they were meant; a loop that exchanges them allocates nothing. */
+static void poses_go_out_and_wrenches_come_in(void **state) {
+    trocar_client *c = *state;
+    trocar_client_wrench w;
+    assert_false(exchange(c, &w));
+    assert_true(norm(w.force) == 0 && norm(w.torque) == 0);
+    start_server();
+    for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
+    trocar_client_reset(c);
+    int64_t allocations = allocations_now();
+    insert(c, &w);
+    feel(c, &w, 0.2);
+    assert_int_equal(allocations_now(), allocations);
+    print_message("depth %.1f mm\n", 1e3 * w.depth);
+    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base went in by 20 mm; the tissue gives way by a part of that */
+    assert_true(w.contacts > 0 && w.tick > 0);
+
+    double nowhere[3] = {NAN, 0, 0};
+    assert_false(trocar_client_publish(c, nowhere, orientation));
+}
+
+/* A second device gets no force of the first one's needle, and gets the needle once the first one is gone. */
+static void one_device_at_a_time(void **state) {
+    trocar_client *first = *state, *second = trocar_client_open(NULL, NULL, 0);
+    trocar_client_wrench w;
+    assert_non_null(second);
+    start_server();
+    for (double end = now() + 10; !exchange(first, &w);) assert_true(now() < end);
+    insert(first, &w);
+    feel(first, &w, 0.2);
+    for (int i = 0; i < 100; i++) {
+        exchange(first, &w);
+        assert_false(exchange(second, &w));
+        assert_true(norm(w.force) == 0);
+    }
+    trocar_client_close(first);
+    *state = second;
+    for (double end = now() + 1; !exchange(second, &w);) assert_true(now() < end);
+}
+
+/* The server is killed in the middle of an insertion: within the watchdog's time the force is zero, and stays so. From the next
+   server it comes back by a ramp. */
+static void no_force_from_a_dead_server(void **state) {
+    trocar_client *c = *state;
+    trocar_client_wrench w;
+    start_server();
+    for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
+    insert(c, &w);
+    feel(c, &w, 0.2);
+    kill(server, SIGKILL); /* its threads stop at once; to reap it takes longer */
+    double killed = now(), last = killed;
+    while (now() < killed + 0.3)
+        if (exchange(c, &w)) last = now();
+        else assert_true(norm(w.force) == 0 && norm(w.torque) == 0);
+    print_message("force for %.1f ms after the server's death\n", 1e3 * (last - killed));
+    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop and what the network still held */
+
+    kill_server();
+    start_server();
+    position[2] = -0.201 + 0.021; /* the needle lies in the tissue: friction as it moves on. Steps down may be the watchdog's, on a busy machine */
+    double force = 0, largest_step = 0;
+    for (double end = now() + 2; now() < end;) {
+        position[2] += 2e-6;
+        exchange(c, &w);
+        largest_step = fmax(largest_step, norm(w.force) - force);
+        force = norm(w.force);
+    }
+    assert_true(force > 0.05);
+    print_message("back at %.2f N in steps up of at most %.3f N\n", force, largest_step);
+    assert_true(largest_step < 0.2);
+}
+
+static void a_bad_address_is_refused_with_a_message(void **state) {
+    (void)state;
+    char why[256] = "";
+    trocar_client_options options = {.url = "nonsense://x"};
+    assert_null(trocar_client_open(&options, why, sizeof why));
+    assert_non_null(strstr(why, "nonsense://x"));
+    trocar_client_close(NULL);
+}
+
+int main(int count, char **arguments) {
+    if (count != 2) return 2;
+    server_path = arguments[1];
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* where it is permitted, as a device would */
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_bad_address_is_refused_with_a_message),
+        cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),
+        cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
+        cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

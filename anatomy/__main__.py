@@ -112,7 +112,6 @@ def write_texts(given, organs, domain, mesh, outlined):
     source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
     distances = pipeline.distances_to_outlines(organs, domain, mesh, outlined)
     rows = quality.table(mesh, outlined, distances)
-    pipeline.note_missing_bone(organs, distances)
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))
     quality.draw(mesh, given.output + "-quality.svg")
     notes = [note for organ in organs for note in organ.notes]

@@ -26,7 +26,7 @@ def run(stage, work, *arguments):
     sender.close()
     try:
         if not receiver.poll(SECONDS):
-            raise TooLong(f"{stage}: not done after {SECONDS:g} s, stopped")
+            raise TooLong(f"{stage}: not done after {SECONDS:g} s, stopped: raise --time-limit, or choose less")
         result, error, place = receiver.recv()
     except EOFError:
         child.join()

@@ -34,6 +34,10 @@ class Limits(unittest.TestCase):
             limits.run("sleep", time.sleep, 1000)
         self.assertLess(time.monotonic() - start, 20)
 
+    def test_processor_time_counts(self):
+        with unittest.mock.patch.object(limits, "SECONDS", 1), self.assertRaisesRegex(limits.TooLong, "^loop: not done after 1 s"):
+            limits.run("loop", any, iter(int, 1))
+
     def test_an_exception_comes_back_as_it_was(self):
         with self.assertRaisesRegex(contours.Unusable, 'region "Apex", slice z = 3 mm: too thin'):
             limits.run("x", refuse)

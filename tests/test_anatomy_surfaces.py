@@ -18,6 +18,11 @@ class Surfaces(unittest.TestCase):
     def setUpClass(cls):
         session.start()
 
+    @staticmethod
+    def coarse_sphere():
+        """Of few triangles: crossings are looked for edge by edge."""
+        return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
+
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
         made = stack(ellipsoid(24, 17, 20, 5))
         for found in ([loft.of_stack(made)], field.of_stack(made).surfaces()):
@@ -62,7 +67,7 @@ class Surfaces(unittest.TestCase):
         self.assertLess(np.abs(shells.distances(fine, coarse.points)).max(), 2.5e-3)
 
     def test_a_torn_surface_is_mended(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         torn = shells.Shell(sphere.points, np.vstack([sphere.triangles[7:], sphere.triangles[200:240]]))
         self.assertGreater(shells.open_edges(shells.to_vtk(torn)), 0)
         mended, notes = shells.mended(shells.to_vtk(torn))
@@ -72,7 +77,7 @@ class Surfaces(unittest.TestCase):
         self.assertAlmostEqual(organ.volume / sphere.volume(), 1, delta=0.02)
 
     def test_a_surface_that_crosses_itself_is_told_with_the_volume(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         crossed = shells.Shell(sphere.points.copy(), sphere.triangles)
         top = crossed.points[:, 2] > 14
         crossed.points[top, 2] -= 44     # the cap comes out at the bottom, turned inside out
@@ -81,12 +86,12 @@ class Surfaces(unittest.TestCase):
         self.assertGreater(organ.volume, 1.02 * crossed.volume())
 
     def test_a_displaced_part_is_told(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         sphere.points[sphere.points[:, 2] > 19] -= [0, 0, 22]
         self.assertIn("as long as usual", " ".join(pipeline.organ_of_surface("x", "x", False, sphere).notes))
 
     def test_a_unit_that_is_not_likely_is_told_and_one_that_is_not_possible_refused(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         self.assertEqual(pipeline.organ_of_surface("x", "x", False, sphere).notes, [])
         self.assertIn("is its unit right?", pipeline.organ_of_surface("x", "x", False, sphere.scaled(0.2)).notes[0])
         for factor in (0.05, 1000):

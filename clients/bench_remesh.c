@@ -10,7 +10,7 @@
 #include "options.h"
 #include "output.h"
 #include "remesh_timing.h"
-#include "scene.h"
+#include "scene/scene.h"
 
 enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
 

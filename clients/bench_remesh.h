@@ -2,7 +2,7 @@
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 
-#include "report.h"
+#include "base/report.h"
 
 /* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp ends the
    program at bad options. */

@@ -11,7 +11,7 @@
 #include "output.h"
 #include "progress.h"
 #include "scale_timing.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "tick_timing.h"
 
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };

@@ -2,7 +2,7 @@
 #ifndef TROCAR_BENCH_SCALE_H
 #define TROCAR_BENCH_SCALE_H
 
-#include "report.h"
+#include "base/report.h"
 
 /* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp ends the program
    at bad options. */

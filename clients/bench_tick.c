@@ -9,7 +9,7 @@
 #include "motion.h"
 #include "options.h"
 #include "output.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "tick_timing.h"
 
 enum { MAX_COUNTS = MAX_CONTACTS };

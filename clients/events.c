@@ -2,7 +2,7 @@
 
 #include <stdio.h>
 
-#include "insertion.h"
+#include "insertion/insertion.h"
 
 static const struct { unsigned bit; const char *word; } words[] = {
     {EVENT_TOUCHED, "touched"},     {EVENT_PUNCTURED, "puncture"},   {EVENT_ADDED, "added"},

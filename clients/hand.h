@@ -2,7 +2,7 @@
 #ifndef TROCAR_HAND_H
 #define TROCAR_HAND_H
 
-#include "vec.h"
+#include "base/vec.h"
 
 typedef struct {
     double mass;             /* kg, > 0 */

@@ -2,7 +2,7 @@
 #ifndef TROCAR_MOTION_H
 #define TROCAR_MOTION_H
 
-#include "vec.h"
+#include "base/vec.h"
 
 /* One move of the base: between two times it travels by `shift` and turns by `turn`, as a hand does, with
    minimum jerk. Legs may overlap: their shifts add, their turns multiply in order. */

@@ -2,7 +2,7 @@
 #ifndef TROCAR_OUTPUT_H
 #define TROCAR_OUTPUT_H
 
-#include "report.h"
+#include "base/report.h"
 
 typedef struct {
     char path[1024], temporary[1040];

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "guard.h"
+#include "safety_limits.h"
 #include "message_fit.h"
 
 /* LCM's own reader trusts the lengths that it finds, prints to stderr and resumes at the next magic number: a damaged
@@ -107,7 +107,7 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     if (h->data_length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
         return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
     pose base = raw_pose(p);
-    pose_verdict verdict = guard_check_pose(&base);
+    pose_verdict verdict = safety_check_pose(&base);
     if (verdict == POSE_NOT_FINITE) return bad_event(r, "pose is not finite", why);
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }

@@ -4,11 +4,11 @@
 
 #include <lcm/lcm.h>
 
-#include "report.h"
+#include "base/report.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_status_t.h"
-#include "vec.h"
+#include "base/vec.h"
 
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
@@ -32,7 +32,7 @@ typedef struct {
 
 /* Reads the poses, or the wrenches, of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or
    byte, for a log that is missing, damaged, cut short, of other message types or without any, and for a pose that is not
-   finite, without a unit quaternion (guard_check_pose) or not later than the one before. Wrenches of before they named their
+   finite, without a unit quaternion (safety_check_pose) or not later than the one before. Wrenches of before they named their
    server count as of server 0. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 

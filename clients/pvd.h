@@ -3,7 +3,7 @@
 #define TROCAR_PVD_H
 
 #include "output.h"
-#include "simulation.h"
+#include "insertion/simulation.h"
 
 enum { PVD_HZ = 30 };        /* states a second of the motion's time */
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "events.h"
-#include "insertion.h"
+#include "insertion/insertion.h"
 
 /* Room for one more element of a growing array. */
 static trocar_status grow(void **array, int count, int *room, size_t size, report *why) {

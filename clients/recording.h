@@ -4,9 +4,9 @@
 
 #include <stdbool.h>
 
-#include "report.h"
+#include "base/report.h"
 #include "trocar_needle_wrench_t.h"
-#include "vec.h"
+#include "base/vec.h"
 
 /* Times are s on one clock of the device. */
 typedef struct { double time; pose base; bool answered; } sent_pose;

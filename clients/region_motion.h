@@ -2,7 +2,7 @@
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 
-#include "simulation.h"
+#include "insertion/simulation.h"
 
 typedef struct {
     vec3 shift;              /* m, of the points' centroid */

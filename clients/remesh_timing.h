@@ -2,7 +2,7 @@
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
-#include "remesh.h"
+#include "remesh/remesh.h"
 #include "timing.h"
 
 typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_change;

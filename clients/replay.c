@@ -16,7 +16,7 @@
 #include "progress.h"
 #include "realtime.h"
 #include "region_motion.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "vtu.h"
 
 const char *argp_program_version = "trocar-replay " TROCAR_VERSION;

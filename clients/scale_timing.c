@@ -4,8 +4,8 @@
 #include <string.h>
 #include <time.h>
 
-#include "tip.h"
-#include "window.h"
+#include "insertion/tip.h"
+#include "insertion/prefetch.h"
 
 static const double REST = 0.5; /* s, before a script begins: the needle's line is known by then */
 
@@ -94,7 +94,7 @@ static void leave_element(scale_run *run) {
 }
 
 static void note_progress(scale_run *run) {
-    int known = window_known_contacts(run->snapshot, &run->state.refined);
+    int known = prefetch_known_contacts(run->snapshot, &run->state.refined);
     for (int i = 0; i < run->contact_count; i++) {
         followed *contact = &run->contacts[i];
         bool takes_part = i < run->state.active;

@@ -4,7 +4,7 @@
 #define TROCAR_SCALE_TIMING_H
 
 #include "motion.h"
-#include "simulation.h"
+#include "insertion/simulation.h"
 #include "timing.h"
 
 typedef struct {

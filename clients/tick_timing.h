@@ -2,7 +2,7 @@
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 
-#include "simulation.h"
+#include "insertion/simulation.h"
 #include "timing.h"
 
 typedef enum {

@@ -11,7 +11,7 @@
 #include "lcm_filter.h"
 #include "message_fit.h"
 #include "options.h"
-#include "report.h"
+#include "base/report.h"
 #include "timing.h"
 
 const char *argp_program_version = "trocar-top " TROCAR_VERSION;

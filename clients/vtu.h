@@ -3,7 +3,7 @@
 #ifndef TROCAR_VTU_H
 #define TROCAR_VTU_H
 
-#include "simulation.h"
+#include "insertion/simulation.h"
 
 /* The tissue as PREFIX-tissue.vtu: the refined mesh (nominal nodes, then active contact nodes)
    at nominal positions. Point data `displacement` m, `applied_force` N on the tissue, `fixed` 0/1; cell data `region`

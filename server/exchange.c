@@ -6,8 +6,8 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "guard.h"
-#include "intake.h"
+#include "safety_limits.h"
+#include "pose_arbiter.h"
 #include "loop.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -22,15 +22,15 @@ static trocar_status create_all(exchange *x, report *why) {
     trocar_status status;
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->poses, sizeof(pose_sample), why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->requests, sizeof(request_sample), why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->snapshots, sizeof(compliance_snapshot), why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->views, sizeof(view_sample), why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
-    if ((status = newest_create(&x->intakes, sizeof(intake_record), why)) != TROCAR_OK) return status;
-    if ((status = ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
-    if ((status = ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
-    return ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
+    if ((status = triple_buffer_create(&x->poses, sizeof(pose_sample), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->requests, sizeof(request_sample), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->snapshots, sizeof(compliance_snapshot), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->views, sizeof(view_sample), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
+    return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
 
 trocar_status exchange_create(exchange *x, report *why) {
@@ -41,15 +41,15 @@ trocar_status exchange_create(exchange *x, report *why) {
 }
 
 void exchange_free(exchange *x) {
-    newest_free(&x->poses);
-    newest_free(&x->requests);
-    newest_free(&x->snapshots);
-    newest_free(&x->views);
-    newest_free(&x->loops);
-    newest_free(&x->intakes);
-    ring_free(&x->wrenches);
-    ring_free(&x->latencies);
-    ring_free(&x->round_trips);
+    triple_buffer_free(&x->poses);
+    triple_buffer_free(&x->requests);
+    triple_buffer_free(&x->snapshots);
+    triple_buffer_free(&x->views);
+    triple_buffer_free(&x->loops);
+    triple_buffer_free(&x->intakes);
+    spsc_ring_free(&x->wrenches);
+    spsc_ring_free(&x->latencies);
+    spsc_ring_free(&x->round_trips);
     if (x->io_wake >= 0) close(x->io_wake);
     if (x->worker_wake >= 0) close(x->worker_wake);
     x->io_wake = x->worker_wake = -1;

@@ -11,12 +11,13 @@
                                     | views
                                pictures thread
 
-   Newest values are triple buffers, queues are rings of one writer and one reader: see handover.h. */
+   Newest values are triple buffers, queues are rings of one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
 
-#include "handover.h"
-#include "insertion.h"
+#include "base/spsc_ring.h"
+#include "base/triple_buffer.h"
+#include "insertion/insertion.h"
 
 /* haptic -> worker */
 typedef struct {
@@ -30,19 +31,19 @@ typedef struct {
     int64_t pose_utime;          /* us, of the pose that the tick answers */
     int flags;                   /* as in needle_wrench_t */
     int64_t wrench_dropped, saturated_ticks; /* since start */
-    double energy, energy_lowest; /* J, from the hand into the port */
+    double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
     double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
     insertion_state state;
 } view_sample;
 
 typedef struct {
-    newest_value poses;          /* pose_sample */
-    newest_value requests;       /* request_sample */
-    newest_value snapshots;      /* compliance_snapshot */
-    newest_value views;          /* view_sample */
-    newest_value loops;          /* loop_record */
-    newest_value intakes;        /* intake_record */
+    triple_buffer poses;          /* pose_sample */
+    triple_buffer requests;       /* request_sample */
+    triple_buffer snapshots;      /* compliance_snapshot */
+    triple_buffer views;          /* view_sample */
+    triple_buffer loops;          /* loop_record */
+    triple_buffer intakes;        /* arbiter_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring latencies;         /* int64_t: request to snapshot, ns */
     spsc_ring round_trips;       /* int64_t: wrench computed to the arrival of a pose that names it, ns */

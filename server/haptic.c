@@ -28,21 +28,21 @@ void haptic_free(haptic *h) {
 
 /* A number that is not finite would stay in the model for good: start over where the hand is, by a ramp. RT */
 static void start_over(haptic *h, const pose_sample *newest, insertion_wrench *wrench) {
-    insertion_start_over(h->model, h->guard.base, h->state, wrench);
-    port_engage(&h->port, newest);
-    h->guard.gain = 0.0;
+    insertion_start_over(h->model, h->safety.base, h->state, wrench);
+    coupling_engage(&h->coupling, newest);
+    h->safety.gain = 0.0;
 }
 
 /* The model's wrench for the newest pose; zero before the first one. RT */
-static insertion_wrench run_model(haptic *h, guard_decision decision, const pose_sample *newest, const compliance_snapshot *snapshot, double dt) {
+static insertion_wrench run_model(haptic *h, safety_decision decision, const pose_sample *newest, const compliance_snapshot *snapshot, double dt) {
     insertion_wrench wrench = {.membrane = -1};
-    if (decision == GUARD_IDLE) return wrench;
-    pose hand = h->guard.base;
-    if (decision == GUARD_ENGAGE) insertion_reset(h->model, hand, h->state);
-    pose rest = port_hold(&h->port, h->limits.max_stiffness, hand, dt, &h->state->base_compliance);
+    if (decision == SAFETY_IDLE) return wrench;
+    pose hand = h->safety.base;
+    if (decision == SAFETY_ENGAGE) insertion_reset(h->model, hand, h->state);
+    pose rest = coupling_hold(&h->coupling, h->limits.max_stiffness, hand, dt, &h->state->base_compliance);
     insertion_tick(h->model, h->state, h->scratch, snapshot, rest, dt, &wrench);
     vec3 base = v3_add(rest.position, h->state->base_shift);
-    wrench.torque = port_yield(&h->port, hand, base, wrench.force, wrench.torque);
+    wrench.torque = coupling_yield(&h->coupling, hand, base, wrench.force, wrench.torque);
     if (!insertion_is_finite(h->state, &wrench)) start_over(h, newest, &wrench);
     return wrench;
 }
@@ -60,16 +60,16 @@ static trocar_needle_wrench_t message_of(const haptic *h, const insertion_wrench
 
 /* Queues the wrench for the IO thread. RT */
 static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
-    if (!ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
+    if (!spsc_ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
     wake(h->exchange->io_wake);
 }
 
 /* What the newest pose tells of the way to the hand. RT */
-static void note_hand(haptic *h, guard_decision decision, const pose_sample *newest) {
-    if (decision == GUARD_ENGAGE) port_engage(&h->port, newest);
-    if (decision != GUARD_FOLLOW) return;
-    int64_t round_trip = port_receive(&h->port, newest);
-    if (round_trip >= 0) ring_push(&h->exchange->round_trips, &round_trip);
+static void note_hand(haptic *h, safety_decision decision, const pose_sample *newest) {
+    if (decision == SAFETY_ENGAGE) coupling_engage(&h->coupling, newest);
+    if (decision != SAFETY_FOLLOW) return;
+    int64_t round_trip = coupling_receive(&h->coupling, newest);
+    if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
 /* Where the tick's time went: before, in and after the model. RT */
@@ -86,10 +86,10 @@ static void note_stages(haptic *h, int64_t began, int64_t asked, int64_t answere
 /* Hands the worker what the tick wants to know next, if that has changed. RT */
 static void ask_worker(haptic *h, int64_t now) {
     if (h->state->request.serial == h->posted) return;
-    request_sample *sample = newest_slot(&h->exchange->requests);
+    request_sample *sample = triple_buffer_slot(&h->exchange->requests);
     sample->requested = now;
     sample->request = h->state->request;
-    newest_publish(&h->exchange->requests);
+    triple_buffer_publish(&h->exchange->requests);
     wake(h->exchange->worker_wake);
     while (h->posted < sample->request.serial) h->asked[++h->posted % REQUESTS_REMEMBERED] = now;
 }
@@ -104,30 +104,30 @@ static double snapshot_age(const haptic *h, int64_t now, uint64_t answered) {
 /* Shows the state to telemetry, VIEWS_HZ times a second, once there is one. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message, uint64_t answered) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
-    if (h->guard.engagement == 0 || wake->tick % ticks_per_view != 0) return;
-    view_sample *view = newest_slot(&h->exchange->views);
+    if (h->safety.engagement == 0 || wake->tick % ticks_per_view != 0) return;
+    view_sample *view = triple_buffer_slot(&h->exchange->views);
     view->tick = wake->tick;
     view->pose_utime = message->pose_utime;
     view->flags = message->flags;
     view->wrench_dropped = h->wrench_dropped;
     view->saturated_ticks = h->saturated_ticks;
-    view->energy = h->port.energy;
-    view->energy_lowest = h->port.lowest;
-    view->coupling_stiffness = h->port.stiffness;
+    view->energy = h->coupling.energy;
+    view->energy_lowest = h->coupling.lowest;
+    view->coupling_stiffness = h->coupling.stiffness;
     view->snapshot_age = snapshot_age(h, wake->now, answered);
     view->state = *h->state;
-    newest_publish(&h->exchange->views);
+    triple_buffer_publish(&h->exchange->views);
 }
 
 bool haptic_tick(void *context, const loop_wake *wake) {
     haptic *h = context;
     int64_t began = monotonic_ns();
     bool wind_down = atomic_load_explicit(&h->wind_down, memory_order_relaxed);
-    const pose_sample *newest = newest_read(&h->exchange->poses, NULL);
-    const compliance_snapshot *snapshot = newest_read(&h->exchange->snapshots, NULL);
+    const pose_sample *newest = triple_buffer_read(&h->exchange->poses, NULL);
+    const compliance_snapshot *snapshot = triple_buffer_read(&h->exchange->snapshots, NULL);
 
-    guard_timing(&h->guard, wake->late, h->period);
-    guard_decision decision = guard_pose(&h->guard, &h->limits, newest, wake->now);
+    safety_timing(&h->safety, wake->late, h->period);
+    safety_decision decision = safety_pose(&h->safety, &h->limits, newest, wake->now);
     note_hand(h, decision, newest);
     int64_t asked = monotonic_ns();
     insertion_wrench raw = run_model(h, decision, newest, snapshot, wake->elapsed);
@@ -135,16 +135,16 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t message = message_of(h, &raw, newest, wake->tick);
 
     vec3 force = raw.force, torque = raw.torque;
-    message.flags |= h->flags | guard_wrench(&h->guard, &h->limits, wind_down, h->period, &force, &torque);
-    if (port_active(&h->port)) message.flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
+    message.flags |= h->flags | safety_wrench(&h->safety, &h->limits, wind_down, h->period, &force, &torque);
+    if (coupling_active(&h->coupling)) message.flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
     h->saturated_ticks += (message.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
     store_vec3(force, message.force);
     store_vec3(torque, message.torque);
-    port_send(&h->port, wake->tick, wake->now, force, torque);
+    coupling_send(&h->coupling, wake->tick, wake->now, force, torque);
     send_wrench(h, &message);
 
     ask_worker(h, wake->now);
     show(h, wake, &message, snapshot->serial);
     note_stages(h, began, asked, answered);
-    return !(wind_down && guard_at_rest(&h->guard));
+    return !(wind_down && safety_at_rest(&h->safety));
 }

@@ -1,11 +1,11 @@
-/* One tick of the server: newest pose -> guard -> model -> guard -> wrench. */
+/* One tick of the server: newest pose -> safety limits -> model -> safety limits -> wrench. */
 #ifndef TROCAR_HAPTIC_H
 #define TROCAR_HAPTIC_H
 
 #include "exchange.h"
-#include "guard.h"
+#include "safety_limits.h"
 #include "loop.h"
-#include "port.h"
+#include "virtual_coupling.h"
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
@@ -20,8 +20,8 @@ typedef struct {
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then end */
 
     insertion_state *state;      /* all below: the haptic thread's own */
-    guard guard;
-    port port;
+    safety_limits safety;
+    virtual_coupling coupling;
     uint64_t posted;             /* serial of the last request handed to the worker */
     int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
     int64_t wrench_dropped, saturated_ticks; /* since start */

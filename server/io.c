@@ -14,7 +14,7 @@ enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
 trocar_status io_create(io *o, const char *url, const device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
-    intake_init(&o->intake, limits);
+    arbiter_init(&o->arbiter, limits);
     atomic_init(&o->stop, false);
     if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
@@ -25,19 +25,19 @@ void io_free(io *o) { sem_destroy(&o->ready); }
 static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    intake_pose(&o->intake, received->data, received->data_size, monotonic_ns());
+    arbiter_pose(&o->arbiter, received->data, received->data_size, monotonic_ns());
 }
 
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    if (intake_command(&o->intake, received->data, received->data_size)) wake(o->shutdown_wake);
+    if (arbiter_command(&o->arbiter, received->data, received->data_size)) wake(o->shutdown_wake);
 }
 
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    other_server_hear(&o->intake.record.other, o->server, received->data, received->data_size, monotonic_ns());
+    other_server_hear(&o->arbiter.record.other, o->server, received->data, received->data_size, monotonic_ns());
 }
 
 /* Raw subscriptions: LCM's generated ones would drop a bad message without telling anyone. */
@@ -68,10 +68,10 @@ static trocar_status receive(io *o) {
 }
 
 static void hand_over(io *o) {
-    *(pose_sample *)newest_slot(&o->exchange->poses) = o->intake.newest;
-    newest_publish(&o->exchange->poses);
-    *(intake_record *)newest_slot(&o->exchange->intakes) = o->intake.record;
-    newest_publish(&o->exchange->intakes);
+    *(pose_sample *)triple_buffer_slot(&o->exchange->poses) = o->arbiter.newest;
+    triple_buffer_publish(&o->exchange->poses);
+    *(arbiter_record *)triple_buffer_slot(&o->exchange->intakes) = o->arbiter.record;
+    triple_buffer_publish(&o->exchange->intakes);
 }
 
 /* A network that refuses a datagram (no route, full buffer) loses this wrench, which is counted, not the server: the next one
@@ -79,7 +79,7 @@ static void hand_over(io *o) {
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];
-    while (ring_pop(&o->exchange->wrenches, &wrench)) {
+    while (spsc_ring_pop(&o->exchange->wrenches, &wrench)) {
         int size = trocar_needle_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
         if (size <= 0 || lcm_publish(o->lcm, "TROCAR_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
     }

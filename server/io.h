@@ -6,7 +6,7 @@
 #include <semaphore.h>
 
 #include "exchange.h"
-#include "intake.h"
+#include "pose_arbiter.h"
 
 typedef struct {
     exchange *exchange;
@@ -19,7 +19,7 @@ typedef struct {
     trocar_status status;        /* to be read after `ready`, and after the thread has ended */
     report why;
     lcm_t *lcm;                  /* all below: the thread's own */
-    intake intake;
+    pose_arbiter arbiter;
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 

@@ -4,7 +4,7 @@
 
 /* The interval's part of the timing is kept in the hand-over slot itself. RT */
 static void note(loop *l, int64_t lateness, int64_t compute) {
-    loop_record *interval = newest_slot(l->records);
+    loop_record *interval = triple_buffer_slot(l->records);
     histogram_add(&interval->lateness, lateness);
     histogram_add(&interval->compute, compute);
     histogram_add(&l->lateness, lateness);
@@ -17,15 +17,15 @@ static void note(loop *l, int64_t lateness, int64_t compute) {
 
 /* Hands the interval over and begins the next one. RT */
 static void hand_over(loop *l) {
-    loop_record *interval = newest_slot(l->records);
+    loop_record *interval = triple_buffer_slot(l->records);
     interval->lateness_max_total = histogram_max(&l->lateness);
     interval->compute_max_total = histogram_max(&l->compute);
     interval->ticks = l->ticks;
     interval->misses = l->misses;
     interval->usage = l->usage;
-    newest_publish(l->records);
+    triple_buffer_publish(l->records);
 
-    interval = newest_slot(l->records);
+    interval = triple_buffer_slot(l->records);
     histogram_clear(&interval->lateness);
     histogram_clear(&interval->compute);
     memset(interval->stage_total, 0, sizeof interval->stage_total);

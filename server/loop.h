@@ -2,7 +2,7 @@
 #ifndef TROCAR_LOOP_H
 #define TROCAR_LOOP_H
 
-#include "handover.h"
+#include "base/triple_buffer.h"
 #include "timing.h"
 
 /* What a tick is told about its time. */
@@ -29,7 +29,7 @@ typedef struct {
     bool (*tick)(void *context, const loop_wake *wake); /* false ends the loop. RT */
     void *context;
     const int64_t *stages;   /* LOOP_STAGES, ns: how the last tick spent its time, kept by the tick; may be NULL */
-    newest_value *records;   /* loop_record */
+    triple_buffer *records;   /* loop_record */
     histogram lateness, compute;                     /* totals; to be read when the loop has ended */
     int64_t ticks, misses;
     thread_usage usage;

@@ -9,7 +9,7 @@
 
 #include "exchange.h"
 #include "lcm_filter.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "server.h"
 
 const char *argp_program_version = "trocar-server " TROCAR_VERSION;

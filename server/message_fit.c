@@ -2,7 +2,7 @@
 
 #include <stdint.h>
 
-#include "insertion.h"
+#include "insertion/insertion.h"
 #include "trocar_status_t.h"
 
 enum { FINGERPRINT = 8 };

@@ -2,7 +2,7 @@
 #ifndef TROCAR_MESSAGES_H
 #define TROCAR_MESSAGES_H
 
-#include "insertion.h"
+#include "insertion/insertion.h"
 #include "trocar_needle_wrench_t.h"
 
 /* One tick's wrench as the model computed it, raw and to be rendered alike, with the flags that follow from its events. Which

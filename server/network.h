@@ -4,7 +4,7 @@
 
 #include <lcm/lcm.h>
 
-#include "report.h"
+#include "base/report.h"
 
 /* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT for a provider that LCM does not have, and
    for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for what may pass, as when the network has no route yet. */

@@ -10,7 +10,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "flush_denormals.h"
+#include "base/flush_denormals.h"
 
 enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes of a mapping */
 

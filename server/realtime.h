@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "report.h"
+#include "base/report.h"
 
 enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75, PRIORITY_DEVICE = 70 };
 

@@ -18,7 +18,7 @@
 #include "lcm_filter.h"
 #include "progress.h"
 #include "realtime.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "session.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
@@ -314,7 +314,7 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
             s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
     fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
-    fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.intake.record.counts[POSE_ACCEPTED],
-            (long long)s->io.intake.record.poses_lost);
+    fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.arbiter.record.counts[POSE_ACCEPTED],
+            (long long)s->io.arbiter.record.poses_lost);
     fprintf(out, "packets    %lld malformed ones dropped\n", (long long)lcm_filter_dropped());
 }

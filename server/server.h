@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "report.h"
+#include "base/report.h"
 
 typedef struct {
     const char *scene_path;

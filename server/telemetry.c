@@ -19,8 +19,8 @@ trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, si
     gethostname(t->host, HOST_NAME);
     snprintf(t->host + strlen(t->host), sizeof t->host - strlen(t->host), ", process %d", (int)getpid());
     atomic_init(&t->stop, false);
-    trocar_status status = sight_create(&t->sight, s, why);
-    if (status == TROCAR_OK) status = newest_create(&t->views, sizeof(view_sample), why);
+    trocar_status status = viewer_messages_create(&t->messages, s, why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&t->views, sizeof(view_sample), why);
     if (status != TROCAR_OK) {
         telemetry_free(t);
         return status;
@@ -40,8 +40,8 @@ void telemetry_free(telemetry *t) {
     if (t->lcm != NULL) lcm_destroy(t->lcm);
     free(t->latency);
     free(t->round_trip);
-    newest_free(&t->views);
-    sight_free(&t->sight);
+    triple_buffer_free(&t->views);
+    viewer_messages_free(&t->messages);
     *t = (telemetry){0};
 }
 
@@ -54,7 +54,7 @@ static void print_timing(const trocar_loop_timing_t *m) {
 /* Empties a ring of nanoseconds into a histogram of this interval. */
 static void collect(spsc_ring *ring, histogram *h) {
     histogram_clear(h);
-    for (int64_t nanoseconds; ring_pop(ring, &nanoseconds);) histogram_add(h, nanoseconds);
+    for (int64_t nanoseconds; spsc_ring_pop(ring, &nanoseconds);) histogram_add(h, nanoseconds);
 }
 
 _Static_assert(HISTOGRAM_BINS == sizeof((trocar_loop_timing_t *)0)->lateness_bins / sizeof(int32_t), "bins of loop_timing_t");
@@ -62,7 +62,7 @@ _Static_assert(LOOP_STAGES == sizeof((trocar_loop_timing_t *)0)->stage_max / siz
 
 static void publish_timing(telemetry *t, const view_sample *view) {
     bool fresh;
-    const loop_record *loop = newest_read(&t->exchange->loops, &fresh);
+    const loop_record *loop = triple_buffer_read(&t->exchange->loops, &fresh);
     if (!fresh) return; /* no new interval: nothing to tell */
     collect(&t->exchange->latencies, t->latency);
     collect(&t->exchange->round_trips, t->round_trip);
@@ -107,7 +107,7 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
 }
 
 /* What lasts until somebody does something about it comes before the last refusal. */
-static const char *message_of(telemetry *t, const intake_record *in, bool accompanied) {
+static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
     if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
     return accompanied ? other_server_text(t, &in->other) : in->message;
 }
@@ -115,7 +115,7 @@ static const char *message_of(telemetry *t, const intake_record *in, bool accomp
 static char *text(const char *constant) { return (char *)(uintptr_t)constant; } /* LCM's structs have no const */
 
 static void publish_status(telemetry *t, const view_sample *view) {
-    const intake_record *in = newest_read(&t->exchange->intakes, NULL);
+    const arbiter_record *in = triple_buffer_read(&t->exchange->intakes, NULL);
     bool accompanied = other_server_present(&in->other, monotonic_ns());
     trocar_status_t m = {
         .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->given.flags,
@@ -133,11 +133,11 @@ static void publish_status(telemetry *t, const view_sample *view) {
 
 /* The needle first: a viewer's picture is complete with the deformation. */
 static void publish_sight(telemetry *t, const view_sample *view) {
-    sight_take(&t->sight, &view->state, view->tick, view->pose_utime);
-    t->sight.contacts.utime = t->sight.deformation.utime = wall_us();
-    t->sight.contacts.server = t->sight.deformation.server = t->given.server;
-    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->sight.contacts);
-    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &t->sight.deformation);
+    viewer_messages_take(&t->messages, &view->state, view->tick, view->pose_utime);
+    t->messages.contacts.utime = t->messages.deformation.utime = wall_us();
+    t->messages.contacts.server = t->messages.deformation.server = t->given.server;
+    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->messages.contacts);
+    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &t->messages.deformation);
 }
 
 static bool stopped(const telemetry *t) { return atomic_load_explicit(&t->stop, memory_order_relaxed); }
@@ -147,7 +147,7 @@ static void *publish_pictures(void *context) {
     realtime_flush_denormals();
     for (int64_t due = monotonic_ns(); !stopped(t); sleep_until(due)) {
         bool fresh;
-        const view_sample *view = newest_read(&t->views, &fresh);
+        const view_sample *view = triple_buffer_read(&t->views, &fresh);
         if (fresh) publish_sight(t, view);
         due += 1000000000 / PICTURES_HZ;
         if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
@@ -162,14 +162,14 @@ void *telemetry_run(void *context) {
     int64_t due = monotonic_ns();
     for (int64_t round = 0; !stopped(t); round++) {
         bool fresh;
-        const view_sample *view = newest_read(&t->exchange->views, &fresh);
+        const view_sample *view = triple_buffer_read(&t->exchange->views, &fresh);
         if (round % (PICTURES_HZ / STATUS_HZ) == 0) {
             publish_timing(t, view);
             publish_status(t, view);
         }
         if (fresh) {
-            memcpy(newest_slot(&t->views), view, sizeof *view);
-            newest_publish(&t->views);
+            memcpy(triple_buffer_slot(&t->views), view, sizeof *view);
+            triple_buffer_publish(&t->views);
         }
         due += 1000000000 / PICTURES_HZ;
         if (due < monotonic_ns()) due = monotonic_ns();

@@ -7,9 +7,9 @@
 #include <lcm/lcm.h>
 
 #include "exchange.h"
-#include "intake.h"
+#include "pose_arbiter.h"
 #include "loop.h"
-#include "sight.h"
+#include "viewer_messages.h"
 #include "worker.h"
 
 typedef struct {
@@ -33,8 +33,8 @@ typedef struct {
     char other_text[400];
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
-    newest_value views;          /* view_sample, from it to the thread of the pictures */
-    sight sight;                 /* the latter's own */
+    triple_buffer views;          /* view_sample, from it to the thread of the pictures */
+    viewer_messages messages;                 /* the latter's own */
 } telemetry;
 
 /* Connects to LCM. `s`, `w` and `x` must outlive it. The network's errors: see network_open. */

@@ -18,14 +18,14 @@ static void note_failure(worker *w, const report *why) {
 /* A request that fails leaves the last snapshot in force: the tick goes on with it and flags that it is late. */
 static void serve(worker *w, const request_sample *sample) {
     report why;
-    trocar_status status = w->serve(w->context, &sample->request, newest_slot(&w->exchange->snapshots), &why);
+    trocar_status status = w->serve(w->context, &sample->request, triple_buffer_slot(&w->exchange->snapshots), &why);
     if (status != TROCAR_OK) {
         note_failure(w, &why);
         return;
     }
-    newest_publish(&w->exchange->snapshots);
+    triple_buffer_publish(&w->exchange->snapshots);
     int64_t latency = monotonic_ns() - sample->requested;
-    ring_push(&w->exchange->latencies, &latency);
+    spsc_ring_push(&w->exchange->latencies, &latency);
     w->served++;
 }
 
@@ -36,7 +36,7 @@ void *worker_run(void *context) {
         wait_for_wake(w->exchange->worker_wake);
         if (atomic_load_explicit(&w->stop, memory_order_acquire)) return NULL;
         bool fresh;
-        const request_sample *sample = newest_read(&w->exchange->requests, &fresh);
+        const request_sample *sample = triple_buffer_read(&w->exchange->requests, &fresh);
         if (fresh) serve(w, sample);
         while (w->look_ahead && !wake_pending(w->exchange->worker_wake) && w->look_ahead(w->context)) continue;
     }

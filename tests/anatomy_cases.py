@@ -1,4 +1,4 @@
-"""What the tests of anatomy/ share: shapes whose volume is known, and the folder of the sources."""
+"""What the tests of meshes/anatomy/ share: shapes whose volume is known, and the folder of the sources."""
 import math
 import os
 import sys
@@ -6,7 +6,7 @@ import sys
 import numpy as np
 
 SOURCE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-sys.path.insert(0, SOURCE)
+sys.path.insert(0, os.path.join(SOURCE, "meshes"))
 
 
 def ellipse(a, b, z, count=60, centre=(0.0, 0.0)):

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "needle.h"
+#include "needle/needle.h"
 
 static inline needle_parameters gauge18(needle_choice kind, int segments) {
     return (needle_parameters){.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,

@@ -8,7 +8,7 @@
 #include <string.h>
 #include <lcm/lcm.h>
 
-#include "scene.h"
+#include "scene/scene.h"
 #include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"

@@ -17,8 +17,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "insertion.h"
-#include "port.h"
+#include "insertion/insertion.h"
+#include "virtual_coupling.h"
 #include "server.h"
 
 #include <setjmp.h>
@@ -77,11 +77,11 @@ void __wrap_insertion_tick(const insertion_model *model, insertion_state *state,
     if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000));
 }
 
-pose __real_port_hold(port *p, double limit, pose hand, double dt, double *compliance);
-pose __wrap_port_hold(port *p, double limit, pose hand, double dt, double *compliance);
-pose __wrap_port_hold(port *p, double limit, pose hand, double dt, double *compliance) {
+pose __real_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
+pose __wrap_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
+pose __wrap_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance) {
     double stiffness = atomic_load(&fault->stiffness);
-    return __real_port_hold(p, stiffness > 0.0 ? stiffness : limit, hand, dt, compliance);
+    return __real_coupling_hold(p, stiffness > 0.0 ? stiffness : limit, hand, dt, compliance);
 }
 
 /* ---- the server --------------------------------------------------------------------------------------------------------- */

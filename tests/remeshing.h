@@ -12,7 +12,7 @@
 
 #include "cube.h"
 #include "reference.h"
-#include "remesh.h"
+#include "remesh/remesh.h"
 
 #include <cmocka.h>
 

@@ -7,7 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "scene.h"
+#include "scene/scene.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

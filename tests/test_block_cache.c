@@ -6,7 +6,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "block_cache.h"
+#include "inverse/block_cache.h"
 
 enum { NODES = 3 * BLOCK_CACHE_NODES, LD = 5 };
 

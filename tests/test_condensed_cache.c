@@ -10,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "condensed_cache.h"
+#include "inverse/condensed_cache.h"
 
 #include <cmocka.h>
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "contact.h"
+#include "insertion/contact.h"
 
 #include <cmocka.h>
 

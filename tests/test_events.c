@@ -1,5 +1,5 @@
 #include "events.h"
-#include "insertion.h"
+#include "insertion/insertion.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -2,7 +2,7 @@
 #include <poll.h>
 
 #include "exchange.h"
-#include "guard.h"
+#include "safety_limits.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -22,12 +22,12 @@ static void all_is_empty_at_first(void **unused) {
     bool fresh;
     int64_t latency;
     assert_int_equal(exchange_create(&x, &why), TROCAR_OK);
-    const pose_sample *s = newest_read(&x.poses, &fresh);
+    const pose_sample *s = triple_buffer_read(&x.poses, &fresh);
     assert_false(fresh || s->held);
-    const compliance_snapshot *snapshot = newest_read(&x.snapshots, &fresh);
+    const compliance_snapshot *snapshot = triple_buffer_read(&x.snapshots, &fresh);
     assert_false(fresh);
     assert_int_equal(snapshot->serial, 0);
-    assert_false(ring_pop(&x.latencies, &latency));
+    assert_false(spsc_ring_pop(&x.latencies, &latency));
     exchange_free(&x);
     exchange_free(&x); /* twice does no harm */
 }

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "haptic.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -61,33 +61,33 @@ static int end(void **state) {
 static void serve_worker(fixture *f) {
     report why;
     bool fresh;
-    const request_sample *r = newest_read(&f->exchange.requests, &fresh);
+    const request_sample *r = triple_buffer_read(&f->exchange.requests, &fresh);
     if (!fresh) return;
     assert_int_equal(r->requested, (f->tick - 1) * MS);
-    assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, newest_slot(&f->exchange.snapshots), &why), TROCAR_OK);
-    newest_publish(&f->exchange.snapshots);
+    assert_int_equal(remesher_serve(f->simulation.remesher, &r->request, triple_buffer_slot(&f->exchange.snapshots), &why), TROCAR_OK);
+    triple_buffer_publish(&f->exchange.snapshots);
 }
 
 static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
-    pose_sample *s = newest_slot(&f->exchange.poses);
+    pose_sample *s = triple_buffer_slot(&f->exchange.poses);
     *s = (pose_sample){.held = true, .engagement = engagement, .session = 8, .seq = seq, .utime = 1000 + seq,
                        .received = f->tick * MS, .base = {{0.005, 0.003, z}, {1, 0, 0, 0}}};
-    newest_publish(&f->exchange.poses);
+    triple_buffer_publish(&f->exchange.poses);
 }
 
 /* The pose that waits was sent after this wrench. */
 static void name_wrench(fixture *f, int64_t tick) {
-    pose_sample sample = *(const pose_sample *)newest_read(&f->exchange.poses, NULL);
+    pose_sample sample = *(const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL);
     sample.wrench_tick = tick;
-    *(pose_sample *)newest_slot(&f->exchange.poses) = sample;
-    newest_publish(&f->exchange.poses);
+    *(pose_sample *)triple_buffer_slot(&f->exchange.poses) = sample;
+    triple_buffer_publish(&f->exchange.poses);
 }
 
 static bool tick(fixture *f, trocar_needle_wrench_t *out) {
     loop_wake wake = {.tick = f->tick, .now = f->tick * MS, .elapsed = 1e-3};
     f->tick++;
     bool on = haptic_tick(&f->haptic, &wake);
-    if (out != NULL) assert_true(ring_pop(&f->exchange.wrenches, out));
+    if (out != NULL) assert_true(spsc_ring_pop(&f->exchange.wrenches, out));
     return on;
 }
 
@@ -142,7 +142,7 @@ static void the_needle_is_pushed_back_and_the_worker_asked(void **state) {
     assert_true(readable(f->exchange.worker_wake));
     assert_true(f->haptic.posted > 1);
     bool fresh;
-    const view_sample *view = newest_read(&f->exchange.views, &fresh);
+    const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->state.active >= 1);
     assert_true(view->snapshot_age < 2e-3);
     assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
@@ -158,7 +158,7 @@ static void the_age_is_that_of_the_oldest_open_request(void **state) {
         tick(f, NULL);
         if (opened == 0 && f->haptic.posted > posted) opened = f->tick - 1;
     }
-    const view_sample *view = newest_read(&f->exchange.views, NULL);
+    const view_sample *view = triple_buffer_read(&f->exchange.views, NULL);
     assert_true(opened > 0 && view->tick > opened + 100);
     assert_true(fabs(view->snapshot_age - 1e-3 * (double)(view->tick - opened)) < 1e-9);
 }
@@ -243,16 +243,16 @@ static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **s
     for (int i = 0; i < 5; i++) tick(f, NULL);
     put_pose(f, 1, 1, -0.205);
     tick(f, NULL);
-    assert_false(ring_pop(&f->exchange.round_trips, &round_trip)); /* it named none */
+    assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip)); /* it named none */
     static const int64_t named[] = {3, 3, 2, 900, -4};             /* again, an older one, one to come, nonsense */
     for (size_t i = 0; i < sizeof named / sizeof *named; i++) {
         put_pose(f, 1, 2 + (int64_t)i, -0.205);
         name_wrench(f, named[i]);
         tick(f, NULL);
     }
-    assert_true(ring_pop(&f->exchange.round_trips, &round_trip));
+    assert_true(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
     assert_int_equal(round_trip, 3 * MS); /* computed at 3 ms, named at 6 ms */
-    assert_false(ring_pop(&f->exchange.round_trips, &round_trip));
+    assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
 }
 
 /* The stages are the parts of a tick: together they last no longer than it does. */

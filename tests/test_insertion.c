@@ -1,7 +1,7 @@
 /* The tick as a whole: forces against what friction and cutting add up to, independence of the rate, the passes and the
    worker, and every way in and out of the tissue. */
 #include "figure8.h"
-#include "window.h"
+#include "insertion/prefetch.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "inverse_choice.h"
+#include "inverse/inverse_choice.h"
 
 #include <cmocka.h>
 
@@ -19,17 +19,17 @@ static void every_choice_has_its_reason(void **state) {
         {{.node_count = 572, .dof_count = 1416, .memory = ROOM}, INVERSE_DENSE, "dense (572 nodes: 0.016 GB)"},
         {{.node_count = 572, .dof_count = 1416, .memory = ROOM, .remeshing = REMESH_BCS}, INVERSE_DENSE,
          "dense (remeshing by bcs works on all of it: 0.016 GB)"},
-        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .remeshing = REMESH_WOODBURY, .reach_given = true, .reach_count = 3418},
+        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .remeshing = REMESH_WOODBURY, .roi_given = true, .roi_count = 3418},
          INVERSE_DENSE, "dense (remeshing by woodbury works on all of it: 146 GB)"},
-        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .reach_given = true, .reach_count = 3418}, INVERSE_CONDENSED,
+        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .roi_given = true, .roi_count = 3418}, INVERSE_CONDENSED,
          "condensed (region of 3418 nodes: 0.841 GB; dense would take 146 GB)"},
-        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .reach_given = true, .reach_count = 10000}, INVERSE_SPARSE,
+        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .roi_given = true, .roi_count = 10000}, INVERSE_SPARSE,
          "sparse (region of 10000 nodes: condensed would take 7.2 GB, more than 4 GB; dense 146 GB)"},
-        {{.node_count = 45000, .dof_count = 135000, .memory = 2e9, .reach_given = true, .reach_count = 3418}, INVERSE_SPARSE,
+        {{.node_count = 45000, .dof_count = 135000, .memory = 2e9, .roi_given = true, .roi_count = 3418}, INVERSE_SPARSE,
          "sparse (region of 3418 nodes: condensed would take 0.841 GB, more than 0.5 GB; dense 146 GB)"},
-        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .reach_count = 3000}, INVERSE_SPARSE,
+        {{.node_count = 45000, .dof_count = 135000, .memory = ROOM, .roi_count = 3000}, INVERSE_SPARSE,
          "sparse (45000 nodes: dense would take 146 GB, and there is no region_of_interest)"},
-        {{.node_count = 3000, .dof_count = 9000, .memory = 2e9, .reach_count = 3000}, INVERSE_SPARSE,
+        {{.node_count = 3000, .dof_count = 9000, .memory = 2e9, .roi_count = 3000}, INVERSE_SPARSE,
          "sparse (3000 nodes: dense would take 0.648 GB, and there is no region_of_interest)"},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "condensed_cache.h"
+#include "inverse/condensed_cache.h"
 #include "cube.h"
 
 #include <cmocka.h>

@@ -71,11 +71,11 @@ static void one_round_takes_all_poses_and_keeps_the_newest(void **state) {
     for (int64_t seq = 1; seq <= 5; seq++) send_pose(f, seq);
     assert_int_equal(io_round(&f->io), TROCAR_OK);
     bool fresh;
-    const pose_sample *s = newest_read(&f->exchange.poses, &fresh);
+    const pose_sample *s = triple_buffer_read(&f->exchange.poses, &fresh);
     assert_true(fresh && s->held);
     assert_int_equal(s->seq, 5);
     assert_true(s->base.position.z == 0.005);
-    const intake_record *in = newest_read(&f->exchange.intakes, NULL);
+    const arbiter_record *in = triple_buffer_read(&f->exchange.intakes, NULL);
     assert_int_equal(in->counts[POSE_ACCEPTED], 5);
 }
 
@@ -87,10 +87,10 @@ static void foreign_bytes_are_counted_and_do_no_harm(void **state) {
     for (unsigned size = 0; size < sizeof noise; size += 7) lcm_publish(f->io.lcm, "TROCAR_POSE", noise, size);
     lcm_publish(f->io.lcm, "TROCAR_COMMAND", noise, sizeof noise);
     io_round(&f->io);
-    const intake_record *in = newest_read(&f->exchange.intakes, NULL);
+    const arbiter_record *in = triple_buffer_read(&f->exchange.intakes, NULL);
     assert_int_equal(in->counts[POSE_MALFORMED], (sizeof noise + 6) / 7);
     assert_int_equal(in->commands_refused, 1);
-    assert_int_equal(((const pose_sample *)newest_read(&f->exchange.poses, NULL))->seq, 1);
+    assert_int_equal(((const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL))->seq, 1);
     assert_false(readable(f->shutdown));
 }
 
@@ -98,7 +98,7 @@ static void every_wrench_goes_out_in_order(void **state) {
     fixture *f = *state;
     for (int i = 0; i < 20; i++) {
         trocar_needle_wrench_t w = {.tick = i, .pose_seq = 100 + i, .force = {1, 2, 3.5}, .raw_torque = {0, 0, -1}, .flags = 5};
-        assert_true(ring_push(&f->exchange.wrenches, &w));
+        assert_true(spsc_ring_push(&f->exchange.wrenches, &w));
     }
     io_round(&f->io); /* publishes */
     io_round(&f->io); /* memq delivers in the next round */
@@ -116,7 +116,7 @@ static void a_release_reaches_the_loop(void **state) {
     trocar_command_t m = {.session = 4, .command = TROCAR_COMMAND_T_RELEASE};
     trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
     io_round(&f->io);
-    assert_false(((const pose_sample *)newest_read(&f->exchange.poses, NULL))->held);
+    assert_false(((const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL))->held);
 }
 
 static void a_shutdown_wakes_the_server(void **state) {

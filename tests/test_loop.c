@@ -10,7 +10,7 @@
 #include "haptic.h"
 #include "motion.h"
 #include "realtime.h"
-#include "scene.h"
+#include "scene/scene.h"
 #include "trocar_needle_wrench_t.h"
 #include "worker.h"
 
@@ -38,9 +38,9 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     (void)unused;
     static diary d;
     static loop l;
-    newest_value records;
+    triple_buffer records;
     report why;
-    assert_int_equal(newest_create(&records, sizeof(loop_record), &why), TROCAR_OK);
+    assert_int_equal(triple_buffer_create(&records, sizeof(loop_record), &why), TROCAR_OK);
     l = (loop){.rate_hz = 1000, .tick = keep_diary, .context = &d, .records = &records};
     loop_run(&l);
 
@@ -61,13 +61,13 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
-    const loop_record *record = newest_read(&records, &fresh); /* of ticks 101..200 */
+    const loop_record *record = triple_buffer_read(&records, &fresh); /* of ticks 101..200 */
     assert_true(fresh);
     assert_int_equal(record->ticks, TICKS);
     assert_int_equal(record->lateness.count, TICKS / 2);
     assert_true(record->compute_max_total > 0.0104);
     assert_int_equal(l.lateness.count, TICKS);
-    newest_free(&records);
+    triple_buffer_free(&records);
 }
 
 /* --- the haptic thread with model, worker and a device of its own ------------------------------------------------ */
@@ -99,15 +99,15 @@ static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
     static const pose start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm before the skin */
-    pose_sample *sample = newest_slot(&r->exchange.poses);
+    pose_sample *sample = triple_buffer_slot(&r->exchange.poses);
     *sample = (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = wake->tick, .received = wake->now,
                             .base = motion_pose(motion_find("figure8"), start, 1e-3 * (double)wake->tick)};
-    newest_publish(&r->exchange.poses);
+    triple_buffer_publish(&r->exchange.poses);
 
     haptic_tick(&r->haptic, wake);
 
     trocar_needle_wrench_t wrench;
-    while (ring_pop(&r->exchange.wrenches, &wrench)) {
+    while (spsc_ring_pop(&r->exchange.wrenches, &wrench)) {
         r->wrenches++;
         if (wrench.contacts > r->most_contacts) r->most_contacts = wrench.contacts;
     }

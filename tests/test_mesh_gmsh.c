@@ -1,5 +1,5 @@
 /* Reading: two tetrahedra written by hand in several formats, the prostate, and files that are none. */
-#include "mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "tissue/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <float.h>
 #include <setjmp.h>

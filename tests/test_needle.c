@@ -1,6 +1,6 @@
 /* What both models of the needle share: the choice of one, its limits, and the centreline. */
 #include "bending.h"
-#include "needle_kind.h"
+#include "needle/needle_kind.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

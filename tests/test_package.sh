@@ -17,8 +17,8 @@ fail() { echo "FAILED: $*" >&2; cat dpkg.txt calls 2>/dev/null >&2; exit 1; }
 
 cpack --config "$build/CPackConfig.cmake" -B "$work" -D CPACK_DEBIAN_COMPRESSION_TYPE=gzip >cpack.txt 2>&1 || fail "$(cat cpack.txt)"
 package=$(echo trocar_*.deb)
-[ "$(dpkg-deb --field "$package" Version)" = "$(dpkg-parsechangelog -l "$source/packaging/changelog" -S Version)" ] ||
-    fail "packaging/changelog is of another version: $package"
+[ "$(dpkg-deb --field "$package" Version)" = "$(dpkg-parsechangelog -l "$source/scripts/packaging/changelog" -S Version)" ] ||
+    fail "scripts/packaging/changelog is of another version: $package"
 lintian --allow-root --fail-on error,warning "$package" || fail "lintian"
 
 # systemctl: start, stop and try-restart are done to the server in the root, and noted.

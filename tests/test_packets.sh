@@ -23,7 +23,7 @@ sleep 0.5 # the device owns the needle, not the bridge
 "$build/clients/bridge_example" >bridge 2>&1 & programs[bridge]=$!
 TERM=dumb "$build/clients/trocar-top" --plain >top 2>&1 & programs[top]=$!
 mkdir page && touch page/index.html
-"$build/view/trocar-view" --scene "$source/meshes/figure8.yaml" --socket "$work/browsers" --page "$work/page" >view 2>&1 & programs[view]=$!
+"$build/clients/view/trocar-view" --scene "$source/meshes/figure8.yaml" --socket "$work/browsers" --page "$work/page" >view 2>&1 & programs[view]=$!
 until grep -qx ready view; do kill -0 $! || fail "no viewer"; sleep 0.05; done
 for name in "${!programs[@]}"; do
     kill -0 ${programs[$name]} || fail "$name did not start"

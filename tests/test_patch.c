@@ -2,7 +2,7 @@
    the sum of all must reproduce. */
 #include "remeshing.h"
 
-#include "patch.h"
+#include "remesh/patch.h"
 
 /* Stiffness of the mesh with the first `count` nodes, not inverted. */
 static void assemble(const refinement *all, int count, reference *r) {

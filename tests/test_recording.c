@@ -1,4 +1,4 @@
-#include "insertion.h"
+#include "insertion/insertion.h"
 #include "recording.h"
 
 #include <setjmp.h>

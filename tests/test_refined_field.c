@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #include "cube.h"
-#include "refined_field.h"
+#include "remesh/refined_field.h"
 #include "reference.h"
 
 #include <cmocka.h>

@@ -1,7 +1,7 @@
 /* Boundary-condition switches on the full inverse, one by one and in blocks; what a switch that fails leaves behind. */
 #include "remeshing.h"
 
-#include "remesh_dense.h"
+#include "remesh/remesh_dense.h"
 
 static void expect_failure(remesher *r) {
     report why = {""};

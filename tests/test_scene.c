@@ -1,5 +1,5 @@
 /* Scene files: what a good one says, and the message for each way to be bad. */
-#include "scene.h" /* before cmocka.h, whose macro hides `fail` */
+#include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -165,11 +165,11 @@ static void owner_and_region_of_interest_arrive(void **state) {
         snprintf(text, sizeof text, MINIMAL "inverse: %s\n", names[i]);
         load_good(text, &s);
         assert_int_equal(s.simulation.inverse, choices[i]);
-        assert_false(reach_given(&s.simulation.reach));
+        assert_false(roi_given(&s.simulation.roi));
         assert_string_equal(s.simulation.cache, "");
     }
     load_good(MINIMAL "cache: here\nregion_of_interest: {regions: [x, y], corridor: {from: [0, -1, 2e-3], to: [0, 0, 0.1], radius: 0.02}}\n", &s);
-    const reach_config *reach = &s.simulation.reach;
+    const roi_config *reach = &s.simulation.roi;
     snprintf(cache, sizeof cache, "%s/here", directory);
     assert_string_equal(s.simulation.cache, cache);
     assert_int_equal(reach->region_count, 2);

@@ -54,7 +54,7 @@ for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
         -exec ln -sf -t pkgconfig {} +
 done
 for program in npm node help2man; do stand_in $program 'exit 1'; done
-for folder in CMakeLists.txt CMakePresets.json lcmtypes core server clients view packaging anatomy; do ln -s "$source/$folder" "a tree/$folder"; done
+for folder in CMakeLists.txt CMakePresets.json lcmtypes core server clients; do ln -s "$source/$folder" "a tree/$folder"; done
 cd "a tree"
 PATH=$work/bin:$PATH PKG_CONFIG_LIBDIR=$work/pkgconfig cmake --preset demo >../said 2>&1 || fail "$(cat ../said)"
 cmake --build build --target trocar_types >../said 2>&1 || fail "$(cat ../said)"
@@ -63,7 +63,7 @@ grep -q libwebsockets ../said || fail "$(cat ../said)"
 
 # help2man hands its program's path to a shell: the command that CMake wrote for a page, with a stand-in for the program.
 rm ../bin/help2man
-for folder in tests scripts meshes results docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
+for folder in tests scripts meshes docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"
 cat >build/clients/trocar-device <<'END'
 #!/bin/sh
@@ -73,6 +73,6 @@ case $1 in
 esac
 END
 chmod +x build/clients/trocar-device
-bash -c "$(ninja -C build -t commands packaging/trocar-device.1 | tail -n 1)" >../said 2>&1 || fail "$(cat ../said)"
-grep -q extra build/packaging/trocar-device.1 || fail "$(cat build/packaging/trocar-device.1)"
+bash -c "$(ninja -C build -t commands scripts/packaging/trocar-device.1 | tail -n 1)" >../said 2>&1 || fail "$(cat ../said)"
+grep -q extra build/scripts/packaging/trocar-device.1 || fail "$(cat build/scripts/packaging/trocar-device.1)"
 echo passed

@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "shaft.h"
+#include "insertion/shaft.h"
 
 #include <cmocka.h>
 

@@ -136,9 +136,9 @@ static void every_owner_gives_the_same_forces(void **unused) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config config = lockstep_config();
         config.inverse = cases[i].choice;
-        config.reach.radius = cases[i].radius; /* the needle leaves the narrow one */
-        config.reach.from = v3(0.005, 0.003, 0);
-        config.reach.to = v3(0.005, 0.003, 0.1);
+        config.roi.radius = cases[i].radius; /* the needle leaves the narrow one */
+        config.roi.from = v3(0.005, 0.003, 0);
+        config.roi.to = v3(0.005, 0.003, 0.1);
         strcpy(config.cache, directory);
         lockstep *l = inserted(&config);
         if (strncmp(l->simulation.about_inverse.text, cases[i].words, strlen(cases[i].words)) != 0)

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene.h"
+#include "scene/scene.h"
 #include "telemetry.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
@@ -71,7 +71,7 @@ static int close_fixture(void **state) {
 
 /* A needle pushed 20 mm into the tissue in lockstep, as the haptic thread would show it. */
 static void show_a_needle(fixture *f) {
-    view_sample *view = newest_slot(&f->exchange.views);
+    view_sample *view = triple_buffer_slot(&f->exchange.views);
     compliance_snapshot *snapshot = calloc(1, sizeof *snapshot);
     insertion_wrench wrench;
     report why;
@@ -85,30 +85,30 @@ static void show_a_needle(fixture *f) {
     view->pose_utime = 1234;
     view->flags = TROCAR_NEEDLE_WRENCH_T_STALE;
     view->wrench_dropped = 3;
-    newest_publish(&f->exchange.views);
+    triple_buffer_publish(&f->exchange.views);
     free(snapshot);
 }
 
 static void show_the_rest(fixture *f) {
-    loop_record *loop = newest_slot(&f->exchange.loops);
+    loop_record *loop = triple_buffer_slot(&f->exchange.loops);
     for (int i = 0; i < 100; i++) histogram_add(&loop->compute, 50000);
     loop->stage_total[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = 100 * 30000;
     loop->stage_max[TROCAR_LOOP_TIMING_T_STAGE_CONTACT] = 45000;
     loop->usage = (thread_usage){.minor_faults = 4, .major_faults = 5, .context_switches = 6, .allocations = 7};
     loop->ticks = 500;
     loop->misses = 2;
-    newest_publish(&f->exchange.loops);
-    intake_record *in = newest_slot(&f->exchange.intakes);
+    triple_buffer_publish(&f->exchange.loops);
+    arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
     in->owner = 8;
     in->received = monotonic_ns() - 500000000;
     in->counts[POSE_ACCEPTED] = 490;
     in->counts[POSE_JUMPED] = 4;
     strcpy(in->message, "session 9 refused: session 8 holds the needle");
-    newest_publish(&f->exchange.intakes);
+    triple_buffer_publish(&f->exchange.intakes);
     int64_t latency = 3000000;
-    ring_push(&f->exchange.latencies, &latency);
+    spsc_ring_push(&f->exchange.latencies, &latency);
     for (int64_t round_trip = 1000000; round_trip <= 4000000; round_trip += 1000000)
-        ring_push(&f->exchange.round_trips, &round_trip);
+        spsc_ring_push(&f->exchange.round_trips, &round_trip);
 }
 
 static void receive(fixture *f) {

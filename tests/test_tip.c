@@ -1,6 +1,6 @@
 /* The tip's way through the mesh: where it touches, what stops it, the nodes that it leaves, and the way back. */
 #include "lockstep.h"
-#include "tip.h"
+#include "insertion/tip.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "vec.h"
+#include "base/vec.h"
 
 #include <cmocka.h>
 

@@ -1,9 +1,9 @@
 #!/bin/bash
-# The viewer as a whole: page_test.mjs in a private network namespace, and pictures of a log. 77: this machine has no
-# Chromium, no npm or no namespaces.
-# usage: test_view.sh BUILD_DIR SOURCE_DIR [OUT_DIR]
+# The viewer as a whole, in a private network namespace: with a live server, or with a log, pictures of it included.
+# Status 77: this machine has no Chromium, no npm or no namespaces.
+# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log [OUT_DIR]
 set -euo pipefail
-build=$1 source=$2 out=${3:-}
+build=$1 source=$2 part=$3 out=${4:-}
 if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
     for needed in chromium npm; do
         command -v $needed >/dev/null || { echo "skipped: no $needed (scripts/setup chromium)"; exit 77; }
@@ -16,10 +16,11 @@ trap 'rm -rf "$work"' EXIT
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-node "$source/tests/view/page_test.mjs" "$build" "$source" "${out:-$work}"
+node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
+[ "$part" = log ] || exit 0
 
 # A picture without a window, and what is wrong said with exit status 2 and no file.
-show=("$build/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
+show=("$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
 "${show[@]}" --png "$work/at.png" --at 0.5
 head -c 8 "$work/at.png" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"
 [ "$(stat -c %s "$work/at.png")" -gt 20000 ] || fail "an empty picture"
@@ -33,16 +34,16 @@ refuses() {
 }
 refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
 head -c 50000 "$source/tests/traces/figure8.log" >"$work/cut.log"
-refuses "the log is cut short; it is shown up to there" "$build/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
+refuses "the log is cut short; it is shown up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
     --png "$work/late.png" --at 99
-refuses "--png needs --log" "$build/view/trocar-view" --scene x.yaml --png x.png
+refuses "--png needs --log" "$build/clients/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1
 refuses "--theme needs --png" "${show[@]}" --theme dark
 for wrong in --size=10x10 --size=1600 --view=behind --cut=oblique --cut=axial:x --theme=blue; do
     refuses "${wrong%=*}" "${show[@]}" --png "$work/late.png" "$wrong"
 done
 refuses "does not cross the body, which lies from 0.0 to 100.0 mm" "${show[@]}" --png "$work/late.png" --cut axial:400
-refuses none.yaml "$build/view/trocar-view" --scene none.yaml
+refuses none.yaml "$build/clients/view/trocar-view" --scene none.yaml
 refuses "the page is not built" "${show[@]}" --page /nowhere
 refuses /nowhere/x.png "${show[@]}" --png /nowhere/x.png
 [ -z "$(find "$work" -name 'late*')" ] || fail "a file is left of a picture that could not be taken"

@@ -82,7 +82,7 @@ def main():
     with tempfile.TemporaryDirectory() as page:
         write_log(f"{page}/wrenches.log")
         open(os.path.join(page, "index.html"), "w").close()
-        view = subprocess.Popen([f"{BUILD}/view/trocar-view", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--port", "0", "--page", page,
+        view = subprocess.Popen([f"{BUILD}/clients/view/trocar-view", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--port", "0", "--page", page,
                                  "--lcm-url", f"file://{page}/wrenches.log"],
                                 stdout=subprocess.PIPE, text=True)
         try:

@@ -38,10 +38,10 @@ static bool look_ahead(void *context) {
 }
 
 static void ask(fixture *f, uint64_t serial) {
-    request_sample *sample = newest_slot(&f->exchange.requests);
+    request_sample *sample = triple_buffer_slot(&f->exchange.requests);
     sample->requested = monotonic_ns();
     sample->request.serial = serial;
-    newest_publish(&f->exchange.requests);
+    triple_buffer_publish(&f->exchange.requests);
     wake(f->exchange.worker_wake);
 }
 
@@ -51,7 +51,7 @@ static uint64_t answer(fixture *f, uint64_t serial) {
     const compliance_snapshot *s;
     do {
         sleep_until(monotonic_ns() + 1000000);
-        s = newest_read(&f->exchange.snapshots, NULL);
+        s = triple_buffer_read(&f->exchange.snapshots, NULL);
     } while (s->serial != serial && monotonic_ns() < end);
     return s->serial;
 }
@@ -80,7 +80,7 @@ static void a_request_is_answered_and_timed(void **state) {
     ask(f, 1);
     assert_int_equal(answer(f, 1), 1);
     int64_t latency = 0, end = monotonic_ns() + 1000000000;
-    while (!ring_pop(&f->exchange.latencies, &latency) && monotonic_ns() < end) continue;
+    while (!spsc_ring_pop(&f->exchange.latencies, &latency) && monotonic_ns() < end) continue;
     assert_true(latency >= 20000000 && latency < 1000000000);
 }
 
@@ -100,7 +100,7 @@ static void a_failure_keeps_the_last_snapshot_and_is_told(void **state) {
     while (!atomic_load(&f->worker.failed) && monotonic_ns() < end) sleep_until(monotonic_ns() + 1000000);
     assert_true(atomic_load(&f->worker.failed));
     assert_string_equal(f->worker.why.text, "request 66: no good");
-    assert_int_equal(((const compliance_snapshot *)newest_read(&f->exchange.snapshots, NULL))->serial, 1);
+    assert_int_equal(((const compliance_snapshot *)triple_buffer_read(&f->exchange.snapshots, NULL))->serial, 1);
     ask(f, 2); /* and it goes on */
     assert_int_equal(answer(f, 2), 2);
 }

@@ -1,5 +1,5 @@
 /* Lines of keys, counted by eye. */
-#include "yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
+#include "scene/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,16 +1,16 @@
-/* TROCAR_COMMAND, sent to an intake that somebody owns: the first byte tells whether as the owner. */
+/* TROCAR_COMMAND, sent to an arbiter that somebody owns: the first byte tells whether as the owner. */
 #include "fuzz.h"
 
-#include "intake.h"
+#include "pose_arbiter.h"
 #include "trocar_command_t.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     device_limits limits = device_defaults();
-    intake in;
-    intake_init(&in, &limits);
+    pose_arbiter in;
+    arbiter_init(&in, &limits);
     if (size == 0) return 0;
     in.record.owner = data[0] % 2 ? 1 : 0;
-    bool shutdown = intake_command(&in, data + 1, size - 1);
+    bool shutdown = arbiter_command(&in, data + 1, size - 1);
     trocar_command_t m;
     bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
     REQUIRE(whole || (!shutdown && in.record.commands_refused == 1 && in.record.owner == data[0] % 2));

@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-#include "mesh.h"
+#include "tissue/mesh.h"
 
 /* Gmsh itself leaks when it gives up in the middle of a file. */
 const char *__lsan_default_suppressions(void);

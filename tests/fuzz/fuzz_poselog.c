@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "guard.h"
+#include "safety_limits.h"
 #include "poselog.h"
 
 static void read_wrenches(const char *path) {
@@ -32,7 +32,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     for (int i = 0; i < log.count; i++) {
         pose p = pose_of_message(&log.poses[i]);
-        REQUIRE(guard_check_pose(&p) == POSE_ACCEPTED);
+        REQUIRE(safety_check_pose(&p) == POSE_ACCEPTED);
         REQUIRE(i == 0 || (log.poses[i].session == log.poses[0].session && log.poses[i].utime > log.poses[i - 1].utime));
     }
     pose_log_free(&log);

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "scene.h"
+#include "scene/scene.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static scene s;

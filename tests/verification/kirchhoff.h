@@ -4,7 +4,7 @@
 #ifndef TROCAR_VERIFICATION_KIRCHHOFF_H
 #define TROCAR_VERIFICATION_KIRCHHOFF_H
 
-#include "vec.h"
+#include "base/vec.h"
 
 enum { KIRCHHOFF_STEPS = 2000 };             /* of the integration; forces act at multiples of one */
 

@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "local.h"
-#include "shaft.h"
-#include "simulation.h"
-#include "tip.h"
-#include "window.h"
+#include "insertion/local_compliance.h"
+#include "insertion/shaft.h"
+#include "insertion/simulation.h"
+#include "insertion/tip.h"
+#include "insertion/prefetch.h"
 
 typedef struct {
     simulation simulation;
@@ -69,7 +69,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     all = *s;
     all.active = contacts;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
-    if (!window_covers(&b->snapshot, corners, handles)) return 0;
+    if (!prefetch_covers(&b->snapshot, corners, handles)) return 0;
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];

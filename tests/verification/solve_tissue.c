@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "inverse.h"
+#include "inverse/inverse.h"
 
 typedef struct {
     mesh mesh;

@@ -138,13 +138,13 @@ static void draw_elastica(rows *r, const subject *s) {
 
 /* Couple on the rim of the tip over its rotation, N m, by the tangent's own factors at rest. */
 static double torsional_stiffness(const subject *s) {
-    double x[NEEDLE_MAX_SEGMENTS][CHAIN_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
+    double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
     for (int i = 0; i < NEEDLE_RIM; i++) { /* unit couple: forces along e_z x arm */
         vec3 arm = s->model.solid.rim[i];
         tip[3 + 3 * i] = -arm.y / (NEEDLE_RIM * v3_dot(arm, arm));
         tip[4 + 3 * i] = arm.x / (NEEDLE_RIM * v3_dot(arm, arm));
     }
-    chain_solve(&s->tangent->tets.stiffness, x);
+    tridiagonal_solve(&s->tangent->tets.stiffness, x);
     for (int i = 0; i < NEEDLE_RIM; i++) {
         vec3 arm = s->model.solid.rim[i];
         twist += (arm.x * tip[4 + 3 * i] - arm.y * tip[3 + 3 * i]) / (NEEDLE_RIM * v3_dot(arm, arm));

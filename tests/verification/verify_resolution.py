@@ -90,7 +90,7 @@ def main():
             meshes[layered].append(path)
     for name, case in reference["cases"].items():
         if name.startswith("skin_disc") or (rows.short_form and name != "depth_r0.635_nu0.45"):
-            continue # the disc on the skin is checked in tests/test_local.c
+            continue # the disc on the skin is checked in tests/test_local_compliance.c
         compare(rows, name, case, meshes[name == "layers"])
         if case["kind"] != "disc":
             compare_with_tick(rows, name, case, meshes[name == "layers"][:COARSE])

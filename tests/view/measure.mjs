@@ -14,7 +14,7 @@ const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.
 
 /** The device plays the figure 8 while `count` browsers look on. */
 async function measure(count) {
-  const server = await start('server/trocar-server'), view = await start('view/trocar-view'), browser = count && await launch(), pages = [], pictures = []
+  const server = await start('server/trocar-server'), view = await start('clients/view/trocar-view'), browser = count && await launch(), pages = [], pictures = []
   for (let i = 0; i < count; i++) {
     pages.push(await (await browser.newContext({ viewport: { width: 1280, height: 800 } })).newPage())
     await pages[i].goto(ADDRESS)

@@ -1,4 +1,4 @@
-// What page_test.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
+// What page.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'
@@ -6,7 +6,7 @@ import { once } from 'node:events'
 import path from 'node:path'
 
 export const [programs, source] = process.argv.slice(2, 4).map((folder) => path.resolve(folder))
-const modules = createRequire(path.join(source, 'view/page/package.json')), { chromium } = modules('playwright-core')
+const modules = createRequire(path.join(source, 'clients/view/page/package.json')), { chromium } = modules('playwright-core')
 
 /** The source of axe-core, which finds what people with poor eyes or without a mouse would miss. */
 export const axe = modules('axe-core').source

@@ -31,7 +31,7 @@ function grows(name) {
   return half > 0 && median(values.slice(-half)) > GROWTH * median(values.slice(0, half))
 }
 
-const server = await start('server/trocar-server', '--allow-non-rt'), view = await start('view/trocar-view')
+const server = await start('server/trocar-server', '--allow-non-rt'), view = await start('clients/view/trocar-view')
 const device = run('clients/trocar-device', '--script', 'figure8', '--duration', String(60 * minutes + 20))
 const browser = await launch(), page = await browser.newPage({ viewport: { width: 1000, height: 640 } }), inspector = await page.context().newCDPSession(page)
 await page.goto(ADDRESS)

@@ -1,0 +1,67 @@
+// What trocar-view sends: see clients/view/wire_format.h.
+
+const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
+const SAMPLE_BYTES = 64
+const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
+const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
+
+/** Each section of a message as [name, what it holds]. */
+export function* sections(message) {
+  const head = new DataView(message)
+  for (let at = 0; at + 8 <= message.byteLength;) {
+    const kind = head.getUint32(at, true), length = head.getUint32(at + 4, true)
+    if (decoders[kind]) yield [names[kind], decoders[kind](message, at + 8, length)]
+    at += 8 + padded(length)
+  }
+}
+
+const padded = (length) => Math.ceil(length / 8) * 8
+
+function decodeText(message, at, length) {
+  return JSON.parse(new TextDecoder().decode(new Uint8Array(message, at, length)))
+}
+
+/** `nodes` 3 each (m); `tets` region group and 4 nodes each; `triangles` 3 nodes, group inside, group outside, surface bits. */
+function decodeScene(message, start, length) {
+  const text = new DataView(message).getUint32(start, true)
+  const scene = decodeText(message, start + 8, text)
+  let at = start + 8 + padded(text)
+  const take = (type, count) => {
+    const array = new type(message.slice(at, at + 4 * count))
+    at += 4 * count
+    return array
+  }
+  const tets = scene.tets
+  scene.nodes = take(Float32Array, 3 * scene.nodes)
+  scene.tets = take(Uint32Array, 5 * tets)
+  scene.triangles = take(Uint32Array, (start + length - at) / 4)
+  return scene
+}
+
+/** `joints` 3 each (m), `contacts` 8 each: position, force on the tissue (N), arc (m), state; `displacement` counts of `scale` m. */
+function decodePicture(message, at, length) {
+  const head = new DataView(message, at, 64)
+  const joints = head.getUint32(44, true), contacts = head.getUint32(48, true), nodes = head.getUint32(52, true)
+  const body = message.slice(at + 64, at + length)
+  return {
+    time: head.getFloat64(0, true), tick: head.getFloat64(8, true), poseTime: head.getFloat64(16, true),
+    orientation: [0, 1, 2, 3].map((i) => head.getFloat32(24 + 4 * i, true)), scale: head.getFloat32(40, true),
+    joints: new Float32Array(body, 0, 3 * joints),
+    contacts: new Float32Array(body, 12 * joints, 8 * contacts),
+    displacement: new Int16Array(body, 12 * joints + 32 * contacts, 3 * nodes),
+    bytes: length,
+  }
+}
+
+function decodeSamples(message, at, length) {
+  const view = new DataView(message, at, length), samples = []
+  for (let i = 0; i + SAMPLE_BYTES <= length; i += SAMPLE_BYTES) {
+    const number = (k) => view.getFloat32(i + 8 + 4 * k, true)
+    samples.push({
+      time: view.getFloat64(i, true),
+      values: [number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7), number(8), number(9), number(10)],
+      events: view.getUint32(i + 52, true), membrane: view.getInt32(i + 56, true),
+    })
+  }
+  return samples
+}

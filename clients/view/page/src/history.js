@@ -1,0 +1,111 @@
+// What has been seen: live the last minute, of a log all that trocar-view sends. Bounded in memory.
+
+const SPAN = 60 // s, live
+const PICTURE_BYTES = 256e6 // live; of a log trocar-view sends no more
+export const GAP = 0.1 // s between two samples, which come every 10 ms, beyond which nothing is known in between
+const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
+
+/** Bits of insertion_event in core/insertion/insertion.h. `quiet`: drawn small and without a name. */
+export const EVENTS = [
+  { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
+  { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
+  { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
+  { bit: 1 << 9, name: 'buckled', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
+]
+
+export class History {
+  constructor(live) {
+    this.live = live
+    this.room = 16384
+    this.columns = Array.from({ length: COLUMNS }, () => new Float64Array(this.room))
+    this.count = 0
+    this.marks = []
+    this.pictures = []
+    this.bytes = 0
+  }
+
+  get start() { return this.count ? this.columns[0][0] : 0 }
+  get end() { return this.count ? this.columns[0][this.count - 1] : 0 }
+
+  addSamples(samples, membranes) {
+    for (const s of samples) {
+      if (this.count === this.room) this.makeRoom()
+      this.columns[0][this.count] = s.time
+      s.values.forEach((value, i) => { this.columns[i + 1][this.count] = value })
+      this.count++
+      this.addMarks(s, membranes)
+    }
+    if (this.live) this.forget(this.end - SPAN)
+  }
+
+  /** Live, the older half goes; a log's arrays grow. */
+  makeRoom() {
+    const columns = this.columns
+    const keep = this.live ? this.room >> 1 : this.count
+    if (!this.live) this.room *= 2
+    this.columns = columns.map((column) => {
+      const moved = this.live ? column : new Float64Array(this.room)
+      moved.set(column.subarray(this.count - keep, this.count))
+      return moved
+    })
+    this.count = keep
+  }
+
+  addMarks(sample, membranes) {
+    for (const event of EVENTS) {
+      if (!(sample.events & event.bit)) continue
+      const name = event.name === 'puncture' ? membranes[sample.membrane]?.name ?? 'puncture' : event.name
+      const last = this.marks.findLast((mark) => mark.event === event)
+      if (event.alarm && last && sample.time - last.until < 0.5) last.until = sample.time // one that lasts
+      else this.marks.push({ time: sample.time, until: sample.time, event, name })
+    }
+  }
+
+  addPicture(picture) {
+    this.pictures.push(picture)
+    this.bytes += picture.bytes
+    let spare = 0
+    while (this.live && this.bytes > PICTURE_BYTES && spare < this.pictures.length - 2) this.bytes -= this.pictures[spare++].bytes
+    if (spare) this.pictures.splice(0, spare)
+  }
+
+  forget(before) {
+    let old = 0
+    while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
+    if (old) this.pictures.splice(0, old)
+    if (this.marks[0]?.time < before) this.marks = this.marks.filter((mark) => mark.until >= before) // the first may last
+  }
+
+  /** Index of the newest picture not after `time`; 0 before the first. */
+  pictureIndex(time) {
+    let low = 0, high = this.pictures.length - 1
+    while (low < high) {
+      const middle = (low + high + 1) >> 1
+      if (this.pictures[middle].time <= time + 1e-6) low = middle
+      else high = middle - 1
+    }
+    return low
+  }
+
+  sampleIndex(time) {
+    let low = 0, high = this.count
+    while (low < high) {
+      const middle = (low + high) >> 1
+      if (this.columns[0][middle] < time) low = middle + 1
+      else high = middle
+    }
+    return Math.min(low, this.count - 1)
+  }
+
+  /** Index of the sample at `time`, -1 where none is near: before the first one and in gaps. */
+  sampleNear(time) {
+    const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
+    return near(after) ? after : near(after - 1) ? after - 1 : -1
+  }
+
+  /** The columns between two times, without a copy. */
+  slice(from, to) {
+    const a = this.sampleIndex(from), b = this.sampleIndex(to) + 1
+    return this.columns.map((column) => column.subarray(Math.max(a, 0), b))
+  }
+}

@@ -1,0 +1,364 @@
+// The page: brings together what is received, the time that is shown, the 3D view, the slice, the plots and the needle's drive.
+import './style.css'
+import { CONTACT, rampCss, regionColour } from './colours.js'
+import { Drive } from './drive.js'
+import { Echo } from './ultrasound_view.js'
+import { History } from './history.js'
+import { Link } from './link.js'
+import { FORCE_SCALE } from './needle.js'
+import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
+import { Plots, Strip } from './plots.js'
+import { Stage } from './view3d.js'
+import { showBanner, Silence, stateOf } from './state.js'
+
+const STRIP_SPAN = 60 // s, live
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // draw the one picture there is, send it back, and that is all
+
+const element = (id) => document.getElementById(id)
+if (!document.createElement('canvas').getContext('webgl2')) {
+  element('stage').innerHTML = '<p class="sorry">This browser has no WebGL 2. Allow it hardware acceleration; without a graphics card, start Chromium with --enable-unsafe-swiftshader.</p>'
+  throw new Error('no WebGL 2')
+}
+
+const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
+const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between drawings of the plots
+const strip = new Strip(element('timeline'), seek)
+
+let scene = null, history = new History(true), status = { now: 0, alive: false }
+let shown = null                 // picture on the screen
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` counts when not following
+let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
+let state = { name: 'unconnected' }
+let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
+
+/* ---- what comes in ---- */
+
+const link = new Link({
+  open() { connected = true },
+  closed(reason) { connected = false; refusal = reason; status = { ...status, alive: false, drives: false }; showState() },
+  received() { refusal = ''; silence.end() },
+  scene: takeScene,
+  picture(picture) {
+    history.addPicture(picture)
+    pictureSilence.end()
+    if (clock.following && scene.live) picture.fresh = true
+  },
+  samples(samples) { history.addSamples(samples, scene.membranes) },
+  status(received) {
+    status = received
+    statusAt = performance.now()
+    silence.end()
+    showState()
+  },
+})
+
+const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
+
+function takeScene(received) {
+  scene = received
+  history = new History(scene.live)
+  shown = null
+  clock = { following: scene.live, playing: true, time: 0, at: performance.now() }
+  plots.budget = 1 / scene.rate
+  stage.load(scene)
+  echo.load(scene)
+  setCut(element('cut-axis').value)
+  listLayers()
+  document.body.classList.toggle('log', !scene.live)
+  plots.resize()
+  element('scene-name').textContent = scene.path.split('/').pop()
+  element('scene-name').title = scene.path
+  setSlice((echo.range.from + echo.range.to) / 2)
+  setTheme(document.documentElement.dataset.theme)
+}
+
+/** s, on the clock of trocar-view, which goes on whether it is heard or not. */
+function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
+
+function showState() {
+  const now = performance.now(), dt = (now - checked) / 1000
+  checked = now
+  silence.pass(dt)
+  if (status.alive && !status.shown) pictureSilence.end() // there are none before the first engagement
+  else pictureSilence.pass(dt)
+  if (!scene && !refusal) return // connecting
+  const live = scene?.live ?? true
+  state = stateOf({ live, link: { connected, refusal, silence: silence.seconds, pictures: pictureSilence.seconds }, status,
+                    age: live && history.count ? liveTime() - history.end : Infinity, behind: clock.following ? null : liveTime() - timeShown() })
+  document.body.dataset.state = state.name
+  const badge = element('link')
+  badge.textContent = state.badge
+  badge.className = `badge ${state.kind}`
+  showBanner(element('banner'), state)
+  drive.show(status, state)
+  element('rate').textContent = status.alive ? `${(status.rate / 1000).toPrecision(3)} kHz` : '–'
+  element('notice').textContent = element('notice').title = noticeOf(status)
+}
+
+const FLAGS = [[1, 'pose stale'], [2, 'wrench limited'], [4, 'not real time'], [16, 'worker late'], [32, 'needle buckled'], [64, 'loop overrun'], [128, 'hand gains energy']]
+
+function noticeOf({ flags = 0, scene: served = '', message = '' }) {
+  const words = FLAGS.filter(([bit]) => flags & bit).map(([, text]) => text)
+  if (message) words.push(scene?.live ? `server: ${message}` : message)
+  if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
+  return words.join(' · ')
+}
+
+/* ---- time ---- */
+
+function seek(time) {
+  clock = { following: false, playing: false, time: Math.min(Math.max(time, history.start), history.end), at: performance.now() }
+}
+
+function goLive() { clock = { following: scene?.live ?? true, playing: true, time: scene?.live ? history.end : history.start, at: performance.now() } }
+
+function togglePlay() {
+  const now = timeShown(), ended = now >= history.end - 1e-3
+  clock = { following: false, playing: !(clock.playing && !(ended && !clock.following)), time: ended && !clock.following && !scene.live ? history.start : now, at: performance.now() }
+}
+
+function step(by) {
+  const at = history.pictures[history.pictureIndex(timeShown()) + by]
+  if (at) seek(at.time)
+}
+
+function timeShown() {
+  if (clock.following) return Math.max(history.end, history.pictures.at(-1)?.time ?? 0)
+  return clock.time
+}
+
+function advanceClock(now) {
+  if (!clock.following && clock.playing) {
+    clock.time += (now - clock.at) / 1000
+    if (clock.time >= history.end) {
+      if (scene?.live) goLive()
+      else Object.assign(clock, { time: history.end, playing: false })
+    }
+  }
+  clock.at = now
+}
+
+/* ---- drawing ---- */
+
+function frame(now) {
+  requestAnimationFrame(frame)
+  if (!scene || posing) return
+  advanceClock(now)
+  if (stage.finished()) draw(now)
+  if (now - plotsDrawn > PLOT_PERIOD) {
+    plotsDrawn = now
+    showState()
+    drawPlots()
+    showNumbers()
+  }
+}
+
+/** Only when the graphics have finished what was drawn before: what waits in a queue would be old when it is seen. */
+function draw(now) {
+  noteLatency()
+  showPicture()
+  const drawn = stage.draw(now)
+  echo.draw(stage.coarse)
+  if (!drawn || !shown?.fresh) return
+  shown.fresh = false
+  drawing = shown
+}
+
+function showPicture() {
+  if (clock.following && status.alive && !status.shown) return showHome()
+  if (history.pictures.length === 0) return
+  const picture = clock.following ? history.pictures.at(-1) : history.pictures[history.pictureIndex(clock.time)]
+  if (picture === shown) return
+  const same = shown && looksSame(picture, shown)
+  shown = picture
+  if (same) {
+    shown.fresh = false
+    return
+  }
+  const largest = stage.show(picture)
+  if (largest > range || largest < range / 3) setRange(largest)
+  echo.show(stage.anatomy.place.array, stage.line)
+  if (element('follow').checked) followTip()
+}
+
+/** What another server has shown is not this one's. */
+function showHome() {
+  if (!shown) return
+  shown = null
+  stage.showHome()
+  echo.show(stage.anatomy.place.array, stage.line)
+  if (element('follow').checked) followTip()
+}
+
+/** A needle at rest sends the same picture over and over. */
+function looksSame(a, b) {
+  const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
+  return a.scale === b.scale && equal(a.joints, b.joints) && equal(a.contacts, b.contacts) && equal(a.orientation, b.orientation) && equal(a.displacement, b.displacement)
+}
+
+/** The colours' full scale: 0.2, 0.5, 1, 2, 5 ... mm. */
+function setRange(largest) {
+  const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
+  range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
+  stage.setRange(range)
+  element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
+}
+
+/** From the device's pose to the finished picture, on one machine's clock; of the last pictures. */
+function noteLatency() {
+  if (drawing?.poseTime) latency.push(performance.timeOrigin + performance.now() - drawing.poseTime)
+  if (latency.length > 30) latency.shift()
+  drawing = null
+}
+
+const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1]
+
+function drawPlots() {
+  const now = scene.live ? Math.max(liveTime(), history.end) : history.end, time = timeShown(), span = Number(element('window').value)
+  const wide = !scene.live, from = wide ? history.start : clock.following ? now - span : Math.max(Math.min(time - span / 2, now - span), history.start)
+  plots.show(history, from, wide ? Math.max(history.end, history.start + 0.1) : from + span, clock.following ? null : time)
+  const start = scene.live ? now - STRIP_SPAN : history.start
+  strip.draw(history, start, scene.live ? now : Math.max(history.end, start + 0.1), time)
+  element('clock').textContent = state.name === 'live' ? 'now' : history.count === 0 ? '–' : `${(time - (scene.live ? now : 0)).toFixed(2)} s`
+  for (const [name, value] of [['min', start], ['max', scene.live ? now : history.end], ['now', time]]) element('timeline').setAttribute(`aria-value${name}`, value.toFixed(2))
+  element('timeline').setAttribute('aria-valuetext', element('clock').textContent)
+  element('play').textContent = clock.playing ? 'Pause' : 'Play'
+  element('live').disabled = clock.following
+}
+
+function showNumbers() {
+  showScale()
+  if (history.count === 0) return
+  const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
+  element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
+  element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
+  element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
+  element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
+  element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
+}
+
+/** A bar of a round length, about 100 pixels. */
+function showScale() {
+  const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
+  element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
+  element('scale-text').textContent = `${+(1e3 * length).toPrecision(2)} mm, force ${+(length / FORCE_SCALE).toPrecision(3)} N`
+}
+
+/* ---- slices and layers ---- */
+
+function setSlice(z) {
+  const { from, to } = echo.range
+  echo.setPlace(z)
+  element('slice').value = (z - from) / (to - from)
+  stage.slice.move(z)
+  stage.dirty = true
+}
+
+/** At the tip; in the middle while the tip is outside. */
+function followTip() {
+  const tip = stage.needle.tip, { from, to } = echo.range
+  setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
+}
+
+stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
+stage.onCut = (part) => { element('cut-place').value = part }
+
+const OFF_AT_FIRST = ['slice frame']
+
+function listLayers() {
+  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', 'contacts', 'forces', 'slice frame']
+  list.replaceChildren(...names.map((name) => {
+    const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('i')
+    const index = scene.regions.findIndex((region) => region.name === name)
+    if (index >= 0) swatch.style.background = regionColour(scene.regions[index], index)
+    Object.assign(box, { type: 'checkbox', checked: !OFF_AT_FIRST.includes(name), name })
+    box.addEventListener('change', () => stage.setLayer(name, box.checked))
+    stage.setLayer(name, box.checked)
+    label.append(box, name, swatch)
+    return label
+  }))
+}
+
+function setCut(axis, part = Number(element('cut-place').value)) {
+  element('cut-axis').value = axis
+  element('cut-place').disabled = !axis
+  stage.setCut(axis, part)
+}
+
+/* ---- controls ---- */
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme
+  element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
+  try { localStorage.setItem('theme', theme) } catch { /* a private window: next time the default again */ }
+  if (scene) stage.setTheme(theme !== 'light')
+  plots.restyle()
+}
+
+const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
+const takePicture = (plan) => compose(plan, { stage, echo, shown, history, time: shown?.time ?? 0, range })
+const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
+const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
+const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
+
+const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
+                  KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // where they do not move the needle
+
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these go on while they are held
+
+addEventListener('keydown', (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
+  if (event.key === '?') element('keys').showModal()
+  else if (drive.key(event, true)) event.preventDefault()
+  else if (ACTIONS[event.code] && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
+})
+addEventListener('keyup', (event) => drive.key(event, false))
+
+element('screenshot').addEventListener('click', savePicture)
+element('theme').addEventListener('click', toggleTheme)
+element('help').addEventListener('click', () => element('keys').showModal())
+element('play').addEventListener('click', togglePlay)
+element('live').addEventListener('click', goLive)
+element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // the second click of two is none
+element('banner').querySelector('button').addEventListener('click', goLive)
+element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
+element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
+element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
+new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
+new ResizeObserver(() => echo.resize()).observe(element('trus'))
+
+document.body.classList.toggle('software', stage.slow)
+element('colours').style.background = rampCss
+for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+let remembered = null
+try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
+setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
+const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches }
+small.addEventListener('change', foldLayers)
+foldLayers()
+requestAnimationFrame(frame)
+
+/* ---- for trocar-view --png, and for tests ---- */
+
+/** As the options of trocar-view --png have it; `cut` is an axis, `place` on it in metres; without one, through the tip if that is inside. */
+async function pose() {
+  const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
+  setTheme(asked.get('theme') ?? 'light')
+  stage.setSize(plan.stage.width, plan.stage.height)
+  stage.look(number('view', 1))
+  seek(history.end)
+  showPicture()
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needle.tip[axis]) - from) / (to - from)
+  setCut(axis, part > 0 && part < 1 ? part : 0.5)
+  link.sendPicture(await (await takePicture(plan)).arrayBuffer())
+}
+
+if (posing) {
+  const wait = setInterval(() => {
+    if (history.pictures.length === 0) return
+    clearInterval(wait)
+    pose()
+  }, 50)
+}
+window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

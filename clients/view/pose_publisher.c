@@ -1,0 +1,107 @@
+#include "pose_publisher.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "exchange.h"
+#include "poselog.h"
+#include "realtime.h"
+#include "session.h"
+#include "timing.h"
+#include "trocar_command_t.h"
+
+enum { ORDERS = 256 };
+
+static const int64_t PERIOD = 1000000;         /* ns */
+static const double LONGEST_STEP = 0.01;       /* s that a round may take the needle on by */
+static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops: the browser has hung or gone */
+static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
+
+trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, pose home, double needle_length, report *why) {
+    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .home = home, .seq = -1};
+    p->session = session_new();
+    p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    return spsc_ring_create(&p->orders, sizeof(publisher_order), ORDERS, why);
+}
+
+void publisher_free(pose_publisher *p) {
+    spsc_ring_free(&p->orders);
+    if (p->wake >= 0) close(p->wake);
+}
+
+void publisher_tell(pose_publisher *p, const publisher_order *order) {
+    spsc_ring_push(&p->orders, order);
+    wake(p->wake);
+}
+
+void publisher_hear(pose_publisher *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
+
+static void publish_command(const pose_publisher *p, int32_t what) {
+    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what};
+    trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
+}
+
+static void release(pose_publisher *p) {
+    if (p->holding) publish_command(p, TROCAR_COMMAND_T_RELEASE);
+    p->holding = false;
+}
+
+static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
+    p->ordered = now;
+    p->command = order->command;
+    switch (order->kind) {
+    case ORDER_TAKE:
+        if (!p->holding) rate_control_begin(&p->drive, p->home, order->base);
+        p->holding = true;
+        break;
+    case ORDER_RESET:
+        if (p->holding) publish_command(p, TROCAR_COMMAND_T_RESET);
+        rate_control_begin(&p->drive, p->home, p->home);
+        break;
+    case ORDER_STEER: break;
+    case ORDER_RELEASE:
+    case ORDER_END: release(p); break;
+    }
+    return order->kind != ORDER_END;
+}
+
+static void publish_pose(pose_publisher *p) {
+    trocar_needle_pose_t m = message_of_pose(p->drive.base, wall_us(), p->session, ++p->seq);
+    trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &m);
+}
+
+bool publisher_round(pose_publisher *p, int64_t now, double dt) {
+    bool goes_on = true;
+    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* before the orders: see publisher_hear */
+    for (publisher_order order; goes_on && spsc_ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
+    if (!goes_on || !p->holding) return goes_on;
+    if (now - heard > SERVER_SILENCE) {
+        rate_control_begin(&p->drive, p->home, p->drive.base); /* at rest */
+        return true;
+    }
+    if (now - p->ordered > SILENCE) p->command = (rate_control_command){0};
+    rate_control_step(&p->drive, &p->limits, p->command, dt);
+    publish_pose(p);
+    return true;
+}
+
+/* Where it is permitted: browsers beside it may keep the processors busy. */
+static void ask_realtime(void) {
+    realtime_use_fifo(PRIORITY_DEVICE);
+}
+
+void *publisher_run(void *context) {
+    pose_publisher *p = context;
+    ask_realtime();
+    int64_t before = monotonic_ns(), now = before;
+    while (publisher_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
+        if (p->holding) sleep_until((now / PERIOD + 1) * PERIOD); /* periods that were missed are skipped */
+        else wait_for_wake(p->wake);
+        before = now;
+        now = monotonic_ns();
+    }
+    return NULL;
+}

@@ -1,0 +1,59 @@
+#include "rate_control.h"
+
+#include <stdbool.h>
+
+rate_control_limits rate_control_defaults(double needle_length) {
+    return (rate_control_limits){.max_speed = 0.04, .max_turn_rate = 0.5, .ramp = 0.15, .max_sideways = 0.04, .max_back = 0.03,
+                          .max_forward = 0.75 * needle_length, .max_tilt = 0.35};
+}
+
+void rate_control_begin(rate_control_state *d, pose home, pose base) { *d = (rate_control_state){.home = home, .base = base}; }
+
+static double share(double asked) { return isfinite(asked) ? fmax(-1, fmin(1, asked)) : 0; }
+
+/* `value` brought towards `wanted` by at most `step`. */
+static double approach(double value, double wanted, double step) { return value + fmax(-step, fmin(step, wanted - value)); }
+
+static vec3 approach_vector(vec3 value, vec3 wanted, vec3 step) {
+    return v3(approach(value.x, wanted.x, step.x), approach(value.y, wanted.y, step.y), approach(value.z, wanted.z, step.z));
+}
+
+/* Moves a coordinate; at the edge of `low` .. `high` the speed ends. A start outside may only come back. */
+static double move(double from, double *speed, double dt, double low, double high) {
+    double to = from + *speed * dt;
+    bool leaves = *speed > 0 ? to > high : to < low;
+    if (!leaves) return to;
+    *speed = 0;
+    return from;
+}
+
+static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
+    vec3 x = d->base.position, home = d->home.position;
+    return v3(move(x.x, &d->velocity.x, dt, home.x - l->max_sideways, home.x + l->max_sideways),
+              move(x.y, &d->velocity.y, dt, home.y - l->max_sideways, home.y + l->max_sideways),
+              move(x.z, &d->velocity.z, dt, home.z - l->max_back, home.z + l->max_forward));
+}
+
+static double tilt_of(quat q) {
+    double along = q_rotate(q, v3(0, 0, 1)).z;
+    return acos(fmax(-1, fmin(1, along)));
+}
+
+/* Tilts in the world's frame, rolls in the needle's. A tilt beyond the limit is not taken unless it leads back. */
+static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
+    quat q = d->base.orientation;
+    quat tilted = q_multiply(q_exp(v3(d->turn.x * dt, d->turn.y * dt, 0)), q);
+    if (tilt_of(tilted) <= fmax(l->max_tilt, tilt_of(q))) q = tilted;
+    else d->turn.x = d->turn.y = 0;
+    return q_unit(q_multiply(q, q_exp(v3(0, 0, d->turn.z * dt))));
+}
+
+void rate_control_step(rate_control_state *d, const rate_control_limits *limits, rate_control_command c, double dt) {
+    double along = limits->max_speed, aside = 0.5 * limits->max_speed, turning = limits->max_turn_rate, part = dt / limits->ramp;
+    vec3 velocity = v3(aside * share(c.right), aside * share(c.up), along * share(c.forward));
+    vec3 turn = v3(turning * share(c.pitch), turning * share(c.yaw), 2 * turning * share(c.roll));
+    d->velocity = approach_vector(d->velocity, velocity, v3(aside * part, aside * part, along * part));
+    d->turn = approach_vector(d->turn, turn, v3(turning * part, turning * part, 2 * turning * part));
+    d->base.position = move_base(d, limits, dt);
+    d->base.orientation = turn_base(d, limits, dt);
+}

@@ -1,0 +1,147 @@
+#include "subscriber.h"
+
+#include <stdlib.h>
+
+#include "lcm_filter.h"
+#include "message_fit.h"
+#include "timing.h"
+#include "trocar_deformation_t.h"
+
+enum { QUEUE = 512 }; /* half a second of wrenches */
+
+static const int64_t SILENCE = 500000000; /* ns without a wrench after which no server is there */
+
+/* ---- the channels ---- */
+
+double subscriber_time(const subscriber *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
+
+plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
+    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane};
+    for (int a = 0; a < 3; a++) {
+        s.force[a] = (float)w->force[a];
+        s.torque[a] = (float)w->torque[a];
+    }
+    return s;
+}
+
+/* What the server before has said is not true of another one. */
+static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
+    if (f->heard != 0 && w->server == f->wrench.server) return;
+    f->servers++;
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    if (f->status) trocar_status_t_destroy(f->status);
+    f->contacts = NULL;
+    f->status = NULL;
+    f->timing = (trocar_loop_timing_t){0};
+}
+
+static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_needle_wrench_t w = {0};
+    if (trocar_needle_wrench_t_decode(received->data, 0, (int)received->data_size, &w) != (int)received->data_size) {
+        f->refused++;
+        return;
+    }
+    if (!server_choice_follows(&f->choice, w.server, 1e-9 * (double)monotonic_ns())) return;
+    note_server(f, &w);
+    f->wrench = w;
+    f->heard = monotonic_ns();
+    plot_sample s = sample_of_wrench(subscriber_time(f), &w);
+    s.lateness_p99 = (float)f->timing.lateness_p99;
+    s.lateness_max = (float)f->timing.lateness_max;
+    s.compute_p99 = (float)f->timing.compute_p99;
+    s.compute_max = (float)f->timing.compute_max;
+    report why;
+    timeline_add_sample(f->timeline, &s, &why); /* live: the ring has its memory */
+}
+
+static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_loop_timing_t m = {0};
+    if (trocar_loop_timing_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) f->refused++;
+    else if (m.server == f->choice.followed) f->timing = m;
+}
+
+static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_status_t m = {0};
+    if (!status_fits(received->data, received->data_size)
+        || trocar_status_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (m.server == f->choice.followed) {
+        if (f->status) trocar_status_t_destroy(f->status);
+        f->status = trocar_status_t_copy(&m);
+    }
+    trocar_status_t_decode_cleanup(&m);
+}
+
+static void on_contacts(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_contacts_t m = {0};
+    if (!contacts_fit(received->data, received->data_size)
+        || trocar_contacts_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (m.server == f->choice.followed) {
+        if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+        f->contacts = trocar_contacts_t_copy(&m);
+    }
+    trocar_contacts_t_decode_cleanup(&m);
+}
+
+/* Ticks are the server's clock, also for pictures that come later than their wrench. */
+static double time_of_tick(const subscriber *f, int64_t tick) {
+    return 1e-9 * (double)(f->heard - f->started) - (double)(f->wrench.tick - tick) * f->period;
+}
+
+/* A picture is complete with the second message of its tick. */
+static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_deformation_t m = {0};
+    if (!deformation_fits(received->data, received->data_size, f->mesh->node_count)
+        || trocar_deformation_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    report why; /* a picture without memory is left out */
+    if (f->contacts && f->contacts->tick == m.tick && f->contacts->server == m.server)
+        timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
+    trocar_deformation_t_decode_cleanup(&m);
+}
+
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const mesh *m, double rate_hz, timeline *t, report *why) {
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
+    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh comes in fragments */
+    lcm_filter_restrict(&wishes);
+    *f = (subscriber){.mesh = m, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
+    for (size_t i = 0; channels[i] != NULL; i++) {
+        lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
+        if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)
+            return fail(why, TROCAR_SYSTEM, "LCM cannot receive on %s: check the multicast route", channels[i]);
+    }
+    return TROCAR_OK;
+}
+
+void subscriber_close(subscriber *f) {
+    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
+    if (f->status) trocar_status_t_destroy(f->status);
+    *f = (subscriber){0};
+}
+
+bool subscriber_alive(const subscriber *f) { return f->heard != 0 && monotonic_ns() - f->heard < SILENCE; }
+
+bool subscriber_base(const subscriber *f, pose *base) {
+    if (!subscriber_alive(f) || !f->contacts) return false;
+    const double *x = f->contacts->centreline[0], *q = f->contacts->orientation;
+    *base = (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
+    return true;
+}

@@ -1,0 +1,30 @@
+#include "base/triple_buffer.h"
+
+enum { FRESH = 4u, INDEX = 3u };
+
+trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why) {
+    n->size = (size + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
+    n->back = 0;
+    n->front = 1;
+    atomic_init(&n->middle, 2u);
+    return allocate_shared(3 * n->size, &n->slots, why);
+}
+
+void triple_buffer_free(triple_buffer *n) {
+    free(n->slots);
+    n->slots = NULL;
+}
+
+void *triple_buffer_slot(triple_buffer *n) { return n->slots + n->back * n->size; }
+
+void triple_buffer_publish(triple_buffer *n) {
+    /* Release: the value before the swap; acquire: the reader is done with the slot that comes back. */
+    n->back = atomic_exchange_explicit(&n->middle, n->back | FRESH, memory_order_acq_rel) & INDEX;
+}
+
+const void *triple_buffer_read(triple_buffer *n, bool *fresh) {
+    bool waiting = atomic_load_explicit(&n->middle, memory_order_relaxed) & FRESH;
+    if (waiting) n->front = atomic_exchange_explicit(&n->middle, n->front, memory_order_acq_rel) & INDEX;
+    if (fresh != NULL) *fresh = waiting;
+    return n->slots + n->front * n->size;
+}

@@ -1,0 +1,35 @@
+/* The condensed contact problem of one tick: closed gaps sideways, bounded friction along the needle.
+   See README.md, "One tick is one convex problem". */
+#ifndef TROCAR_CONTACT_H
+#define TROCAR_CONTACT_H
+
+#include "remesh/remesh.h"
+
+enum { MAX_POINTS = MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 200 };
+_Static_assert(CONTACT_LD >= MAX_UNKNOWNS, "a row holds all unknowns");
+
+typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
+
+/* Find the forces (on the tissue, local frames): A force = gap sideways; along the axis
+   slip = gap - A force, with force in [lower, upper] where slip = 0, upper + viscosity[1] * slip where slip > 0 and
+   lower + viscosity[0] * slip where slip < 0. Unknowns are ordered: 2 n sideways, then m axial: a point may bear more than one
+   force along the needle. */
+typedef struct {
+    int count, axial_count;              /* n, m: contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
+    double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: lower triangle; destroyed by the solve */
+    double gap[MAX_UNKNOWNS];            /* m */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
+    double viscosity[MAX_AXIAL][2];      /* N/m (viscous friction over the tick), >= 0: backward, forward */
+    friction_state state[MAX_AXIAL];     /* in: warm start; out: solution */
+    double force[MAX_UNKNOWNS];          /* N, out */
+    double slip[MAX_AXIAL];              /* m, out: how far the needle slid forward past the tissue in this tick */
+    double scale[MAX_POINTS];            /* m/N, size of each contact's own sideways compliance (scratch) */
+    int switches;                        /* out: changes of the active set */
+    int negative;                        /* out: negative eigenvalues of the sideways part of A */
+} contact_problem;
+
+/* Exact solution by pivoting; the axial part stays positive definite as long as needle and tissue together are
+   stable. Returns NUMERIC (forces zero) otherwise. Allocates nothing. RT */
+trocar_status contact_solve(contact_problem *p);
+
+#endif

@@ -1,0 +1,41 @@
+/* Local compliance: the part of a contact's yielding between the needle's radius and the radius that the mesh resolves.
+   See README.md, "Local compliance". */
+#ifndef TROCAR_LOCAL_COMPLIANCE_H
+#define TROCAR_LOCAL_COMPLIANCE_H
+
+#include "insertion/insertion.h"
+
+/* A quantity for forces across the needle, and for those along it. */
+typedef struct {
+    double lateral, axial;
+} lateral_axial;
+
+/* Local compliance of a line force at point x of nominal element `tet`, m^2/N: divide by the length that it stands for.
+   Continuous across elements. RT */
+lateral_axial local_at(const insertion_model *model, int tet, vec3 x);
+
+/* Its two factors, for a contact that stays where it is and stands for shaft in several regions: compliance of a line force in
+   this material per logarithm, m^2/N, */
+lateral_axial local_line_compliance(const region_material *material); /* RT */
+
+/* and the logarithm, of the radius that the mesh resolves there over the needle's. RT */
+lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x);
+
+/* What a contact node yields already by being in the mesh, on average, m/N. RT */
+double local_surplus(const insertion_model *model, int tet, vec3 x);
+
+/* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
+double local_of_share(double logarithm, double stiffness, double surplus);
+
+/* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface that it presses on with
+   `pressing` (N). RT */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
+
+/* Speed of shear waves, m/s. RT */
+double local_wave_speed(const insertion_model *model, int tet, vec3 x);
+
+/* Fills the node_ arrays of a model that is otherwise set: means over the elements around each node. NO_MEMORY. */
+trocar_status local_create(insertion_model *model, report *why);
+void local_free(insertion_model *model);
+
+#endif

@@ -1,0 +1,171 @@
+#include "insertion/prefetch.h"
+
+#include <string.h>
+
+#include "insertion/tip.h"
+
+static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line further off than that is a new one */
+static const double NEAR_FACE = 1e-7;                      /* m, surfaces that touch are no farther apart, but for rounding */
+enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
+
+/* ---- what is known --------------------------------------------------------------------------------------------------- */
+
+static int handle_of(const compliance_snapshot *snapshot, int node) {
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (snapshot->window[k] == node) return MAX_CONTACTS + k;
+    return -1;
+}
+
+bool prefetch_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]) {
+    if (snapshot->serial == 0) return false;
+    for (int c = 0; c < 4; c++) {
+        handles[c] = handle_of(snapshot, nodes[c]);
+        if (handles[c] < 0) return false;
+    }
+    return true;
+}
+
+mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other) {
+    mat3 block = {{{0}}};
+    m3_add_block(&block, 1.0, &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
+    return block;
+}
+
+mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
+    mat3 sum = {{{0}}};
+    for (int c = 0; c < 4; c++) m3_add_block(&sum, weights[c], &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
+    return sum;
+}
+
+int prefetch_known_contacts(const compliance_snapshot *snapshot, const refinement *refined) {
+    if (snapshot->serial == 0) return 0;
+    int known = 0;
+    while (known < refined->count && known < snapshot->added_count && refined->nodes[known].id == snapshot->ids[known]) known++;
+    return known;
+}
+
+/* ---- what to ask for ------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    int count, needed;       /* as in remesh_request */
+    int nodes[MAX_WINDOW];
+} node_list;
+
+static bool contains(const int *nodes, int count, int node) {
+    for (int i = 0; i < count; i++)
+        if (nodes[i] == node) return true;
+    return false;
+}
+
+static void add_tet(const mesh *m, int tet, node_list *list) {
+    for (int c = 0; c < 4; c++)
+        if (list->count < MAX_WINDOW && !contains(list->nodes, list->count, m->tets[tet][c]))
+            list->nodes[list->count++] = m->tets[tet][c];
+}
+
+/* Elements on the way from x by `distance` along the unit direction, across gaps as well. */
+static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double distance, node_list *list) {
+    for (int step = 0; step < AHEAD && tet >= 0; step++) {
+        double chord;
+        add_tet(m, tet, list);
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        if (face < 0 || chord > distance) return;
+        x = v3_axpy(chord, direction, x);
+        distance -= chord;
+        tet = m->neighbours[tet][face];
+        if (tet >= 0) continue;
+        surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, direction, x), v3_axpy(distance, direction, x));
+        x = next.point;
+        distance -= next.fraction * distance;
+        tet = next.tet;
+    }
+}
+
+static void add_surroundings(const mesh *m, int tet, node_list *list) {
+    add_tet(m, tet, list);
+    for (int f = 0; f < 4; f++)
+        if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
+}
+
+/* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
+static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
+    int last = contacts_passed(state) - 1;
+    vec3 from = last >= 0 ? v3_sub(state->contacts[last].track, state->contacts[last].beside) : state->entry;
+    vec3 back = v3_sub(from, state->tip.nominal);
+    double length = v3_norm(back);
+    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);
+    for (int i = last; i >= 0 && i > last - BEHIND; i--) add_tet(m, state->refined.nodes[i].tet, list);
+}
+
+static node_list wanted_nodes(const insertion_model *model, const insertion_state *state) {
+    const mesh *m = model->mesh;
+    int n = model->needle->given.segments;
+    vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
+    double reach = model->settings.prefetch_distance;
+    node_list list = {.count = 0};
+    if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
+        surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
+        if (hit.hit) add_tet(m, hit.tet, &list);
+        list.needed = list.count;
+        if (hit.hit) add_path(m, hit.tet, hit.point, direction, reach * (1.0 - hit.fraction) + 0.25 * reach, &list);
+        return list;
+    }
+    double weights[4];
+    int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
+    add_surroundings(m, moved, &list); /* where moved nodes have taken the tip's element, */
+    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and its own */
+    vec3 way = tip_way(&state->tip, direction);
+    add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
+    surface_hit next = {.hit = false};
+    if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
+    if (next.hit) add_tet(m, next.tet, &list);
+    list.needed = list.count;
+    add_track(m, state, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, reach, &list);
+    if (next.hit) add_path(m, next.tet, next.point, direction, reach * (1.0 - next.fraction) + 0.25 * reach, &list);
+    return list;
+}
+
+static bool same_contacts(const refinement *a, const refinement *b) {
+    if (a->count != b->count) return false;
+    for (int i = 0; i < a->count; i++)
+        if (a->nodes[i].id != b->nodes[i].id) return false;
+    return true;
+}
+
+static bool window_suffices(const remesh_request *request, const node_list *wanted) {
+    for (int i = 0; i < wanted->count; i++)
+        if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
+    return true;
+}
+
+/* Where the needle is going: the tip's material point and the end's direction. */
+static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
+    int n = model->needle->given.segments;
+    *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->needle.joints[n];
+    *direction = q_axis(state->needle.frames[n - 1]);
+}
+
+static bool same_line(const remesh_request *request, vec3 tip, vec3 direction) {
+    vec3 aside = v3_cross(request->direction, v3_sub(tip, request->tip));
+    return v3_norm(aside) < LINE_OFFSET && v3_norm(v3_sub(direction, request->direction)) < LINE_TURN;
+}
+
+void prefetch_request(const insertion_model *model, insertion_state *state) {
+    node_list wanted = wanted_nodes(model, state);
+    remesh_request *request = &state->request;
+    bool same = same_contacts(&request->wanted, &state->refined);
+    vec3 tip, direction;
+    find_line(model, state, &tip, &direction);
+    if (same && window_suffices(request, &wanted) && same_line(request, tip, direction)) return;
+    request->serial++;
+    request->tip = tip;
+    request->direction = direction;
+    if (!same) {
+        request->wanted.count = state->refined.count;
+        memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);
+    }
+    request->window_count = wanted.count;
+    request->needed = wanted.needed;
+    memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);
+}

@@ -1,0 +1,60 @@
+#include "insertion/shaft.h"
+
+#include "insertion/local_compliance.h"
+
+static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
+
+static double depth_of(const insertion_state *state, int index) {
+    return index < state->active ? state->contacts[index].depth : state->tip.depth;
+}
+
+/* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
+   another region between them, so that no contact stands for shaft in tissue that it is not in. The border moves to that place as
+   fast as the next point leaves it behind: at once, forces would jump whenever the tip enters a region. */
+static double border_behind(const insertion_state *state, int index) {
+    double here = depth_of(state, index), next = depth_of(state, index + 1), half = 0.5 * (here + next);
+    for (int k = 1; k < state->stratum_count; k++) {
+        double change = state->strata[k].depth;
+        if (change <= here) continue;
+        return change < next ? half + fmin(change - half, next - change) : half;
+    }
+    return half;
+}
+
+shaft_share shaft_share_of(const insertion_state *state, int index, bool tip) {
+    int last = state->active - 1 + tip;
+    double from = index > 0 ? border_behind(state, index - 1) : 0.0;
+    double to = index < last ? border_behind(state, index) : state->tip.depth;
+    return (shaft_share){from, fmax(to, from + LEAST_SHARE)};
+}
+
+/* Friction limit per length after sliding `slid`: static falls to kinetic by slip weakening, independent of the rate. */
+static double friction_density(const region_material *material, double slid, double weakening_distance) {
+    double excess = material->friction_static - material->friction_kinetic;
+    return material->friction_kinetic + excess * exp(-slid / weakening_distance);
+}
+
+shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid) {
+    shaft_resistance sum = {0};
+    for (int k = 0; k < state->stratum_count; k++) {
+        double top = k > 0 ? fmax(part.from, state->strata[k].depth) : part.from;
+        double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
+        if (length <= 0.0 || state->strata[k].region == IN_A_GAP) continue;
+        const region_material *material = &model->materials[state->strata[k].region];
+        lateral_axial line = local_line_compliance(material);
+        sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);
+        sum.viscous += length * material->friction_viscous;
+        sum.lateral += length / line.lateral;
+        sum.axial += length / line.axial;
+    }
+    return sum;
+}
+
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int index, double dt) {
+    const shaft_contact *contact = &state->contacts[index];
+    const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[index].tet]];
+    double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
+    shaft_share part = shaft_share_of(state, index, state->tip.phase == TIP_INSIDE);
+    double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
+    return local_of_share(contact->log_axial, stiffness, contact->surplus) * length * (dry + material->friction_viscous * contact->slip / dt);
+}

@@ -1,0 +1,24 @@
+/* The shaft in the tissue: which part of it each contact stands for, and what that part meets. See README.md, "Contacts". */
+#ifndef TROCAR_SHAFT_H
+#define TROCAR_SHAFT_H
+
+#include "insertion/insertion.h"
+
+/* What a part of the shaft meets in the regions that it lies in. */
+typedef struct {
+    double dry, viscous;         /* friction limit, N, and viscous friction, N s/m */
+    double lateral, axial;       /* m of shaft over the local compliance of a line force per logarithm, N/m */
+} shaft_resistance;
+
+/* The part of an active contact: half way to its neighbours. With `tip`, the tip is the last of them, after the contacts, and
+   has the rest. RT */
+shaft_share shaft_share_of(const insertion_state *state, int index, bool tip);
+
+/* Friction limit after sliding `slid`, m. RT */
+shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid);
+
+/* How far the shaft at an active contact that slides is ahead of the tissue, which follows it elastically up to the friction
+   limit, m. RT */
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int index, double dt);
+
+#endif

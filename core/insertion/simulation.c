@@ -1,0 +1,222 @@
+#include "insertion/simulation.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <threads.h>
+
+#include "insertion/local_compliance.h"
+#include "remesh/refined_field.h"
+
+region_material region_defaults(void) {
+    return (region_material){.youngs_modulus = 30e3, .poisson_ratio = 0.45, .cutting_force = 0.4, .cutting_viscosity = 1.0,
+                             .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
+}
+
+void simulation_defaults(simulation_config *config) {
+    *config = (simulation_config){
+        .mesh_unit = 1.0,
+        .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
+                   .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
+        .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
+                      .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
+        .remeshing = REMESH_NESTED,
+        .inverse = INVERSE_AUTO,
+        .volumetric = STRAIN_BY_NODE,
+    };
+}
+
+/* "name1, name2, ..." of the mesh's groups of one dimension, for messages. */
+static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
+    size_t used = 0;
+    text[0] = '\0';
+    for (int g = 0; g < m->group_count && used < size; g++)
+        if (dimension < 0 || m->groups[g].dimension == dimension)
+            used += (size_t)snprintf(text + used, size - used, "%s%s", used ? ", " : "", m->groups[g].name);
+    return used ? text : "none";
+}
+
+static trocar_status bind_regions(simulation *s, report *why) {
+    char known[512];
+    bool bound[MESH_MAX_GROUPS] = {false};
+    for (int i = 0; i < s->config.region_count; i++) {
+        const region_config *region = &s->config.regions[i];
+        int group = mesh_find_group(&s->mesh, region->name, 3);
+        if (group < 0)
+            return fail(why, TROCAR_BAD_INPUT, "regions: %s has no region \"%s\"; it has: %s", s->config.mesh_path, region->name,
+                        list_groups(&s->mesh, 3, known, sizeof known));
+        s->materials[group] = region->material;
+        bound[group] = true;
+    }
+    for (int g = 0; g < s->mesh.group_count; g++)
+        if (s->mesh.groups[g].dimension == 3 && !bound[g])
+            return fail(why, TROCAR_BAD_INPUT, "regions: region \"%s\" of %s has no material; add it", s->mesh.groups[g].name, s->config.mesh_path);
+    return TROCAR_OK;
+}
+
+static trocar_status bind_membranes(simulation *s, report *why) {
+    char known[512];
+    for (int i = 0; i < s->config.membrane_count; i++) {
+        const membrane_config *given = &s->config.membranes[i];
+        int group = mesh_find_group(&s->mesh, given->name, 2);
+        if (group < 0)
+            return fail(why, TROCAR_BAD_INPUT, "membranes: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, given->name,
+                        list_groups(&s->mesh, 2, known, sizeof known));
+        s->membranes[i] = (membrane){group, given->puncture_force};
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status build_tissue(simulation *s, report *why) {
+    char known[512];
+    bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
+    if (!fixed) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < s->config.fixed_count && status == TROCAR_OK; i++) {
+        int group = mesh_find_group(&s->mesh, s->config.fixed[i], -1);
+        if (group < 0)
+            status = fail(why, TROCAR_BAD_INPUT, "fixed: %s has no group \"%s\"; it has: %s", s->config.mesh_path, s->config.fixed[i],
+                          list_groups(&s->mesh, -1, known, sizeof known));
+        else
+            for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
+    }
+    if (status == TROCAR_OK) status = tissue_assemble(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
+    free(fixed);
+    return status;
+}
+
+/* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
+
+/* Memory of this machine, bytes; 8 GB where the system does not say. Not what is free just now: the same scene shall have the
+   same owner each time, for the owners' results differ by rounding. */
+static double machine_memory(void) {
+    double kilobytes = 8e6;
+    char line[128];
+    FILE *file = fopen("/proc/meminfo", "r");
+    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemTotal: %lf", &kilobytes) != 1) continue;
+    if (file) fclose(file);
+    return 1024.0 * kilobytes;
+}
+
+static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
+    report notice;
+    const simulation_config *config = &s->config;
+    inverse_facts facts = {.given = config->inverse, .remeshing = config->remeshing, .node_count = s->mesh.node_count,
+                           .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
+                           .memory = machine_memory()};
+    inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
+    if (choice == INVERSE_CONDENSED) {
+        trocar_status status = inverse_create_condensed(&s->tissue, roi_count, roi, config->cache, config->progress, &s->inverse,
+                                                        &notice, why);
+        size_t used = strlen(s->about_inverse.text);
+        if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
+        return status;
+    }
+    trocar_status status = tissue_factor(&s->tissue, choice == INVERSE_SPARSE ? roi_count : 0, roi, why);
+    if (status != TROCAR_OK) return status;
+    return choice == INVERSE_DENSE ? inverse_create_dense(&s->tissue, &s->inverse, why)
+                                   : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
+}
+
+static trocar_status build_inverse(simulation *s, report *why) {
+    int *roi, roi_count;
+    int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
+    trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
+    if (status != TROCAR_OK) return status;
+    status = build_owner(s, roi_count, roi, why);
+    free(roi);
+    return status;
+}
+
+static trocar_status build_insertion(simulation *s, report *why) {
+    s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
+                                     .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
+    return local_create(&s->insertion, why);
+}
+
+static trocar_status take_mesh(simulation *s, report *why) {
+    return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read_in(s->config.mesh_path, s->config.mesh_unit, &s->mesh, why);
+}
+
+/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number. */
+static once_flag blas_once = ONCE_FLAG_INIT;
+static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
+
+trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
+    memset(s, 0, sizeof *s);
+    call_once(&blas_once, use_one_blas_thread);
+    if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
+    if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
+                    "choose volumetric_strain: element");
+    s->config = *config;
+    trocar_status status = take_mesh(s, why);
+    if (status != TROCAR_OK) return status;
+    mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
+    status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
+    if (status == TROCAR_OK) status = build_tissue(s, why);
+    if (status == TROCAR_OK) status = build_inverse(s, why);
+    if (status == TROCAR_OK) status = build_insertion(s, why);
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
+trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
+    trocar_status status = simulation_create_model(config, s, why);
+    if (status != TROCAR_OK) return status;
+    status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
+    s->workspace = calloc(1, sizeof *s->workspace);
+    s->field_scratch = calloc(simulation_field_scratch(s), sizeof *s->field_scratch);
+    if (status == TROCAR_OK && !(s->workspace && s->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
+size_t simulation_field_scratch(const simulation *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
+
+void simulation_free(simulation *s) {
+    local_free(&s->insertion);
+    free(s->workspace);
+    free(s->field_scratch);
+    remesher_free(s->remesher);
+    inverse_free(s->inverse);
+    if (s->tissue.mesh) tissue_free(&s->tissue);
+    mesh_free(&s->mesh);
+    memset(s, 0, sizeof *s);
+}
+
+trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
+                              insertion_wrench *wrench, report *why) {
+    insertion_tick(&s->insertion, state, s->workspace, snapshot, base, dt, wrench);
+    if (!insertion_is_finite(state, wrench)) insertion_start_over(&s->insertion, base, state, wrench);
+    if (snapshot->serial == state->request.serial) return TROCAR_OK;
+    return remesher_serve(s->remesher, &state->request, snapshot, why);
+}
+
+void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {
+    memcpy(&saved->state, state, sizeof *state);
+    memcpy(&saved->snapshot, snapshot, sizeof *snapshot);
+}
+
+trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why) {
+    memcpy(state, &saved->state, sizeof *state);
+    memcpy(snapshot, &saved->snapshot, sizeof *snapshot);
+    return remesher_resume(s->remesher, &state->request, snapshot, why);
+}
+
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
+    refinement refined;
+    vec3 force[MAX_CONTACTS];
+    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
+    insertion_refinement(state, &refined);
+    insertion_forces(&s->insertion, state, nominal, force);
+    refined_displacement(s->inverse, &refined, nominal, force, scratch, nominal, added);
+}
+
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
+    simulation_field(s, state, s->field_scratch, nominal, added);
+}

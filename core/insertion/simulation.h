@@ -1,0 +1,83 @@
+/* Everything a server or a replay needs, built from one configuration and owned by one struct. */
+#ifndef TROCAR_SIMULATION_H
+#define TROCAR_SIMULATION_H
+
+#include "insertion/insertion.h"
+#include "inverse/inverse_choice.h"
+#include "tissue/region_of_interest.h"
+
+typedef struct { char name[MESH_NAME]; region_material material; } region_config;
+typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
+
+enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
+
+typedef struct {
+    char mesh_path[1024];
+    const trocar_mesh *mesh_given;      /* in place of a file; NULL: there is a path */
+    double mesh_unit;                    /* m: what a coordinate of 1 in that file means */
+    int region_count;   region_config regions[MAX_REGIONS];
+    int membrane_count; membrane_config membranes[MAX_MEMBRANES];
+    int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
+    needle_parameters needle;
+    insertion_settings insertion;
+    remesh_method remeshing;
+    inverse_choice inverse;
+    roi_config roi;                  /* region of interest; nothing given: see roi_find */
+    char cache[1024];                    /* directory of condensed inverses; empty: the user's */
+    volumetric_strain volumetric;
+    inverse_progress progress;           /* told how far a long start has come; its function may be NULL */
+} simulation_config;
+
+typedef struct {
+    simulation_config config;
+    mesh mesh;
+    region_material materials[MESH_MAX_GROUPS];
+    membrane membranes[MAX_MEMBRANES];
+    tissue tissue;
+    inverse *inverse;
+    report about_inverse;               /* which owner, and why */
+    remesher *remesher;
+    needle_model needle;
+    insertion_model insertion;
+    vec3 *field_scratch;                /* of whichever thread asks for displacements */
+    insertion_workspace *workspace;     /* of whichever thread runs the ticks */
+} simulation;
+
+/* Defaults of README's parameter table; names and mesh are empty. */
+void simulation_defaults(simulation_config *config);
+region_material region_defaults(void);
+
+/* Reads the mesh and builds all that is constant, or frees everything and says why. */
+trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
+
+/* The same, and what one run of it needs: remesher, workspace, field_scratch. */
+trocar_status simulation_create(const simulation_config *config, simulation *s, report *why);
+void simulation_free(simulation *s);
+
+size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
+
+/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. */
+trocar_status simulation_step(simulation *s, insertion_state *state, compliance_snapshot *snapshot, pose base, double dt,
+                              insertion_wrench *wrench, report *why);
+
+/* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
+typedef struct {
+    insertion_state state;
+    compliance_snapshot snapshot;
+} checkpoint;
+
+void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
+
+/* Into this simulation or another one of the same configuration. What follows is what followed the save: to the bit with the
+   nested method on a dense or condensed inverse, and to rounding with other methods, with the sparse inverse and outside a
+   condensed one's region, whose last bits depend on what was asked before. */
+trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
+
+/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m.
+   Allocates nothing; not for the haptic thread. */
+void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
+
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. */
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
+
+#endif

@@ -1,0 +1,50 @@
+#include "inverse/inverse_owner.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
+    inv->owner = owner;
+    inv->tissue = t;
+    mtx_init(&inv->apply_lock, mtx_plain);
+    inv->force = calloc((size_t)t->dof_count, sizeof *inv->force);
+    inv->displacement = calloc((size_t)t->dof_count, sizeof *inv->displacement);
+    return inv->force && inv->displacement ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d unknowns", t->dof_count);
+}
+
+void inverse_free(inverse *inv) {
+    if (!inv) return;
+    inv->owner->release(inv);
+    free(inv->force);
+    free(inv->displacement);
+    mtx_destroy(&inv->apply_lock);
+    free(inv);
+}
+
+trocar_status inverse_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                             report *why) {
+    return inv->owner->gather(inv, row_count, rows, column_count, columns, out, ld, why);
+}
+
+trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->prepare ? inv->owner->prepare(inv, why) : TROCAR_OK; }
+
+bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
+
+bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches; }
+
+const char *inverse_name(const inverse *inv) { return inv->owner->name; }
+
+void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement) {
+    const tissue *t = inv->tissue;
+    mtx_lock(&inv->apply_lock);
+    for (int i = 0; i < t->mesh->node_count; i++)
+        if (t->dof[i] >= 0) memcpy(inv->force + t->dof[i], &force[i], sizeof force[i]);
+    inv->owner->apply(inv, inv->force, inv->displacement);
+    for (int i = 0; i < t->mesh->node_count; i++) {
+        displacement[i] = v3(0, 0, 0);
+        if (t->dof[i] >= 0) memcpy(&displacement[i], inv->displacement + t->dof[i], sizeof displacement[i]);
+    }
+    mtx_unlock(&inv->apply_lock);
+}
+
+const tissue *inverse_tissue(const inverse *inv) { return inv->tissue; }

@@ -1,0 +1,90 @@
+#include "inverse/inverse_owner.h"
+
+#include <cblas.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The paper's way: the whole inverse in memory. */
+typedef struct {
+    inverse shared;
+    double *dense;           /* dof_count square, column-major, full */
+} dense_inverse;
+
+static double *dense_of(inverse *inv) { return ((dense_inverse *)inv)->dense; }
+
+static trocar_status dense_gather(inverse *inv, int row_count, const int *rows, int column_count, const int *columns, double *out, int ld,
+                                  report *why) {
+    (void)why;
+    size_t n = (size_t)inv->tissue->dof_count;
+    const int *dof = inv->tissue->dof;
+    for (int i = 0; i < row_count; i++)
+        for (int j = 0; j < column_count; j++) {
+            int row = dof[rows[i]], column = dof[columns[j]];
+            const double *block = dense_of(inv) + (size_t)(row < 0 ? 0 : row) * n + (column < 0 ? 0 : column);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++)
+                    out[(3 * i + a) * ld + 3 * j + b] = row < 0 || column < 0 ? 0.0 : block[(size_t)a * n + (size_t)b];
+        }
+    return TROCAR_OK;
+}
+
+static void dense_apply(inverse *inv, const double *force, double *displacement) {
+    int n = inv->tissue->dof_count;
+    cblas_dsymv(CblasColMajor, CblasUpper, n, 1.0, dense_of(inv), n, force, 1, 0.0, displacement, 1);
+}
+
+static void dense_release(inverse *inv) { free(dense_of(inv)); }
+
+static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, false, NULL};
+
+/* Solves K X = I block by block. */
+static trocar_status dense_fill(tissue *t, double *dense, report *why) {
+    enum { BLOCK = 96 };
+    size_t n = (size_t)t->dof_count;
+    cholmod_dense *unit = cholmod_zeros(n, BLOCK, CHOLMOD_REAL, &t->common);
+    cholmod_dense *solution = NULL, *y = NULL, *e = NULL;
+    bool solved = unit != NULL;
+    for (size_t first = 0; solved && first < n; first += BLOCK) {
+        size_t width = n - first < BLOCK ? n - first : BLOCK;
+        double *x = unit->x;
+        memset(x, 0, n * BLOCK * sizeof *x);
+        for (size_t c = 0; c < width; c++) x[c * n + first + c] = 1.0;
+        solved = cholmod_solve2(CHOLMOD_A, t->factor, unit, NULL, &solution, NULL, &y, &e, &t->common);
+        if (solved) memcpy(dense + first * n, solution->x, n * width * sizeof(double));
+    }
+    cholmod_free_dense(&unit, &t->common);
+    cholmod_free_dense(&solution, &t->common);
+    cholmod_free_dense(&y, &t->common);
+    cholmod_free_dense(&e, &t->common);
+    return solved ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
+}
+
+/* Rounding differs above and below the diagonal: make the matrix exactly symmetric. */
+static void symmetrise(double *a, size_t n) {
+    for (size_t j = 0; j < n; j++)
+        for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);
+}
+
+trocar_status inverse_create_dense(tissue *t, inverse **created, report *why) {
+    size_t n = (size_t)t->dof_count;
+    dense_inverse *d = calloc(1, sizeof *d);
+    *created = d ? &d->shared : NULL;
+    if (!d) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = inverse_init(&d->shared, &dense_owner, t, why);
+    d->dense = malloc(n * n * sizeof(double));
+    if (status == TROCAR_OK && !d->dense)
+        status = fail(why, TROCAR_NO_MEMORY, "no memory for the dense inverse: %.1f GB for %d nodes; use a coarser mesh",
+                      8e-9 * (double)n * (double)n, t->mesh->node_count);
+    if (status == TROCAR_OK) status = dense_fill(t, d->dense, why);
+    if (status == TROCAR_OK) {
+        symmetrise(d->dense, n);
+        return TROCAR_OK;
+    }
+    inverse_free(&d->shared);
+    *created = NULL;
+    return status;
+}
+
+const double *inverse_dense(const inverse *inv) {
+    return inv->owner == &dense_owner ? ((const dense_inverse *)inv)->dense : NULL;
+}

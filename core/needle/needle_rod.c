@@ -1,0 +1,233 @@
+/* The needle as a geometrically exact Kirchhoff rod: a chain of rigid segments with elastic joints between them. */
+#include "needle/needle_kind.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+static void place_joints(const needle_model *model, needle_state *state) {
+    state->joints[0] = state->base.position;
+    for (int k = 0; k < model->given.segments; k++)
+        state->joints[k + 1] = v3_axpy(model->segment_length, q_axis(state->frames[k]), state->joints[k]);
+}
+
+static void rod_rest(const needle_model *model, pose base, needle_state *state) {
+    state->base = base;
+    for (int k = 0; k < model->given.segments; k++) state->frames[k] = base.orientation;
+    place_joints(model, state);
+}
+
+static void rod_hold(const needle_model *model, pose base, needle_state *state) {
+    state->base = base;
+    place_joints(model, state);
+}
+
+/* ---- elasticity of the joints -------------------------------------------------------------------------------------- */
+
+/* Joint k sits before segment k; the one at the base has half a segment to bend over, the others one. */
+static double joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
+
+static vec3 joint_curvature(const needle_state *state, int k) {
+    quat before = k == 0 ? state->base.orientation : state->frames[k - 1];
+    return q_log(q_multiply(q_conjugate(before), state->frames[k]));
+}
+
+/* Inverse of the right Jacobian of SO(3): rate of the rotation vector w per body rotation (Sola et al. 2018, eq. 144). */
+static mat3 inverse_right_jacobian(vec3 w) {
+    double angle2 = v3_dot(w, w), angle = sqrt(angle2);
+    double c = angle2 < 1e-8 ? 1.0 / 12.0 : 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
+    const double v[3] = {w.x, w.y, w.z};
+    mat3 j = {{{0, -0.5 * w.z, 0.5 * w.y}, {0.5 * w.z, 0, -0.5 * w.x}, {-0.5 * w.y, 0.5 * w.x, 0}}};
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) j.m[a][b] += c * (v[a] * v[b] - (a == b ? angle2 : 0.0)) + (a == b ? 1.0 : 0.0);
+    return j;
+}
+
+/* Spatial moment of joint k and its stiffness against the relative spatial rotation of its two segments. */
+static vec3 joint_stiffness(const needle_model *model, const needle_state *state, int k, mat3 *stiffness) {
+    double length = joint_length(model, k);
+    const double b[3] = {model->bending / length, model->bending / length, model->torsion / length};
+    vec3 w = joint_curvature(state, k);
+    mat3 rotation = q_matrix(state->frames[k]), back = m3_transposed(&rotation);
+    mat3 jacobian = inverse_right_jacobian(w), g = m3_multiply(&jacobian, &back);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            stiffness->m[i][j] = g.m[0][i] * b[0] * g.m[0][j] + g.m[1][i] * b[1] * g.m[1][j] + g.m[2][i] * b[2] * g.m[2][j];
+    return m3_apply_transposed(&g, v3(b[0] * w.x, b[1] * w.y, b[2] * w.z));
+}
+
+static vec3 rod_root_moment(const needle_model *model, const needle_state *state) {
+    mat3 unused;
+    return joint_stiffness(model, state, 0, &unused);
+}
+
+static double rod_energy(const needle_model *model, const needle_state *state) {
+    double energy = 0.0;
+    for (int k = 0; k < model->given.segments; k++) {
+        vec3 w = joint_curvature(state, k);
+        energy += 0.5 / joint_length(model, k) * (model->bending * (w.x * w.x + w.y * w.y) + model->torsion * w.z * w.z);
+    }
+    return energy;
+}
+
+/* ---- tangent ------------------------------------------------------------------------------------------------------- */
+
+/* Second variation of -N.t under spatial rotations of a segment (N: force beyond it times its length). */
+static mat3 geometric_stiffness(vec3 n, vec3 t) {
+    const double a[3] = {n.x, n.y, n.z}, b[3] = {t.x, t.y, t.z};
+    mat3 k;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) k.m[i][j] = -0.5 * (a[i] * b[j] + b[i] * a[j]) + (i == j ? v3_dot(n, t) : 0.0);
+    return k;
+}
+
+/* Of a symmetric matrix: the changes of sign in the row of its leading minors (Jacobi). */
+static int negative_eigenvalues(const mat3 *a) {
+    double second = a->m[0][0] * a->m[1][1] - a->m[0][1] * a->m[1][0];
+    bool first_negative = a->m[0][0] < 0.0, second_negative = second < 0.0, third_negative = m3_determinant(a) < 0.0;
+    return first_negative + (first_negative != second_negative) + (second_negative != third_negative);
+}
+
+/* Block L D L^T of the tangent stiffness, from the base outward; D may be indefinite (a needle alone may be buckled
+   where needle and tissue together are stable). */
+static void factor_tangent(const needle_model *model, const needle_state *state, const vec3 *load, needle_tangent *tangent) {
+    int n = model->given.segments;
+    vec3 beyond[NEEDLE_MAX_SEGMENTS + 1];
+    beyond[n] = v3(0, 0, 0);
+    for (int k = n - 1; k >= 0; k--) beyond[k] = v3_axpy(model->segment_length, load[k + 1], beyond[k + 1]);
+
+    mat3 here, next = {{{0}}}, coupling = {{{0}}}, carried = {{{0}}};
+    tangent->unstable = 0;
+    tangent->rod.moments[0] = joint_stiffness(model, state, 0, &here);
+    for (int k = 0; k < n; k++) {
+        mat3 geometric = geometric_stiffness(beyond[k], q_axis(state->frames[k])), pivot = here;
+        m3_add_scaled(&pivot, 1.0, &geometric);
+        m3_add_scaled(&pivot, -1.0, &carried);
+        if (k + 1 < n) {
+            vec3 m = tangent->rod.moments[k + 1] = joint_stiffness(model, state, k + 1, &next);
+            m3_add_scaled(&pivot, 1.0, &next);
+            /* coupling of segment k with k + 1: -H + [m]x / 2, the second term from the order of the two rotations */
+            coupling = (mat3){{{-next.m[0][0], -next.m[0][1] - 0.5 * m.z, -next.m[0][2] + 0.5 * m.y},
+                               {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
+                               {-next.m[2][0] - 0.5 * m.y, -next.m[2][1] + 0.5 * m.x, -next.m[2][2]}}};
+        }
+        tangent->unstable += negative_eigenvalues(&pivot);
+        tangent->rod.pivot_inverse[k] = m3_inverse(&pivot);
+        if (k + 1 == n) break;
+        mat3 up = m3_transposed(&coupling);
+        tangent->rod.lower[k + 1] = m3_multiply(&up, &tangent->rod.pivot_inverse[k]);
+        carried = m3_multiply(&tangent->rod.lower[k + 1], &coupling);
+        here = next;
+    }
+}
+
+/* Solves the tangent system for the segments' rotations in place. */
+static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) {
+    for (int k = 1; k < n; k++) rotation[k] = v3_sub(rotation[k], m3_apply(&tangent->rod.lower[k], rotation[k - 1]));
+    for (int k = n - 1; k >= 0; k--) {
+        rotation[k] = m3_apply(&tangent->rod.pivot_inverse[k], rotation[k]);
+        if (k + 1 < n) rotation[k] = v3_sub(rotation[k], m3_apply_transposed(&tangent->rod.lower[k + 1], rotation[k + 1]));
+    }
+}
+
+/* to -= m * from, or m^T * from, for three rows of columns. */
+static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_LD], double (*to)[NEEDLE_LD], int begin, int end) {
+    for (int a = 0; a < 3; a++) {
+        double x = transposed ? m->m[0][a] : m->m[a][0], y = transposed ? m->m[1][a] : m->m[a][1], z = transposed ? m->m[2][a] : m->m[a][2];
+        for (int c = begin; c < end; c++) to[a][c] -= x * from[0][c] + y * from[1][c] + z * from[2][c];
+    }
+}
+
+/* Rotations under unit forces at all joints >= first, one column each: a unit force at a joint turns every segment
+   before it by length * axis x force. */
+static void solve_unit_forces(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
+    for (int k = 0; k < n; k++) {
+        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
+        double (*row)[NEEDLE_LD] = &tangent->rod.rotation[3 * k];
+        for (int a = 0; a < 3; a++) memset(&row[a][begin], 0, (size_t)(end - begin) * sizeof(double));
+        for (int joint = first > k ? first : k + 1; joint <= n; joint++) {
+            int c = 3 * joint;
+            row[0][c + 1] = -t.z, row[0][c + 2] = t.y;
+            row[1][c] = t.z, row[1][c + 2] = -t.x;
+            row[2][c] = -t.y, row[2][c + 1] = t.x;
+        }
+        if (k > 0) subtract_rows(&tangent->rod.lower[k], false, row - 3, row, begin, end);
+    }
+    for (int k = n - 1; k >= 0; k--) {
+        double (*row)[NEEDLE_LD] = &tangent->rod.rotation[3 * k];
+        const mat3 *d = &tangent->rod.pivot_inverse[k];
+        for (int c = begin; c < end; c++) {
+            double x = row[0][c], y = row[1][c], z = row[2][c];
+            for (int a = 0; a < 3; a++) row[a][c] = d->m[a][0] * x + d->m[a][1] * y + d->m[a][2] * z;
+        }
+        if (k + 1 < n) subtract_rows(&tangent->rod.lower[k + 1], true, row + 3, row, begin, end);
+    }
+}
+
+/* A joint moves by the sum over the segments before it of length * rotation x axis. */
+static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
+    double sum[3][NEEDLE_LD];
+    memset(sum, 0, sizeof sum);
+    for (int a = 0; a < 3 && first == 0; a++) memset(tangent->compliance[a], 0, (size_t)end * sizeof(double)); /* the base is held */
+    for (int k = 0; k < n; k++) {
+        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
+        const double (*r)[NEEDLE_LD] = (const double (*)[NEEDLE_LD])&tangent->rod.rotation[3 * k];
+        for (int c = begin; c < end; c++) {
+            sum[0][c] += r[1][c] * t.z - r[2][c] * t.y;
+            sum[1][c] += r[2][c] * t.x - r[0][c] * t.z;
+            sum[2][c] += r[0][c] * t.y - r[1][c] * t.x;
+        }
+        if (k + 1 < first) continue;
+        for (int a = 0; a < 3; a++) memcpy(&tangent->compliance[3 * (k + 1) + a][begin], &sum[a][begin], (size_t)(end - begin) * sizeof(double));
+    }
+}
+
+/* Rotations that would release the elastic moments with no load at all. */
+static void release_moments(int n, const needle_tangent *tangent, vec3 *rotation) {
+    for (int k = 0; k < n; k++)
+        rotation[k] = v3_sub(k + 1 < n ? tangent->rod.moments[k + 1] : v3(0, 0, 0), tangent->rod.moments[k]);
+}
+
+static void move_joints(const needle_model *model, const needle_state *state, const vec3 *rotation, vec3 *displacement) {
+    displacement[0] = v3(0, 0, 0);
+    for (int k = 0; k < model->given.segments; k++)
+        displacement[k + 1] = v3_axpy(model->segment_length, v3_cross(rotation[k], q_axis(state->frames[k])), displacement[k]);
+}
+
+static void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
+    int n = model->given.segments;
+    vec3 rotation[NEEDLE_MAX_SEGMENTS];
+    factor_tangent(model, state, load, tangent);
+    release_moments(n, tangent, rotation);
+    solve_tangent(n, tangent, rotation);
+    move_joints(model, state, rotation, tangent->drift);
+    solve_unit_forces(model, state, first, tangent);
+    sum_displacements(model, state, first, tangent);
+}
+
+static double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {
+    int n = model->given.segments;
+    vec3 rotation[NEEDLE_MAX_SEGMENTS], beyond = v3(0, 0, 0);
+    release_moments(n, tangent, rotation);
+    for (int k = n - 1; k >= 0; k--) {
+        beyond = v3_axpy(model->segment_length, load[k + 1], beyond);
+        rotation[k] = v3_add(rotation[k], v3_cross(q_axis(state->frames[k]), beyond));
+    }
+    solve_tangent(n, tangent, rotation);
+    double largest = 0.0;
+    for (int k = 0; k < n; k++) {
+        largest = fmax(largest, v3_dot(rotation[k], rotation[k]));
+        state->frames[k] = q_unit(q_multiply(q_exp(rotation[k]), state->frames[k]));
+    }
+    place_joints(model, state);
+    return sqrt(largest);
+}
+
+static trocar_status rod_create(needle_model *model, report *why) {
+    (void)model, (void)why;
+    return TROCAR_OK;
+}
+
+const needle_kind needle_kind_rod = {rod_create, rod_rest, rod_hold, rod_linearise, rod_advance,
+                                     rod_root_moment, rod_energy};

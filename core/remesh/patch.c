@@ -1,0 +1,69 @@
+#include "remesh/patch.h"
+
+#include <string.h>
+
+/* Place of a leaf corner in the patch, -1 where it is fixed. */
+static int place_of(const tissue *t, patch *p, int corner) {
+    if (corner >= 0 && t->fixed[corner]) return -1;
+    for (int i = 0; i < p->count; i++)
+        if (p->nodes[i] == corner) return i;
+    p->nodes[p->count] = corner;
+    memset(p->change + 3 * p->count, 0, 3 * sizeof *p->change);
+    for (int row = 0; row < 3 * p->count; row++) memset(&p->change[row][3 * p->count], 0, 3 * sizeof(double));
+    return p->count++;
+}
+
+/* Adds `sign` times one leaf's stiffness, with the first `active` contact nodes in place. */
+static void add_leaf(const tissue *t, const refinement *r, int active, const leaf *l, double sign, patch *p) {
+    double youngs_modulus, poisson_ratio, k[12][12];
+    vec3 corners[4];
+    int places[4];
+    element_moduli(t, l->tet, &youngs_modulus, &poisson_ratio);
+    for (int i = 0; i < 4; i++) {
+        places[i] = place_of(t, p, l->corners[i]);
+        corners[i] = refinement_position(t->mesh, r, active, l->corners[i]);
+    }
+    tet_stiffness(corners, youngs_modulus, poisson_ratio, k);
+    for (int a = 0; a < 12; a++)
+        for (int b = 0; b < 12; b++)
+            if (places[a / 3] >= 0 && places[b / 3] >= 0) p->change[3 * places[a / 3] + a % 3][3 * places[b / 3] + b % 3] += sign * k[a][b];
+}
+
+static leaf leaf_of(int tet, const leaf_point *at) {
+    leaf l = {.tet = tet};
+    memcpy(l.corners, at->corners, sizeof l.corners);
+    return l;
+}
+
+static void add_children(const tissue *t, const refinement *r, int index, int tet, const leaf_point *at, patch *p) {
+    for (int i = 0; i < 4; i++) {
+        if (at->weights[i] == 0.0) continue;
+        leaf child = leaf_of(tet, at);
+        child.corners[i] = -1 - index;
+        add_leaf(t, r, index, &child, 1.0, p);
+    }
+}
+
+static void add_split(const tissue *t, const refinement *r, int index, patch *p) {
+    const added_node *node = &r->nodes[index];
+    leaf whole = leaf_of(node->tet, &node->at), across = leaf_of(node->across_tet, &node->across);
+    add_leaf(t, r, index, &whole, -1.0, p);
+    if (across.tet >= 0) add_leaf(t, r, index, &across, -1.0, p);
+    add_children(t, r, index, node->tet, &node->at, p);
+    if (across.tet >= 0) add_children(t, r, index, node->across_tet, &node->across, p);
+}
+
+static void add_move(const tissue *t, const refinement *r, int index, patch *p) {
+    leaf leaves[MAX_PATCH_LEAVES];
+    int count = refinement_around(t->mesh, r, index, r->nodes[index].moved, r->nodes[index].tet, leaves);
+    for (int i = 0; i < count; i++) {
+        add_leaf(t, r, index, &leaves[i], -1.0, p);
+        add_leaf(t, r, index + 1, &leaves[i], 1.0, p);
+    }
+}
+
+void patch_create(const tissue *t, const refinement *r, int index, patch *p) {
+    p->count = 0;
+    if (r->nodes[index].moved >= 0) add_move(t, r, index, p);
+    else add_split(t, r, index, p);
+}

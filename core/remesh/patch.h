@@ -1,0 +1,23 @@
+/* What one contact node changes: the nodes of the elements that it splits or bends, and the change of their stiffness. */
+#ifndef TROCAR_PATCH_H
+#define TROCAR_PATCH_H
+
+#include "remesh/refinement.h"
+
+enum {
+    MAX_RANK = 3 * MAX_PATCH,
+    ALL_RANKS = 3 * (MAX_MOVED_PATCHES + 6 * MAX_CONTACTS), /* dofs touched by all changes together; an addition touches six nodes */
+};
+
+typedef struct {
+    int count;                   /* nodes touched that are not fixed */
+    int nodes[MAX_PATCH];        /* nominal node, or added node -1 - index; the contact node itself, if it is an added one, is last */
+    double change[MAX_RANK][MAX_RANK]; /* stiffness after minus before, N/m: [3 i + a][3 k + b], symmetric */
+} patch;
+
+/* The change that contact node `index` brings to the mesh with all nodes before it. Its sum with the stiffness of that mesh is
+   the stiffness of the next one. Mean strains of STRAIN_BY_NODE stay those of the nominal mesh, which is right for added nodes only:
+   nodes move with STRAIN_BY_ELEMENT. */
+void patch_create(const tissue *t, const refinement *r, int index, patch *p);
+
+#endif

@@ -1,0 +1,20 @@
+/* Displacements of the refined mesh, and what one added node contributes to them. See README.md, "Node addition is a nested
+   refinement". */
+#ifndef TROCAR_REFINED_FIELD_H
+#define TROCAR_REFINED_FIELD_H
+
+#include "inverse/inverse.h"
+#include "remesh/refinement.h"
+
+enum { REFINED_FIELD_SCRATCH = 7 };  /* vectors of scratch for each node */
+
+/* Displacements of the refined mesh under nodal forces (N -> m): `nominal` node_count, `added` r->count entries each, `scratch`
+   REFINED_FIELD_SCRATCH times both. Exact: inside elements the surplus is solved in closed form, with nodes on faces or moved all by
+   conjugate gradients, with an inverse_apply a step. For display and export. */
+void refined_displacement(inverse *inv, const refinement *r, const vec3 *nominal_force, const vec3 *added_force, vec3 *scratch,
+                          vec3 *nominal, vec3 *added);
+
+/* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. */
+mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
+
+#endif

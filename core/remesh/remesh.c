@@ -1,0 +1,320 @@
+#include "remesh/remesh_method.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- handles ----------------------------------------------------------------------------------------------------- */
+
+double *handle_block(remesher *r, int handle, int other) {
+    return r->handles + (size_t)3 * (size_t)handle * SNAPSHOT_LD + 3 * other;
+}
+
+mat3 handle_get(remesher *r, int handle, int other) {
+    mat3 block = {{{0}}};
+    m3_add_block(&block, 1.0, handle_block(r, handle, other), SNAPSHOT_LD);
+    return block;
+}
+
+void handle_put(remesher *r, int handle, int other, const mat3 *block) {
+    double *upper = handle_block(r, handle, other), *lower = handle_block(r, other, handle);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) upper[a * SNAPSHOT_LD + b] = lower[b * SNAPSHOT_LD + a] = block->m[a][b];
+}
+
+int handles_in_use(const remesher *r, int handles[MAX_HANDLES]) {
+    int count = 0;
+    for (int i = 0; i < r->refined.count; i++) handles[count++] = i;
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (r->window[k] >= 0) handles[count++] = MAX_CONTACTS + k;
+    return count;
+}
+
+int handle_node(const remesher *r, int handle) {
+    if (handle >= MAX_CONTACTS) return r->window[handle - MAX_CONTACTS];
+    return r->refined.nodes[handle].moved >= 0 ? r->refined.nodes[handle].moved : -1 - handle;
+}
+
+static int window_place(const int *window, int node) {
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (window[k] == node) return k;
+    return -1;
+}
+
+int handle_of_node(const remesher *r, int node) {
+    if (node < 0) return -1 - node;
+    int place = window_place(r->window, node);
+    return place < 0 ? -1 : MAX_CONTACTS + place;
+}
+
+/* ---- blocks of the nominal inverse ------------------------------------------------------------------------------- */
+
+void gather_start(remesher *r) {
+    gathered_blocks *g = &r->gathered;
+    while (g->row_count > 0) g->row_of[g->rows[--g->row_count]] = -1;
+    while (g->column_count > 0) g->column_of[g->columns[--g->column_count]] = -1;
+    g->status = TROCAR_OK;
+}
+
+static void list_once(int node, int *place_of, int *nodes, int *count, int most) {
+    if (place_of[node] >= 0 || *count == most) return; /* what does not fit is asked for one by one */
+    place_of[node] = *count;
+    nodes[(*count)++] = node;
+}
+
+void gather_row(remesher *r, int node) { list_once(node, r->gathered.row_of, r->gathered.rows, &r->gathered.row_count, MAX_ROWS); }
+
+void gather_column(remesher *r, int node) { list_once(node, r->gathered.column_of, r->gathered.columns, &r->gathered.column_count, MAX_COLUMNS); }
+
+trocar_status gather_finish(remesher *r, report *why) {
+    gathered_blocks *g = &r->gathered;
+    return inverse_gather(r->inverse, g->row_count, g->rows, g->column_count, g->columns, g->blocks, 3 * MAX_COLUMNS, why);
+}
+
+mat3 nominal_block(remesher *r, int node, int other) {
+    gathered_blocks *g = &r->gathered;
+    mat3 block = {{{0}}};
+    bool straight = g->row_of[node] >= 0 && g->column_of[other] >= 0;
+    if (straight || (g->row_of[other] >= 0 && g->column_of[node] >= 0)) {
+        int row = g->row_of[straight ? node : other], column = g->column_of[straight ? other : node];
+        m3_add_block(&block, 1.0, g->blocks + (size_t)(3 * row) * 3 * MAX_COLUMNS + 3 * column, 3 * MAX_COLUMNS);
+        return straight ? block : m3_transposed(&block);
+    }
+    trocar_status status = inverse_gather(r->inverse, 1, &node, 1, &other, &block.m[0][0], 3, &g->why);
+    if (status != TROCAR_OK) g->status = status;
+    return block;
+}
+
+static bool gathered_create(gathered_blocks *g, int nodes) {
+    g->row_of = malloc((size_t)nodes * sizeof *g->row_of);
+    g->column_of = malloc((size_t)nodes * sizeof *g->column_of);
+    g->blocks = calloc((size_t)9 * MAX_ROWS * MAX_COLUMNS, sizeof *g->blocks); /* pages not needed stay untouched */
+    for (int i = 0; g->row_of && g->column_of && i < nodes; i++) g->row_of[i] = g->column_of[i] = -1;
+    return g->row_of && g->column_of && g->blocks;
+}
+
+static void gathered_free(gathered_blocks *g) {
+    free(g->row_of);
+    free(g->column_of);
+    free(g->blocks);
+}
+
+/* ---- low-rank changes -------------------------------------------------------------------------------------------- */
+
+trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why) {
+    double system[MAX_RANK * MAX_RANK];
+    lapack_int pivots[MAX_RANK];
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, n, n, n, 1.0, change, change_ld, block, block_ld, 0.0, system, n);
+    for (int a = 0; a < n; a++) {
+        system[a * n + a] += 1.0;
+        memmove(middle + a * n, change + a * change_ld, (size_t)n * sizeof *middle);
+    }
+    if (LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, n, system, n, pivots, middle, n) != 0)
+        return fail(why, TROCAR_NUMERIC, "the change of stiffness at a contact node is singular");
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < a; b++) middle[a * n + b] = middle[b * n + a] = 0.5 * (middle[a * n + b] + middle[b * n + a]);
+    return TROCAR_OK;
+}
+
+/* ---- methods ----------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    const char *name;
+    trocar_status (*create)(inverse *, remesher **, report *);
+    bool needs_dense;
+} method_entry;
+
+static const method_entry methods[REMESH_METHODS] = {
+    [REMESH_NESTED] = {"nested", remesher_create_nested, false},
+    [REMESH_IMPLICIT] = {"implicit", remesher_create_implicit, false},
+    [REMESH_WOODBURY] = {"woodbury", remesher_create_woodbury, true},
+    [REMESH_WOODBURY_GENERAL] = {"woodbury-general", remesher_create_woodbury_general, true},
+    [REMESH_BCS] = {"bcs", remesher_create_bcs, true},
+    [REMESH_BCS_BLOCKED] = {"bcs-blocked", remesher_create_bcs_blocked, true},
+};
+
+bool remesh_needs_dense(remesh_method method) { return methods[method].needs_dense; }
+const char *remesh_name(remesh_method method) { return methods[method].name; }
+
+trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why) {
+    *created = NULL;
+    if (methods[method].needs_dense && !inverse_dense(inv))
+        return fail(why, TROCAR_BAD_INPUT, "remeshing: %s needs the dense inverse; choose nested or implicit for this mesh", remesh_name(method));
+    trocar_status status = methods[method].create(inv, created, why);
+    if (status == TROCAR_OK) return TROCAR_OK;
+    remesher_free(*created);
+    *created = NULL;
+    return status;
+}
+
+trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why) {
+    r->operations = operations;
+    r->inverse = inv;
+    r->tissue = inverse_tissue(inv);
+    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
+    r->handles = calloc((size_t)SNAPSHOT_LD * SNAPSHOT_LD, sizeof(double));
+    bool gathers = gathered_create(&r->gathered, r->tissue->mesh->node_count);
+    return r->handles && gathers ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
+}
+
+void remesher_free(remesher *r) {
+    if (!r) return;
+    r->operations->release(r);
+    gathered_free(&r->gathered);
+    free(r->handles);
+    free(r);
+}
+
+/* ---- serving ------------------------------------------------------------------------------------------------------- */
+
+/* A step that went well, unless it met blocks that the inverse's owner could not give. */
+static trocar_status confirm(const remesher *r, report *why) {
+    if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
+    return r->gathered.status;
+}
+
+static trocar_status take_nodes(remesher *r, int count, const int *handles, report *why) {
+    if (count == 0 || !r->operations->take_nodes) return TROCAR_OK;
+    trocar_status status = r->operations->take_nodes(r, count, handles, why);
+    return status == TROCAR_OK ? confirm(r, why) : status;
+}
+
+static trocar_status add_node(remesher *r, int index, report *why) {
+    trocar_status status = r->operations->add(r, index, why);
+    if (status != TROCAR_OK) return status;
+    status = confirm(r, why);
+    if (status != TROCAR_OK) r->operations->remove(r, index);
+    return status;
+}
+
+/* Nodes that are still wanted keep their places; new ones take the free places. */
+static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
+    int fresh[MAX_WINDOW] = {0}, count = 0;
+    for (int k = 0; k < MAX_WINDOW; k++) {
+        bool wanted = false;
+        for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];
+        if (!wanted) r->window[k] = -1;
+    }
+    for (int i = 0; i < request->window_count; i++) {
+        int node = request->window[i];
+        if (window_place(r->window, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
+        int place = window_place(r->window, -1);
+        r->window[place] = node;
+        fresh[count++] = MAX_CONTACTS + place;
+    }
+    trocar_status status = take_nodes(r, count, fresh, why);
+    for (int i = 0; i < count && status != TROCAR_OK; i++) r->window[fresh[i] - MAX_CONTACTS] = -1; /* their rows are not there */
+    return status;
+}
+
+static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
+    int kept = 0;
+    while (kept < r->refined.count && kept < wanted->count && r->refined.nodes[kept].id == wanted->nodes[kept].id) kept++;
+    while (r->refined.count > kept) r->operations->remove(r, --r->refined.count);
+    for (; r->refined.count < wanted->count; r->refined.count++) {
+        r->refined.nodes[r->refined.count] = wanted->nodes[r->refined.count];
+        trocar_status status = add_node(r, r->refined.count, why);
+        if (status != TROCAR_OK) return status;
+    }
+    return TROCAR_OK;
+}
+
+/* Only rows and columns in use: a snapshot is large. */
+static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
+    int handles[MAX_HANDLES], count = handles_in_use(r, handles);
+    size_t contacts = 3 * (size_t)r->refined.count, window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
+    for (int i = 0; i < 3 * count; i++) {
+        size_t row = (size_t)(3 * handles[i / 3] + i % 3) * SNAPSHOT_LD;
+        memcpy(snapshot->compliance + row, r->handles + row, contacts * sizeof(double));
+        if (end > window) memcpy(snapshot->compliance + row + window, r->handles + row + window, (end - window) * sizeof(double));
+    }
+}
+
+/* ---- looking ahead --------------------------------------------------------------------------------------------------- */
+
+static void list_ahead(remesher *r, int tet) {
+    const int *nodes = r->tissue->mesh->tets[tet];
+    for (int c = 0; c < 4; c++) {
+        bool there = r->ahead_count == MAX_AHEAD;
+        for (int i = 0; i < r->ahead_count && !there; i++) there = r->ahead[i] == nodes[c];
+        if (!there) r->ahead[r->ahead_count++] = nodes[c];
+    }
+}
+
+/* Lists the nodes of all elements on the line and beside it, from the tip or from where it enters the body to where it leaves it. */
+static void follow_line(remesher *r) {
+    static const double REACH = 1.0; /* m: beyond any body */
+    const mesh *m = r->tissue->mesh;
+    vec3 tip = r->line_tip, direction = r->line_direction;
+    r->line_new = false;
+    r->ahead_count = r->ahead_done = 0;
+    if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
+    surface_hit hit = mesh_enter(m, tip, v3_axpy(REACH, direction, tip));
+    int tet = mesh_locate(m, tip, -1);
+    if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;
+    for (int step = 0; step < MAX_AHEAD && tet >= 0; step++) {
+        double chord;
+        list_ahead(r, tet);
+        for (int f = 0; f < 4; f++)
+            if (m->neighbours[tet][f] >= 0) list_ahead(r, m->neighbours[tet][f]);
+        int face = mesh_exit(m, tet, tip, direction, &chord);
+        if (face < 0) return;
+        tip = v3_axpy(chord, direction, tip);
+        tet = m->neighbours[tet][face];
+    }
+}
+
+/* The blocks between a slice of these nodes and all that they may meet: those before them, the window's and the contacts'. */
+bool remesher_look_ahead(remesher *r) {
+    enum { LARGE = 32, SMALL = 8 };
+    int slice = r->refined.count > 0 ? SMALL : LARGE; /* once the needle is in, requests must not wait for long */
+    report why; /* who needs these nodes will be told */
+    if (r->line_new) follow_line(r);
+    int first = r->ahead_done, left = r->ahead_count - first;
+    if (left == 0) return false;
+    r->ahead_done += left < slice ? left : slice;
+    gather_start(r);
+    for (int i = first; i < r->ahead_done; i++) gather_row(r, r->ahead[i]);
+    for (int i = 0; i < r->ahead_done; i++) gather_column(r, r->ahead[i]);
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (r->window[k] >= 0) gather_column(r, r->window[k]);
+    for (int i = 0; i < r->refined.count; i++)
+        for (int c = 0; c < 4; c++) gather_column(r, r->tissue->mesh->tets[r->refined.nodes[i].tet][c]);
+    gather_finish(r, &why);
+    return r->ahead_done < r->ahead_count;
+}
+
+/* ---- a request ------------------------------------------------------------------------------------------------------- */
+
+trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
+        return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
+                    request->window_count, MAX_CONTACTS, MAX_WINDOW);
+    trocar_status status = move_window(r, request, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
+    if (status != TROCAR_OK) return status;
+    snapshot->serial = request->serial;
+    snapshot->added_count = r->refined.count;
+    for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;
+    memcpy(snapshot->window, r->window, sizeof r->window);
+    copy_rows(r, snapshot);
+    r->line_tip = request->tip;
+    r->line_direction = request->direction;
+    r->line_new = true;
+    return TROCAR_OK;
+}
+
+trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
+    static const refinement nothing = {.count = 0};
+    bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
+    trocar_status status = update_nodes(r, &nothing, why);
+    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
+    if (status != TROCAR_OK || !answered) return status;
+    int handles[MAX_HANDLES], count = handles_in_use(r, handles);
+    status = take_nodes(r, count, handles, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
+    return status;
+}

@@ -1,0 +1,79 @@
+/* What a way to update the inverse provides; for the methods' files only. */
+#ifndef TROCAR_REMESH_METHOD_H
+#define TROCAR_REMESH_METHOD_H
+
+#include "remesh/patch.h"
+#include "remesh/remesh.h"
+
+enum { MAX_AHEAD = 640 };           /* nodes that are made ready in idle time */
+enum { MAX_ROWS = MAX_WINDOW, MAX_COLUMNS = MAX_WINDOW + MAX_MOVED_PATCHES + 8 * MAX_CONTACTS };
+
+/* Blocks of the nominal inverse that one step needs, fetched from its owner together. */
+typedef struct {
+    int row_count, rows[MAX_ROWS], column_count, columns[MAX_COLUMNS]; /* nominal nodes, each once */
+    int *row_of, *column_of;         /* node_count: place among those, or -1 */
+    double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
+    trocar_status status;            /* of those asked for one by one since the start: the last failure, */
+    report why;                      /* and its reason */
+} gathered_blocks;
+
+typedef struct {
+    trocar_status (*add)(remesher *, int index, report *);  /* puts contact node `index`, the last one, into the inverse */
+    void (*remove)(remesher *, int index);                  /* and takes it out again */
+    trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills rows of nodes new in the window; NULL: not needed */
+    trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL: they are kept up to date */
+    void (*release)(remesher *);                            /* all but the shared part */
+} remesh_operations;
+
+/* First member of every method's struct. */
+struct remesher {
+    const remesh_operations *operations;
+    inverse *inverse;
+    const tissue *tissue;
+    refinement refined;              /* what is in the inverse now */
+    int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
+    double *handles;                 /* as compliance_snapshot.compliance */
+    vec3 line_tip, line_direction;   /* of the last request */
+    bool line_new;                   /* not followed yet */
+    int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; made ready so far */
+    patch patch;                     /* scratch */
+    gathered_blocks gathered;        /* scratch */
+};
+
+/* M = change (I + block change)^-1 = (I + change block)^-1 change, symmetric: what a change of stiffness at `n` dofs takes off the inverse
+   between their columns (Woodbury), where `block` is the inverse between them. Row-major; `middle`, n square, may be `change`. */
+trocar_status change_middle(int n, const double *change, int change_ld, const double *block, int block_ld, double *middle, report *why);
+
+trocar_status remesher_init(remesher *r, const remesh_operations *operations, inverse *inv, report *why);
+
+trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_woodbury(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why);
+trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why);
+
+/* The handles in use, in ascending order. Returns how many. */
+int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
+
+/* The node of a handle in use, coded as a leaf corner: the nominal node of a moved one. */
+int handle_node(const remesher *r, int handle);
+
+/* The handle of a coded node, or -1. */
+int handle_of_node(const remesher *r, int node);
+
+double *handle_block(remesher *r, int handle, int other);    /* its ld is SNAPSHOT_LD */
+mat3 handle_get(remesher *r, int handle, int other);
+void handle_put(remesher *r, int handle, int other, const mat3 *block); /* and its transpose */
+
+/* Between rows and columns given one by one after a start, fetched by the finish. */
+void gather_start(remesher *r);
+void gather_row(remesher *r, int node);
+void gather_column(remesher *r, int node);
+trocar_status gather_finish(remesher *r, report *why);
+
+/* A block of the nominal inverse between nominal nodes: one of those gathered, in either order, or else from the owner. Zero where
+   that fails: what was made of it is then given up (gathered.status). */
+mat3 nominal_block(remesher *r, int node, int other);
+
+#endif

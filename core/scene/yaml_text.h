@@ -1,0 +1,40 @@
+/* A YAML document as a tree of texts, lists and mappings, with the line of each key for messages. Over libyaml. */
+#ifndef TROCAR_YAML_TEXT_H
+#define TROCAR_YAML_TEXT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <yaml.h>
+
+#include "base/report.h"
+
+typedef struct { yaml_document_t document; } yaml_text;
+
+typedef enum { YAML_TEXT, YAML_LIST, YAML_MAPPING } yaml_kind;
+
+/* One node; valid as long as its document. */
+typedef struct {
+    yaml_kind kind;
+    const char *text;        /* YAML_TEXT */
+    int count;               /* items of a list, pairs of a mapping */
+    yaml_document_t *document;
+    yaml_node_t *node;
+} yaml_value;
+
+/* BAD_INPUT, with `name` and line, when the text is empty or is not YAML. Only after success is yaml_close due. */
+trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why);
+void yaml_close(yaml_text *y);
+
+yaml_value yaml_root(yaml_text *y);
+yaml_value yaml_item(const yaml_value *list, int index);
+
+/* Key and value of a pair; a key that is not a single value reads as "". */
+const char *yaml_pair(const yaml_value *mapping, int index, yaml_value *value);
+bool yaml_has_key(const yaml_value *mapping, const char *key);
+bool yaml_key_repeated(const yaml_value *mapping, int index); /* an earlier pair has the same key */
+
+/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost parent that is
+   there. A repeated key counts where it is first. */
+int yaml_line(yaml_text *y, const char *path);
+
+#endif

@@ -1,0 +1,285 @@
+#include "tissue/tissue.h"
+
+#include <cblas.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/lame.h"
+
+mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio) {
+    double mu = shear_modulus(youngs_modulus, poisson_ratio), lambda = lame_lambda(youngs_modulus, poisson_ratio);
+    const double a[3] = {ga.x, ga.y, ga.z}, b[3] = {gb.x, gb.y, gb.z};
+    double shear = mu * v3_dot(ga, gb);
+    mat3 k;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            k.m[i][j] = volume * (lambda * a[i] * b[j] + mu * b[i] * a[j] + (i == j ? shear : 0.0));
+    return k;
+}
+
+void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]) {
+    vec3 g[4];
+    double volume = tet_gradients(corners, g);
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            mat3 block = stiffness_block(g[a], g[b], volume, youngs_modulus, poisson_ratio);
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) k[3 * a + i][3 * b + j] = block.m[i][j];
+        }
+}
+
+static int number_dofs(tissue *t) {
+    int next = 0;
+    for (int i = 0; i < t->mesh->node_count; i++) {
+        t->dof[i] = t->fixed[i] ? -1 : next;
+        if (!t->fixed[i]) next += 3;
+    }
+    return next;
+}
+
+/* With the volumetric part apart: the same mu, no lambda. */
+void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
+    const region_material *material = &t->materials[t->mesh->region[tet]];
+    bool whole = t->volumetric == STRAIN_BY_ELEMENT;
+    *youngs_modulus = whole ? material->youngs_modulus : material->youngs_modulus / (1.0 + material->poisson_ratio);
+    *poisson_ratio = whole ? material->poisson_ratio : 0.0;
+}
+
+/* Adds the lower triangle of one element's stiffness to the triplets. */
+static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
+    const mesh *m = t->mesh;
+    vec3 corners[4];
+    for (int a = 0; a < 4; a++) corners[a] = m->nodes[m->tets[tet][a]];
+    double k[12][12], youngs_modulus, poisson_ratio;
+    element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
+    tet_stiffness(corners, youngs_modulus, poisson_ratio, k);
+
+    int *rows = triplets->i, *columns = triplets->j;
+    double *values = triplets->x;
+    for (int a = 0; a < 12; a++)
+        for (int b = 0; b < 12; b++) {
+            int row = t->dof[m->tets[tet][a / 3]], column = t->dof[m->tets[tet][b / 3]];
+            if (row < 0 || column < 0 || row + a % 3 < column + b % 3) continue;
+            size_t at = triplets->nnz++;
+            rows[at] = row + a % 3;
+            columns[at] = column + b % 3;
+            values[at] = k[a][b];
+        }
+}
+
+/* One element's share in the mean volumetric strain of its nodes: a column for each node of the region. */
+static void add_divergence(const tissue *t, int tet, const double *node_volume, cholmod_triplet *triplets) {
+    const mesh *m = t->mesh;
+    vec3 corners[4], g[4];
+    for (int c = 0; c < 4; c++) corners[c] = m->nodes[m->tets[tet][c]];
+    const region_material *material = &t->materials[m->region[tet]];
+    double volume = tet_gradients(corners, g), lambda = lame_lambda(material->youngs_modulus, material->poisson_ratio);
+    int *rows = triplets->i, *columns = triplets->j;
+    double *values = triplets->x;
+    for (int a = 0; a < 4; a++) {
+        int node = m->tets[tet][a];
+        double weight = 0.25 * volume * sqrt(lambda / node_volume[node]);
+        for (int c = 0; c < 4; c++) {
+            int dof = t->dof[m->tets[tet][c]];
+            for (int k = 0; k < 3 && dof >= 0; k++) {
+                size_t at = triplets->nnz++;
+                rows[at] = dof + k;
+                columns[at] = node;
+                values[at] = weight * (k == 0 ? g[c].x : k == 1 ? g[c].y : g[c].z);
+            }
+        }
+    }
+}
+
+/* B B^T of one region: sum over its nodes of lambda V (mean of div u)^2, V a quarter of the elements around the node. */
+static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *node_volume) {
+    const mesh *m = t->mesh;
+    size_t tets = 0;
+    for (int i = 0; i < m->node_count; i++) node_volume[i] = 0.0;
+    for (int e = 0; e < m->tet_count; e++) {
+        if (m->region[e] != region) continue;
+        tets++;
+        for (int c = 0; c < 4; c++) node_volume[m->tets[e][c]] += 0.25 * mesh_volume(m, e);
+    }
+    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)m->node_count, 48 * tets + 1, 0, CHOLMOD_REAL, &t->common);
+    if (!triplets) return NULL;
+    for (int e = 0; e < m->tet_count; e++)
+        if (m->region[e] == region) add_divergence(t, e, node_volume, triplets);
+    cholmod_sparse *b = cholmod_triplet_to_sparse(triplets, 0, &t->common);
+    cholmod_free_triplet(&triplets, &t->common);
+    cholmod_sparse *full = b ? cholmod_aat(b, NULL, 0, 1, &t->common) : NULL;
+    cholmod_sparse *lower = full ? cholmod_copy(full, -1, 1, &t->common) : NULL;
+    cholmod_free_sparse(&b, &t->common);
+    cholmod_free_sparse(&full, &t->common);
+    return lower;
+}
+
+static bool add_volumetric_stiffness(tissue *t) {
+    double *node_volume = malloc((size_t)t->mesh->node_count * sizeof *node_volume), one[2] = {1.0, 0.0};
+    bool added = node_volume != NULL;
+    for (int g = 0; g < t->mesh->group_count && added; g++) {
+        if (t->mesh->groups[g].dimension != 3 || t->materials[g].poisson_ratio == 0.0) continue;
+        cholmod_sparse *region = volumetric_stiffness(t, g, node_volume);
+        cholmod_sparse *sum = region ? cholmod_add(t->stiffness, region, one, one, 1, 1, &t->common) : NULL;
+        cholmod_free_sparse(&region, &t->common);
+        added = sum != NULL;
+        if (!added) break;
+        cholmod_free_sparse(&t->stiffness, &t->common);
+        t->stiffness = sum;
+    }
+    free(node_volume);
+    return added;
+}
+
+static trocar_status assemble(tissue *t, report *why) {
+    size_t n = (size_t)t->dof_count, entries = (size_t)t->mesh->tet_count * 78;
+    cholmod_triplet *triplets = cholmod_allocate_triplet(n, n, entries, -1, CHOLMOD_REAL, &t->common);
+    if (!triplets) return fail(why, TROCAR_NO_MEMORY, "no memory to assemble %zu stiffness entries", entries);
+    for (int e = 0; e < t->mesh->tet_count; e++) add_element(t, e, triplets);
+    t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
+    cholmod_free_triplet(&triplets, &t->common);
+    bool whole = t->stiffness && (t->volumetric == STRAIN_BY_ELEMENT || add_volumetric_stiffness(t));
+    return whole ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
+}
+
+/* About the least eigenvalue of K over the greatest: the Rayleigh quotient after two steps of inverse iteration.
+   Rounding may leave a singular K harmless-looking pivots (7e-9 of the largest was seen where a body could turn about
+   two nodes), but no quotient much above 1e-16. Negative without memory. */
+static double least_stiffness(tissue *t) {
+    int n = t->dof_count;
+    double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
+    cholmod_dense *x = cholmod_ones((size_t)n, 1, CHOLMOD_REAL, &t->common);
+    cholmod_dense *force = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
+    for (int i = 0; x && i < n; i++) ((double *)x->x)[i] += 0.37 * (i % 7); /* orthogonal to no rigid motion */
+    for (int step = 0; step < 2 && x; step++) {
+        cholmod_dense *next = cholmod_solve(CHOLMOD_A, t->factor, x, &t->common);
+        cholmod_free_dense(&x, &t->common);
+        x = next;
+        if (x) cblas_dscal(n, 1.0 / cblas_dnrm2(n, x->x, 1), x->x, 1);
+    }
+    if (x && force && cholmod_sdmult(t->stiffness, 0, one, zero, x, force, &t->common))
+        quotient = fabs(cblas_ddot(n, x->x, 1, force->x, 1)) / cholmod_norm_sparse(t->stiffness, 1, &t->common);
+    cholmod_free_dense(&x, &t->common);
+    cholmod_free_dense(&force, &t->common);
+    return quotient;
+}
+
+/* ---- factor ---- */
+
+/* The pattern of K by nodes: the three dofs of a node have the same neighbours. */
+static cholmod_sparse *node_graph(tissue *t) {
+    const int *start = t->stiffness->p, *row = t->stiffness->i;
+    size_t nodes = (size_t)t->dof_count / 3;
+    cholmod_triplet *pairs = cholmod_allocate_triplet(nodes, nodes, cholmod_nnz(t->stiffness, &t->common) / 3 + 1, -1, CHOLMOD_PATTERN, &t->common);
+    if (!pairs) return NULL;
+    for (int j = 0; j < (int)nodes; j++)
+        for (int k = start[3 * j]; k < start[3 * j + 1]; k++) {
+            if (row[k] % 3 != 0) continue;
+            ((int *)pairs->i)[pairs->nnz] = row[k] / 3;
+            ((int *)pairs->j)[pairs->nnz++] = j;
+        }
+    cholmod_sparse *graph = cholmod_triplet_to_sparse(pairs, 0, &t->common);
+    cholmod_free_triplet(&pairs, &t->common);
+    return graph;
+}
+
+/* Nested dissection of the nodes, those marked `last` (by first dof over three) taken out and put behind: what separates
+   the mesh still separates what is left of it. */
+static bool order_dofs(tissue *t, const bool *last, int *order) {
+    int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
+    cholmod_sparse *graph = scratch ? node_graph(t) : NULL;
+    bool done = graph && cholmod_nested_dissection(graph, NULL, 0, scratch, scratch + nodes, scratch + 2 * nodes, &t->common) >= 0;
+    for (int pass = 0; done && pass < 2; pass++)
+        for (int i = 0; i < nodes; i++)
+            for (int a = 0; a < 3 && last[scratch[i]] == (pass == 1); a++) order[filled++] = 3 * scratch[i] + a;
+    cholmod_free_sparse(&graph, &t->common);
+    free(scratch);
+    return done;
+}
+
+/* Where each node's dofs are in the factor. They stay together: their columns of K have the same pattern. */
+static void find_columns(tissue *t) {
+    const int *order = t->factor->Perm;
+    for (int i = 0; i < t->dof_count; i += 3) t->column[order[i] / 3] = i;
+}
+
+static bool analyse(tissue *t, const bool *last) {
+    int *order = malloc((size_t)t->dof_count * sizeof *order);
+    if (order && order_dofs(t, last, order)) {
+        t->common.nmethods = 1;
+        t->common.method[0].ordering = CHOLMOD_GIVEN;
+        t->factor = cholmod_analyze_p(t->stiffness, order, NULL, 0, &t->common);
+    }
+    free(order);
+    if (t->factor) find_columns(t);
+    return t->factor != NULL;
+}
+
+static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
+    static const double LOOSE = 1e-13;
+    bool *last = calloc((size_t)t->dof_count / 3, sizeof *last);
+    for (int i = 0; last && i < count; i++)
+        if (t->dof[nodes[i]] >= 0) last[t->dof[nodes[i]] / 3] = true;
+    bool factored = last && analyse(t, last) && cholmod_factorize(t->stiffness, t->factor, &t->common);
+    free(last);
+    bool definite = factored && t->common.status != CHOLMOD_NOT_POSDEF;
+    double least = definite ? least_stiffness(t) : 0.0;
+    if (!factored || least < 0.0)
+        return fail(why, TROCAR_NO_MEMORY, "no memory to factor the stiffness matrix (%d unknowns)", t->dof_count);
+    if (!(least >= LOOSE))
+        return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not hold the whole body: name a surface or region "
+                    "under `fixed` that every part of the mesh hangs on");
+    return TROCAR_OK;
+}
+
+trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+    trocar_status status = factor(t, count, nodes, why);
+    if (status != TROCAR_OK) cholmod_free_factor(&t->factor, &t->common);
+    return status;
+}
+
+trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                              tissue *t, report *why) {
+    memset(t, 0, sizeof *t);
+    t->volumetric = volumetric;
+    cholmod_start(&t->common);
+    t->common.supernodal = CHOLMOD_SUPERNODAL;
+    t->common.print = 0;
+    t->mesh = m;
+    t->materials = materials;
+    t->fixed = malloc((size_t)m->node_count * sizeof *t->fixed);
+    t->dof = malloc((size_t)m->node_count * sizeof *t->dof);
+    t->column = malloc((size_t)m->node_count * sizeof *t->column);
+
+    trocar_status status = TROCAR_OK;
+    if (!t->fixed || !t->dof || !t->column) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d nodes", m->node_count);
+    if (status == TROCAR_OK) {
+        memcpy(t->fixed, fixed, (size_t)m->node_count * sizeof *fixed);
+        t->dof_count = number_dofs(t);
+        if (t->dof_count == 0) status = fail(why, TROCAR_BAD_INPUT, "every node is fixed: nothing can move");
+        if (t->dof_count == 3 * m->node_count)
+            status = fail(why, TROCAR_BAD_INPUT, "no node is fixed: name a surface or region under `fixed`");
+    }
+    if (status == TROCAR_OK) status = assemble(t, why);
+    if (status != TROCAR_OK) tissue_free(t);
+    return status;
+}
+
+trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                            tissue *t, report *why) {
+    trocar_status status = tissue_assemble(m, materials, fixed, volumetric, t, why);
+    if (status != TROCAR_OK) return status;
+    status = tissue_factor(t, 0, NULL, why);
+    if (status != TROCAR_OK) tissue_free(t);
+    return status;
+}
+
+void tissue_free(tissue *t) {
+    cholmod_free_sparse(&t->stiffness, &t->common);
+    cholmod_free_factor(&t->factor, &t->common);
+    cholmod_finish(&t->common);
+    free(t->fixed);
+    free(t->dof);
+    free(t->column);
+    memset(t, 0, sizeof *t);
+}

@@ -1,0 +1,257 @@
+/* What the arbiter accepts and refuses, byte by byte and session by session. */
+#include <string.h>
+
+#include "pose_arbiter.h"
+#include "trocar_command_t.h"
+#include "trocar_needle_pose_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static const int64_t MS = 1000000;
+
+typedef struct { unsigned char data[256]; size_t size; } packet;
+
+static packet pack_pose(const trocar_needle_pose_t *m) {
+    packet p;
+    p.size = (size_t)trocar_needle_pose_t_encode(p.data, 0, sizeof p.data, m);
+    return p;
+}
+
+static trocar_needle_pose_t message(int64_t session, int64_t seq, double x) {
+    return (trocar_needle_pose_t){.session = session, .seq = seq, .position = {x, 0, 0}, .orientation = {1, 0, 0, 0}};
+}
+
+static pose_verdict take(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
+    packet p = pack_pose(m);
+    return arbiter_pose(in, p.data, p.size, now);
+}
+
+static pose_verdict take_pose(pose_arbiter *in, int64_t session, int64_t seq, double x, int64_t now) {
+    trocar_needle_pose_t m = message(session, seq, x);
+    return take(in, &m, now);
+}
+
+static bool command(pose_arbiter *in, int64_t session, int what) {
+    trocar_command_t m = {.session = session, .command = what};
+    unsigned char data[128];
+    int size = trocar_command_t_encode(data, 0, sizeof data, &m);
+    return arbiter_command(in, data, (size_t)size);
+}
+
+static pose_arbiter fresh(void) {
+    pose_arbiter in;
+    device_limits limits = device_defaults(); /* 2 m/s */
+    arbiter_init(&in, &limits);
+    return in;
+}
+
+static void a_good_pose_arrives_as_it_was_sent(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    trocar_needle_pose_t m = {.utime = 77, .session = -5, .seq = 3, .position = {1, 2, 3},
+                              .orientation = {0.6, 0, 0.8005, 0}};
+    assert_int_equal(take(&in, &m, 9 * MS), POSE_ACCEPTED);
+    assert_true(in.newest.held && in.newest.utime == 77 && in.newest.session == -5 && in.newest.seq == 3);
+    assert_int_equal(in.newest.received, 9 * MS);
+    assert_true(in.newest.base.position.y == 2);
+    quat q = in.newest.base.orientation;
+    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* made exactly unit */
+    assert_int_equal(in.record.owner, -5);
+    assert_int_equal(in.record.counts[POSE_ACCEPTED], 1);
+}
+
+/* Every length but the right one, every flipped bit of the fingerprint, and noise. */
+static void bytes_that_are_no_pose_are_counted(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    trocar_needle_pose_t m = message(1, 1, 0);
+    packet p = pack_pose(&m);
+    int64_t bad = 0;
+    for (size_t size = 0; size <= sizeof p.data; size++)
+        if (size != p.size) {
+            assert_int_equal(arbiter_pose(&in, p.data, size, 0), POSE_MALFORMED);
+            bad++;
+        }
+    for (int bit = 0; bit < 64; bit++) {
+        packet q = p;
+        q.data[bit / 8] ^= (unsigned char)(1u << (bit % 8));
+        assert_int_equal(arbiter_pose(&in, q.data, q.size, 0), POSE_MALFORMED);
+        bad++;
+    }
+    assert_int_equal(in.record.counts[POSE_MALFORMED], bad);
+    assert_int_equal(in.record.owner, 0);
+    assert_false(in.newest.held);
+    assert_non_null(strstr(in.record.message, "needle_pose_t"));
+}
+
+/* Random payloads behind a valid fingerprint: none may get through that is not finite and unit. */
+static void random_payloads_never_pass_unchecked(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    uint32_t random = 1;
+    for (int i = 0; i < 200000; i++) {
+        trocar_needle_pose_t m = message(1, i, 0);
+        packet p = pack_pose(&m);
+        for (size_t k = 8; k < p.size; k++) {
+            random = 1664525u * random + 1013904223u;
+            p.data[k] = (unsigned char)(random >> 24);
+        }
+        if (arbiter_pose(&in, p.data, p.size, i * MS) == POSE_ACCEPTED)
+            assert_int_equal(safety_check_pose(&in.newest.base), POSE_ACCEPTED);
+    }
+    assert_true(in.record.counts[POSE_NOT_UNIT] > 100000);
+    assert_true(in.record.counts[POSE_NOT_FINITE] > 0);
+}
+
+static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1, 0.25, 0);
+    trocar_needle_pose_t m = message(1, 2, NAN);
+    assert_int_equal(take(&in, &m, MS), POSE_NOT_FINITE);
+    m = message(1, 2, 0.25);
+    m.orientation[0] = 0.99;
+    assert_int_equal(take(&in, &m, MS), POSE_NOT_UNIT);
+    assert_int_equal(in.newest.seq, 1);
+    assert_int_equal(in.newest.received, 0);
+    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* its number was not used up */
+}
+
+static void sequence_numbers_only_grow(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    assert_int_equal(take_pose(&in, 1, 10, 0, 0), POSE_ACCEPTED);
+    assert_int_equal(take_pose(&in, 1, 10, 0, MS), POSE_OLD);
+    assert_int_equal(take_pose(&in, 1, 9, 0, MS), POSE_OLD);
+    assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* lost ones do not matter */
+}
+
+static void a_second_session_is_refused_until_the_first_is_silent(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1, 0, 0);
+    uint64_t engagement = in.newest.engagement;
+    assert_int_equal(take_pose(&in, 2, 1, 0, 1999 * MS), POSE_REFUSED);
+    assert_non_null(strstr(in.record.message, "session 2"));
+    assert_int_equal(in.record.owner, 1);
+    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* anywhere: it begins anew */
+    assert_int_equal(in.record.owner, 2);
+    assert_true(in.newest.engagement > engagement);
+    assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
+    assert_int_equal(take_pose(&in, 0, 1, 0, 9000 * MS), POSE_REFUSED); /* 0 means nobody */
+}
+
+static void a_release_frees_the_needle_at_once(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 5, 0, 0);
+    command(&in, 2, TROCAR_COMMAND_T_RELEASE);
+    assert_true(in.newest.held); /* not the owner's to give up */
+    assert_int_equal(in.record.commands_refused, 1);
+    command(&in, 1, TROCAR_COMMAND_T_RELEASE);
+    assert_false(in.newest.held);
+    assert_int_equal(in.record.owner, 0);
+    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a straggler does not take it back */
+    assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
+}
+
+static void a_reset_begins_anew_with_the_next_pose(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1, 0, 0);
+    uint64_t engagement = in.newest.engagement;
+    command(&in, 1, TROCAR_COMMAND_T_RESET);
+    assert_int_equal(in.newest.engagement, engagement);
+    assert_int_equal(take_pose(&in, 1, 2, 3.0, MS), POSE_ACCEPTED); /* far away: no jump in a new insertion */
+    assert_int_equal(in.newest.engagement, engagement + 1);
+    assert_int_equal(take_pose(&in, 1, 3, 3.0, 2 * MS), POSE_ACCEPTED);
+    assert_int_equal(in.newest.engagement, engagement + 1);
+}
+
+static void only_a_valid_shutdown_shuts_down(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    unsigned char noise[64] = {0};
+    assert_false(arbiter_command(&in, noise, sizeof noise));
+    assert_false(command(&in, 1, 99));
+    assert_int_equal(in.record.commands_refused, 2);
+    assert_true(command(&in, 1, TROCAR_COMMAND_T_SHUTDOWN));
+}
+
+static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1, 0, 0);
+    for (int i = 1; i <= 100; i++) /* at 1.9 m/s, regularly */
+        assert_int_equal(take_pose(&in, 1, 1 + i, 0.0019 * i, i * MS), POSE_ACCEPTED);
+    assert_int_equal(take_pose(&in, 1, 200, 0.19 + 0.05, 101 * MS), POSE_JUMPED);
+    assert_int_equal(take_pose(&in, 1, 201, 0.191, 102 * MS), POSE_ACCEPTED);
+}
+
+/* Counted where a later pose of the owner comes, also one that is refused; not twice, and not from one client to the next. */
+static void poses_that_never_came_are_counted(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1000, 0, 0);
+    assert_int_equal(in.record.poses_lost, 0);
+    take_pose(&in, 1, 1001, 0, 1 * MS);
+    take_pose(&in, 1, 1005, 0, 5 * MS);
+    assert_int_equal(in.record.poses_lost, 3);
+    assert_int_equal(take_pose(&in, 1, 1006, 9, 6 * MS), POSE_JUMPED);
+    take_pose(&in, 1, 1007, 0, 7 * MS);
+    assert_int_equal(take_pose(&in, 1, 1003, 0, 8 * MS), POSE_OLD);
+    assert_int_equal(take_pose(&in, 2, 5000, 0, 9 * MS), POSE_REFUSED);
+    assert_int_equal(in.record.poses_lost, 3);
+    command(&in, 1, TROCAR_COMMAND_T_RELEASE);
+    take_pose(&in, 2, 5001, 0, 10 * MS);
+    take_pose(&in, 2, INT64_MAX, 0, 11 * MS);
+    assert_int_equal(in.record.poses_lost, 3);
+}
+
+/* The network may hold poses back and deliver them together; the mean speed counts. */
+static void bunched_poses_are_no_jump_but_a_fast_stream_is(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    int64_t seq = 1;
+    take_pose(&in, 1, seq, 0, 0);
+    for (int i = 1; i <= 100; i++) { /* 1.5 m/s, always four at once */
+        int64_t arrival = ((i + 3) / 4) * 4 * MS;
+        assert_int_equal(take_pose(&in, 1, ++seq, 0.0015 * i, arrival), POSE_ACCEPTED);
+    }
+    int rejected = 0;
+    for (int i = 1; i <= 20; i++) /* 4 m/s: the credit of the jitter is soon used up */
+        rejected += take_pose(&in, 1, ++seq, 0.15 + 0.004 * i, (100 + i) * MS) == POSE_JUMPED;
+    assert_true(rejected > 5);
+}
+
+/* After hold and ramp the wrench is zero: wherever the device is now, it is heard again. */
+static void a_jump_is_taken_after_the_wrench_has_gone(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    take_pose(&in, 1, 1, 0, 0);
+    assert_int_equal(take_pose(&in, 1, 2, 5.0, 100 * MS), POSE_JUMPED);
+    assert_int_equal(take_pose(&in, 1, 3, 5.0, 111 * MS), POSE_ACCEPTED);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_good_pose_arrives_as_it_was_sent),
+        cmocka_unit_test(bytes_that_are_no_pose_are_counted),
+        cmocka_unit_test(random_payloads_never_pass_unchecked),
+        cmocka_unit_test(nan_and_bad_quaternions_leave_the_last_pose),
+        cmocka_unit_test(sequence_numbers_only_grow),
+        cmocka_unit_test(a_second_session_is_refused_until_the_first_is_silent),
+        cmocka_unit_test(a_release_frees_the_needle_at_once),
+        cmocka_unit_test(a_reset_begins_anew_with_the_next_pose),
+        cmocka_unit_test(only_a_valid_shutdown_shuts_down),
+        cmocka_unit_test(jumps_are_rejected_while_the_needle_is_followed),
+        cmocka_unit_test(poses_that_never_came_are_counted),
+        cmocka_unit_test(bunched_poses_are_no_jump_but_a_fast_stream_is),
+        cmocka_unit_test(a_jump_is_taken_after_the_wrench_has_gone),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

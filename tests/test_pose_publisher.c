@@ -1,0 +1,206 @@
+/* What the pose_publisher publishes, on its own clock (memq, no network). */
+#include "pose_publisher.h"
+
+#include <pthread.h>
+
+#include "timing.h"
+#include "trocar_command_t.h"
+#include "trocar_needle_pose_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+static const int64_t MS = 1000000;
+static const pose HOME = {{0, 0, -0.2}, {1, 0, 0, 0}};
+
+typedef struct {
+    pose_publisher pilot;
+    lcm_t *lcm;
+    trocar_needle_pose_t_subscription_t *on_pose;
+    trocar_command_t_subscription_t *on_command;
+    int64_t now;             /* ns */
+    bool silent;             /* no server is heard */
+    int poses, commands;
+    trocar_needle_pose_t pose;
+    int32_t command;
+    int64_t command_session;
+} fixture;
+
+static void on_pose(const lcm_recv_buf_t *b, const char *channel, const trocar_needle_pose_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    f->poses++;
+    assert_int_equal(m->seq, f->poses - 1);
+    f->pose = *m;
+}
+
+static void on_command(const lcm_recv_buf_t *b, const char *channel, const trocar_command_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    f->commands++;
+    f->command = m->command;
+    f->command_session = m->session;
+}
+
+static fixture *open_fixture(void) {
+    static fixture f;
+    report why;
+    f = (fixture){.lcm = lcm_create("memq://"), .now = 1000 * MS};
+    assert_non_null(f.lcm);
+    f.on_pose = trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);
+    f.on_command = trocar_command_t_subscribe(f.lcm, "TROCAR_COMMAND", on_command, &f);
+    assert_int_equal(publisher_create(&f.pilot, f.lcm, HOME, 0.2, &why), TROCAR_OK);
+    return &f;
+}
+
+static void close_fixture(fixture *f) {
+    publisher_free(&f->pilot);
+    trocar_needle_pose_t_unsubscribe(f->lcm, f->on_pose);
+    trocar_command_t_unsubscribe(f->lcm, f->on_command);
+    lcm_destroy(f->lcm);
+}
+
+static bool run(fixture *f, int milliseconds) {
+    bool goes_on = true;
+    for (int i = 0; i < milliseconds; i++) {
+        f->now += MS;
+        if (!f->silent) publisher_hear(&f->pilot, f->now);
+        goes_on = publisher_round(&f->pilot, f->now, 1e-3);
+        while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
+    }
+    return goes_on;
+}
+
+static void tell(fixture *f, order_kind kind, double forward) {
+    publisher_tell(&f->pilot, &(publisher_order){.kind = kind, .base = {{0.01, 0, -0.19}, {1, 0, 0, 0}}, .command = {.forward = forward}});
+}
+
+static void it_is_silent_until_it_takes_the_needle(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_STEER, 1);
+    run(f, 50);
+    assert_int_equal(f->poses, 0);
+    tell(f, ORDER_TAKE, 0);
+    run(f, 50);
+    assert_int_equal(f->poses, 50);
+    assert_true(f->pose.session > 0 && f->pose.position[0] == 0.01 && f->pose.position[2] == -0.19); /* where it was told to begin */
+    tell(f, ORDER_STEER, 1);
+    run(f, 50);
+    assert_true(f->pose.position[2] > -0.19);
+    close_fixture(f);
+}
+
+/* A browser that hangs sends nothing more: the needle stops within 0.25 s and its ramp, and is held there. */
+static void it_stops_when_the_orders_stop(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_TAKE, 0);
+    tell(f, ORDER_STEER, 1);
+    run(f, 500);
+    double stopped = f->pose.position[2];
+    assert_true(stopped > -0.19 && stopped - -0.19 <= 0.04 * 0.45);
+    int poses = f->poses;
+    run(f, 200);
+    assert_true(f->pose.position[2] == stopped);
+    assert_int_equal(f->poses, poses + 200);
+    close_fixture(f);
+}
+
+/* Nobody feels where the needle goes: after 0.1 s without a wrench it rests and no pose is sent. A server that is heard again
+   gets the needle where it was when the poses ended; one that is not, never. */
+static void it_sends_nothing_while_no_server_is_heard(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_TAKE, 0);
+    for (int i = 0; i < 10; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    f->silent = true;
+    int poses = f->poses;
+    double before = f->pose.position[2];
+    for (int i = 0; i < 20; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    assert_int_equal(f->poses, poses + 100);
+    assert_close(f->pose.position[2], before + 0.1 * 0.04, 0.001 * 0.04);
+    before = f->pose.position[2];
+    f->silent = false;
+    tell(f, ORDER_STEER, 0);
+    run(f, 10);
+    assert_int_equal(f->poses, poses + 110);
+    assert_true(f->pose.position[2] == before);
+    f->silent = true;
+    run(f, 200);
+    poses = f->poses;
+    tell(f, ORDER_RELEASE, 0);
+    f->silent = false;
+    run(f, 10);
+    assert_int_equal(f->poses, poses);
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RELEASE);
+    close_fixture(f);
+}
+
+static void it_gives_the_needle_back(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_RELEASE, 0);
+    run(f, 1);
+    assert_int_equal(f->commands, 0); /* it holds nothing */
+    tell(f, ORDER_TAKE, 0);
+    run(f, 5);
+    tell(f, ORDER_RELEASE, 0);
+    run(f, 5);
+    assert_int_equal(f->poses, 5);
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RELEASE);
+    assert_true(f->command_session == f->pose.session);
+    tell(f, ORDER_TAKE, 0);
+    run(f, 5);
+    tell(f, ORDER_END, 0);
+    assert_false(run(f, 1));
+    assert_int_equal(f->commands, 2);
+    close_fixture(f);
+}
+
+static void a_reset_begins_at_home(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_TAKE, 0);
+    run(f, 5);
+    tell(f, ORDER_RESET, 0);
+    run(f, 5);
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RESET);
+    assert_true(f->pose.position[0] == 0 && f->pose.position[2] == -0.2);
+    close_fixture(f);
+}
+
+/* The thread wakes for an order, publishes on its own clock, and ends when told. */
+static void the_thread_takes_orders(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    pthread_t thread;
+    assert_int_equal(pthread_create(&thread, NULL, publisher_run, &f->pilot), 0);
+    tell(f, ORDER_TAKE, 0);
+    while (f->poses < 5) {
+        publisher_hear(&f->pilot, monotonic_ns());
+        lcm_handle_timeout(f->lcm, 100);
+    }
+    tell(f, ORDER_END, 0);
+    pthread_join(thread, NULL);
+    while (lcm_handle_timeout(f->lcm, 0) > 0) continue;
+    assert_int_equal(f->command, TROCAR_COMMAND_T_RELEASE);
+    close_fixture(f);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(it_is_silent_until_it_takes_the_needle),
+        cmocka_unit_test(it_stops_when_the_orders_stop),
+        cmocka_unit_test(it_sends_nothing_while_no_server_is_heard),
+        cmocka_unit_test(it_gives_the_needle_back),
+        cmocka_unit_test(a_reset_begins_at_home),
+        cmocka_unit_test(the_thread_takes_orders),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,292 @@
+/* The guard, tick by tick, with a clock made by hand. */
+#include <stdio.h>
+#include <string.h>
+
+#include "safety_limits.h"
+#include "trocar_needle_wrench_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static const double DT = 1e-3;
+enum { MILLISECOND = 1000000 };
+
+static pose at(double x) { return (pose){{x, 0, 0}, {1, 0, 0, 0}}; }
+
+static pose_sample sample(uint64_t engagement, double x, int64_t received) {
+    return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
+}
+
+/* One tick with a wrench that the model keeps giving; returns the flags. */
+static int tick(safety_limits *g, const device_limits *limits, bool wind_down, double model_force, vec3 *force) {
+    vec3 torque = v3(0, 0, 0);
+    *force = v3(model_force, 0, 0);
+    return safety_wrench(g, limits, wind_down, DT, force, &torque);
+}
+
+/* A guard that has followed a pose at x = 0 for a second, full wrench; the last pose came at `now`. */
+static safety_limits engaged(const device_limits *limits, int64_t now, double model_force) {
+    safety_limits g = {0};
+    vec3 force;
+    pose_sample s = sample(1, 0, now);
+    assert_int_equal(safety_pose(&g, limits, &s, now), SAFETY_ENGAGE);
+    for (int i = 0; i < 1000; i++) tick(&g, limits, false, model_force, &force);
+    assert_int_equal(safety_pose(&g, limits, &s, now), SAFETY_FOLLOW);
+    assert_true(g.gain == 1.0);
+    return g;
+}
+
+static void bad_numbers_are_named(void **unused) {
+    (void)unused;
+    pose p = at(0);
+    assert_int_equal(safety_check_pose(&p), POSE_ACCEPTED);
+    p.position.y = NAN;
+    assert_int_equal(safety_check_pose(&p), POSE_NOT_FINITE);
+    p = at(INFINITY);
+    assert_int_equal(safety_check_pose(&p), POSE_NOT_FINITE);
+    p = at(0);
+    p.orientation.z = NAN;
+    assert_int_equal(safety_check_pose(&p), POSE_NOT_FINITE);
+    p.orientation = (quat){1.002, 0, 0, 0};
+    assert_int_equal(safety_check_pose(&p), POSE_NOT_UNIT);
+    p.orientation = (quat){0, 0, 0, 0};
+    assert_int_equal(safety_check_pose(&p), POSE_NOT_UNIT);
+    p.orientation = (quat){0, 0, -0.9995, 0};
+    assert_int_equal(safety_check_pose(&p), POSE_ACCEPTED);
+}
+
+static void travel_time_is_the_slower_of_moving_and_turning(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults(); /* 2 m/s, 20 rad/s */
+    pose a = at(0), b = at(0.5);
+    assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
+    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* half an rad: 25 ms */
+    assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
+    b.position.x = 0;
+    assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.025) < 1e-12);
+    b.orientation = (quat){-1, 0, 0, 0}; /* the same orientation */
+    assert_true(safety_travel_time(&limits, &a, &b) < 1e-12);
+}
+
+static void nothing_happens_before_the_first_pose(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = {0};
+    pose_sample none = {0};
+    vec3 force;
+    assert_int_equal(safety_pose(&g, &limits, &none, 5 * MILLISECOND), SAFETY_IDLE);
+    assert_int_equal(tick(&g, &limits, false, 3.0, &force), 0);
+    assert_true(force.x == 0.0 && safety_at_rest(&g));
+}
+
+static void engaging_ramps_in_over_the_ramp_time(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults(); /* ramp of 100 ms */
+    safety_limits g = {0};
+    vec3 force;
+    pose_sample s = sample(1, 0, 0);
+    assert_int_equal(safety_pose(&g, &limits, &s, 0), SAFETY_ENGAGE);
+    for (int i = 1; i <= 100; i++) {
+        assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_RAMPING);
+        assert_true(fabs(force.x - 0.1 * i) < 1e-9);
+    }
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+    assert_true(fabs(force.x - 10.0) < 1e-9);
+}
+
+static void stale_poses_hold_then_ramp_then_return(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults(); /* hold 10 ms, ramp 100 ms */
+    safety_limits g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    vec3 force;
+    for (int ms = 1; ms <= 10; ms++) {
+        assert_int_equal(safety_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), SAFETY_FOLLOW);
+        assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+        assert_true(fabs(force.x - 10.0) < 1e-9);
+    }
+    for (int ms = 11; ms <= 111; ms++) {
+        assert_int_equal(safety_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), SAFETY_HOLD);
+        assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_STALE);
+    }
+    assert_true(force.x == 0.0);
+    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back, 10 mm on: within the limits */
+    assert_int_equal(safety_pose(&g, &limits, &s, 121 * (int64_t)MILLISECOND), SAFETY_FOLLOW);
+    assert_true(g.base.position.x == 0.01);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
+    assert_true(force.x > 0.0 && force.x < 0.2);
+}
+
+static void a_return_from_far_away_begins_anew(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    safety_pose(&g, &limits, &s, 150 * (int64_t)MILLISECOND);
+    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s: over 2 m/s */
+    assert_int_equal(safety_pose(&g, &limits, &s, 151 * (int64_t)MILLISECOND), SAFETY_ENGAGE);
+    assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
+}
+
+static void a_new_engagement_begins_anew_and_a_release_ramps_out(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = engaged(&limits, 0, 10.0);
+    pose_sample s = sample(1, 0, 0);
+    vec3 force;
+    s.held = false;
+    for (int ms = 0; ms < 101; ms++) {
+        assert_int_equal(safety_pose(&g, &limits, &s, ms * (int64_t)MILLISECOND), SAFETY_HOLD);
+        tick(&g, &limits, false, 10.0, &force);
+    }
+    assert_true(safety_at_rest(&g));
+    s = sample(2, 5.0, 200 * (int64_t)MILLISECOND);
+    assert_int_equal(safety_pose(&g, &limits, &s, 200 * (int64_t)MILLISECOND), SAFETY_ENGAGE);
+    assert_true(g.base.position.x == 5.0);
+}
+
+static void limits_keep_the_direction(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    limits.max_force_rate = limits.max_torque_rate = 1e9;
+    safety_limits g = engaged(&limits, 0, 0.0);
+    vec3 force = v3(30, -40, 0), torque = v3(0, 0, 7);
+    assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(force.x - 12) < 1e-12 && fabs(force.y + 16) < 1e-12 && force.z == 0); /* 20 N */
+    assert_true(fabs(torque.z - 1.0) < 1e-12);
+}
+
+/* Full force takes 3 ms; a device that renders no torque leaves its limits. */
+static void a_profile_sets_what_its_device_has(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults(), before = limits;
+    assert_false(device_use_profile("nonsense", &limits));
+    assert_memory_equal(&limits, &before, sizeof limits);
+    assert_true(device_use_profile("touch", &limits));
+    assert_true(limits.max_force == 3.3 && limits.max_stiffness == 400);
+    assert_true(fabs(limits.max_force_rate - 1100) < 1e-9);
+    assert_true(limits.max_torque == before.max_torque && limits.max_torque_rate == before.max_torque_rate);
+    assert_true(device_use_profile("delta.6", &limits));
+    assert_true(fabs(limits.max_force_rate - 20 / 3e-3) < 1e-9);
+    assert_true(limits.max_torque == 0.2 && fabs(limits.max_torque_rate - 0.2 / 3e-3) < 1e-9);
+    assert_true(limits.max_speed == before.max_speed && limits.ramp_time == before.ramp_time);
+
+    safety_limits g = engaged(&limits, 0, 0.0);
+    vec3 force;
+    assert_int_equal(tick(&g, &limits, false, 40.0, &force), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(force.x - 20 / 3.0) < 1e-9);
+    for (int i = 0; i < 3; i++) tick(&g, &limits, false, 40.0, &force);
+    assert_true(fabs(force.x - 20) < 1e-9);
+}
+
+/* Reads a row of the table "Devices" in PARAMETERS.md: name, N, N m, N/mm. */
+static bool read_device(const char *line, char name[64], double values[3]) {
+    return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf |", name, &values[0], &values[1], &values[2]) == 4;
+}
+
+static void the_table_of_devices_is_true(void **unused) {
+    (void)unused;
+    char line[1024], name[64];
+    double values[3];
+    int count = 0, listed = 0;
+    FILE *table = fopen(MESHES "/PARAMETERS.md", "r");
+    assert_non_null(table);
+    while (fgets(line, sizeof line, table)) {
+        if (!read_device(line, name, values)) continue;
+        device_limits limits = device_defaults();
+        if (!device_use_profile(name, &limits)) fail_msg("PARAMETERS.md: no device %s", name);
+        double torque = values[1] > 0 ? values[1] : device_defaults().max_torque;
+        bool same = limits.max_force == values[0] && limits.max_torque == torque && fabs(limits.max_stiffness - 1e3 * values[2]) < 1e-9;
+        if (!same) fail_msg("PARAMETERS.md: %s has %g N, %g N m, %g N/m", name, limits.max_force, limits.max_torque, limits.max_stiffness);
+        count++;
+    }
+    fclose(table);
+    while (device_profiles[listed]) listed++;
+    assert_int_equal(count, listed);
+}
+
+static void slew_is_limited(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults(); /* 2000 N/s: 2 N a tick */
+    safety_limits g = engaged(&limits, 0, 0.0);
+    vec3 force;
+    for (int i = 1; i <= 5; i++) {
+        assert_int_equal(tick(&g, &limits, false, 11.0, &force), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+        assert_true(fabs(force.x - 2.0 * i) < 1e-12);
+    }
+    assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
+    assert_true(fabs(force.x - 11.0) < 1e-12);
+    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s: 0.1 N m a tick */
+    force = v3(11, 0, 0);
+    assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
+    assert_true(fabs(torque.y - 0.1) < 1e-12);
+}
+
+static void a_wrench_that_is_not_finite_never_leaves(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = engaged(&limits, 0, 3.0);
+    vec3 force = v3(0, 0, 0), torque = v3(0, 0, 0);
+    for (int i = 0; i < 10; i++) {
+        force = v3(3, NAN, 0);
+        torque = v3(0, 0, INFINITY);
+        int flags = safety_wrench(&g, &limits, false, DT, &force, &torque);
+        assert_true(flags & TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
+        assert_true(isfinite(force.x) && isfinite(force.y) && isfinite(torque.z));
+    }
+    assert_true(v3_norm(force) == 0.0);
+}
+
+static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = engaged(&limits, 0, 10.0);
+    vec3 force;
+    for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
+    safety_timing(&g, false, DT); /* one in time: the row is broken */
+    for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
+    safety_timing(&g, true, DT);
+    for (int i = 0; i < 101; i++) assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_OVERRUN);
+    assert_true(safety_at_rest(&g));
+    for (int i = 0; i < 998; i++) safety_timing(&g, false, DT);
+    assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_OVERRUN);
+    for (int i = 0; i < 4; i++) safety_timing(&g, false, DT);
+    assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
+}
+
+static void winding_down_comes_to_rest(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    safety_limits g = engaged(&limits, 0, 10.0);
+    vec3 force;
+    int ticks = 0;
+    while (!safety_at_rest(&g) && ticks < 1000) {
+        tick(&g, &limits, true, 10.0, &force);
+        ticks++;
+    }
+    assert_in_range(ticks, 100, 102);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bad_numbers_are_named),
+        cmocka_unit_test(travel_time_is_the_slower_of_moving_and_turning),
+        cmocka_unit_test(nothing_happens_before_the_first_pose),
+        cmocka_unit_test(engaging_ramps_in_over_the_ramp_time),
+        cmocka_unit_test(stale_poses_hold_then_ramp_then_return),
+        cmocka_unit_test(a_return_from_far_away_begins_anew),
+        cmocka_unit_test(a_new_engagement_begins_anew_and_a_release_ramps_out),
+        cmocka_unit_test(limits_keep_the_direction),
+        cmocka_unit_test(a_profile_sets_what_its_device_has),
+        cmocka_unit_test(the_table_of_devices_is_true),
+        cmocka_unit_test(slew_is_limited),
+        cmocka_unit_test(a_wrench_that_is_not_finite_never_leaves),
+        cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),
+        cmocka_unit_test(winding_down_comes_to_rest),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

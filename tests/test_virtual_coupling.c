@@ -1,0 +1,370 @@
+/* The port by hand, and the closed loop that it must keep stable: a simulated hand, a network that is late and loses
+   messages, the coupling, and a needle in tissue or a plain spring of any stiffness. */
+#include <math.h>
+
+#include "hand.h"
+#include "lockstep.h"
+#include "virtual_coupling.h"
+#include "trocar_needle_wrench_t.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+static const double DT = 1e-3;
+static const int64_t MS = 1000000;
+
+static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
+    return (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = ms, .received = ms * MS, .wrench_tick = wrench_tick,
+                         .base = {v3(x, 0, 0), {1, 0, 0, 0}}};
+}
+
+/* ---- the parts ---------------------------------------------------------------------------------------------------------- */
+
+static void a_round_trip_ends_with_the_first_pose_that_names_the_wrench(void **unused) {
+    (void)unused;
+    static virtual_coupling p;
+    pose_sample s = sample(0, 0, 0);
+    p = (virtual_coupling){0};
+    coupling_engage(&p, &s);
+    for (int64_t tick = 1; tick <= 5; tick++) coupling_send(&p, tick, tick * MS, v3(0, 0, 0), v3(0, 0, 0));
+    s = sample(6, 0, 3);
+    assert_int_equal(coupling_receive(&p, &s), 3 * MS);
+    assert_int_equal(coupling_receive(&p, &s), -1); /* the same pose */
+    static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS}; /* again, older, none, to come, nonsense */
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+        s = sample(7 + (int64_t)i, 0, others[i]);
+        assert_int_equal(coupling_receive(&p, &s), -1);
+    }
+    s = sample(20, 0, 5);
+    assert_int_equal(coupling_receive(&p, &s), 15 * MS);
+}
+
+static void energy_is_what_the_hand_does_against_the_wrench_it_felt(void **unused) {
+    (void)unused;
+    static virtual_coupling p;
+    pose_sample s = sample(0, 0, 0);
+    p = (virtual_coupling){0};
+    coupling_engage(&p, &s);
+    coupling_send(&p, 1, 0, v3(-2, 0, 0), v3(0, 0, -0.5));
+    coupling_send(&p, 2, 0, v3(-4, 0, 0), v3(0, 0, 0));
+    s = sample(1, 0.010, 1); /* 10 mm against 2 N, a tenth of an rad against 0.5 N m */
+    s.base.orientation = q_exp(v3(0, 0, 0.1));
+    coupling_receive(&p, &s);
+    assert_true(fabs(p.energy - 0.07) < 1e-12 && p.lowest == 0.0 && !coupling_active(&p));
+    s.received++;
+    s.base.position.x = -0.010; /* 20 mm back with 4 N */
+    s.wrench_tick = 2;
+    coupling_receive(&p, &s);
+    assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
+}
+
+static void a_rigid_hold_changes_nothing(void **unused) {
+    (void)unused;
+    static virtual_coupling p;
+    pose_sample s = sample(0, 0.1, 0);
+    p = (virtual_coupling){0};
+    coupling_engage(&p, &s);
+    double compliance = 1;
+    pose rest = coupling_hold(&p, INFINITY, s.base, DT, &compliance);
+    assert_memory_equal(&rest, &s.base, sizeof rest);
+    assert_true(compliance == 0.0 && p.stiffness == 0.0);
+}
+
+/* Held against a wall for long, spring and damper come to rest at the spring's stretch. */
+static void the_coupling_settles_at_its_stiffness(void **unused) {
+    (void)unused;
+    static virtual_coupling p;
+    pose_sample s = sample(0, 0, 0);
+    p = (virtual_coupling){0};
+    coupling_engage(&p, &s);
+    vec3 force = v3(0, 0, 0), torque = v3(0, 0, 0), base = v3(0, 0, 0);
+    for (int i = 0; i < 2000; i++) {
+        double compliance;
+        pose rest = coupling_hold(&p, 200, (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, DT, &compliance);
+        double k = 1e9; /* the wall at x = 0 */
+        base = v3(rest.position.x / (1 + compliance * k), 0, 0);
+        force = v3(-k * base.x, 0, 0);
+        torque = coupling_yield(&p, (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, base, force, v3(0, 0, 1));
+    }
+    assert_true(p.stiffness == 200);
+    assert_true(fabs(force.x + 0.8) < 1e-3); /* 4 mm * 200 N/m */
+    assert_true(fabs(torque.z - 1) < 1e-9);  /* no lever along the force */
+    torque = coupling_yield(&p, (pose){v3(0, 0.004, 0), {1, 0, 0, 0}}, v3(0, 0, 0), v3(-1, 0, 0), v3(0, 0, 0));
+    assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, r from the hand to the base */
+}
+
+/* Four ticks to a pose: a device that takes one wrench in four feels the same damper in each. */
+static void the_damper_lasts_from_pose_to_pose(void **unused) {
+    (void)unused;
+    static virtual_coupling p;
+    pose_sample s = sample(0, 0, 0);
+    p = (virtual_coupling){0};
+    coupling_engage(&p, &s);
+    for (int ms = 1; ms <= 1000; ms++) {
+        s = sample(ms, 1e-5 * ms, 0);
+        double force[4], compliance;
+        for (int i = 0; i < 4; i++) { /* against a wall at x = 0 */
+            coupling_receive(&p, &s);
+            pose rest = coupling_hold(&p, 200, s.base, 0.25e-3, &compliance);
+            force[i] = -rest.position.x / compliance;
+            coupling_yield(&p, s.base, v3(0, 0, 0), v3(force[i], 0, 0), v3(0, 0, 0));
+            if (ms > 500) assert_true(fabs(force[i] - force[0]) < 1e-12);
+        }
+        if (ms > 500) assert_true(fabs(force[0] + 1e-5 * ms * p.stiffness + 0.01 * p.damping) < 1e-6); /* 10 mm/s */
+    }
+    assert_true(fabs(p.interval - 1e-3) < 1e-6 && p.damping > 0.0);
+    double compliance;
+    pose rest = s.base;
+    for (int i = 0; i < 20; i++) { /* no more poses */
+        rest = coupling_hold(&p, 200, s.base, 0.25e-3, &compliance);
+        coupling_yield(&p, s.base, v3(0, 0, 0), v3(0, 0, 0), v3(0, 0, 0));
+    }
+    assert_true(fabs(rest.position.x / compliance - 1e-2 * p.stiffness) < 1e-6);
+}
+
+/* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
+
+enum { FLIGHT = 64 };                /* messages on their way, at most */
+
+typedef struct {
+    double period, sampling;         /* s, of the server and of the device */
+    double mass;                     /* kg */
+    double delay, jitter;            /* s, each way: at least, and at random on top of it */
+    int lost;                        /* of a hundred messages */
+    double knock;                    /* m/s */
+    device_limits limits;
+} situation;
+
+/* What the needle is in: the base's force (N, on the hand) and place when it rests on a spring at `rest`. */
+typedef struct {
+    lockstep *tissue;                /* or NULL: a plain spring to x = 0 */
+    double stiffness;                /* N/m, of that */
+} surroundings;
+
+/* A weakly damped hand and the server, each at its own rate. */
+typedef struct {
+    situation situation;
+    hand hand;
+    safety_limits guard;
+    virtual_coupling port;
+    int64_t now, next_tick, next_sample; /* ns */
+    int64_t tick, seq;
+    pose_sample poses[FLIGHT], newest;   /* sent, by number modulo FLIGHT; arrived */
+    coupling_wrench wrenches[FLIGHT], felt;
+    int64_t arrives[FLIGHT];             /* ns, the wrenches */
+    double worst;                        /* m/s, the hand's highest speed since it was cleared */
+    int64_t saturated;                   /* ticks */
+} loop;
+
+static vec3 push(const loop *l, surroundings *in, pose rest, double compliance, vec3 *base, vec3 *torque) {
+    *torque = v3(0, 0, 0);
+    if (in->tissue) {
+        in->tissue->state.base_compliance = compliance;
+        lockstep_tick(in->tissue, rest, l->situation.period);
+        *base = v3_add(rest.position, in->tissue->state.base_shift);
+        *torque = in->tissue->wrench.torque;
+        return in->tissue->wrench.force;
+    }
+    *base = v3(rest.position.x / (1 + compliance * in->stiffness), rest.position.y, rest.position.z);
+    return v3(-in->stiffness * base->x, 0, 0);
+}
+
+static double draw(void) {
+    static uint32_t random = 12345;
+    random = 1664525u * random + 1013904223u; /* Numerical Recipes' LCG */
+    return (random >> 8) / 16777216.0;
+}
+
+static int64_t ns(double seconds) { return (int64_t)(1e9 * seconds + 0.5); }
+
+static int64_t arrival(const loop *l) {
+    if (100 * draw() < l->situation.lost) return INT64_MAX;
+    return l->now + ns(l->situation.delay + l->situation.jitter * draw());
+}
+
+static void loop_init(loop *l, const situation *s, vec3 start) {
+    *l = (loop){.situation = *s, .hand = {.mass = s->mass, .damping = 1, .stiffness = 300, .position = start}, .next_sample = ns(s->sampling / 3)};
+    l->newest = (pose_sample){.held = true, .engagement = 1, .base = {start, {1, 0, 0, 0}}};
+}
+
+/* The server's tick, as in haptic.c. */
+static void serve(loop *l, surroundings *in) {
+    const device_limits *limits = &l->situation.limits;
+    double period = l->situation.period, compliance;
+    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest that has arrived; an older one is refused */
+        if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
+    safety_decision decision = safety_pose(&l->guard, limits, &l->newest, l->now);
+    assert_true(l->tick == 0 || decision != SAFETY_ENGAGE);
+    if (decision == SAFETY_ENGAGE) coupling_engage(&l->port, &l->newest);
+    if (decision == SAFETY_FOLLOW) coupling_receive(&l->port, &l->newest);
+    pose rest = coupling_hold(&l->port, limits->max_stiffness, l->guard.base, period, &compliance);
+    vec3 base, torque, force = push(l, in, rest, compliance, &base, &torque);
+    torque = coupling_yield(&l->port, l->guard.base, base, force, torque);
+    int flags = safety_wrench(&l->guard, limits, false, period, &force, &torque);
+    l->saturated += (flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
+    coupling_send(&l->port, ++l->tick, l->now, force, torque);
+    l->wrenches[l->tick % FLIGHT] = (coupling_wrench){l->tick, l->now, force, torque};
+    l->arrives[l->tick % FLIGHT] = arrival(l);
+    l->next_tick += ns(period);
+}
+
+static void feel(loop *l, vec3 target) {
+    for (int64_t i = l->tick; i > l->felt.tick && i > l->tick - FLIGHT; i--)
+        if (l->arrives[i % FLIGHT] <= l->now) l->felt = l->wrenches[i % FLIGHT];
+    hand_step(&l->hand, target, l->felt.force, l->situation.sampling);
+    l->worst = fmax(l->worst, v3_norm(l->hand.velocity));
+    l->seq++;
+    l->poses[l->seq % FLIGHT] = (pose_sample){.held = true, .engagement = 1, .seq = l->seq, .wrench_tick = l->felt.tick,
+                                              .received = arrival(l), .base = {l->hand.position, {1, 0, 0, 0}}};
+    l->next_sample += ns(l->situation.sampling);
+}
+
+static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
+    int64_t end = l->now + ns(seconds);
+    for (l->worst = 0.0; l->worst < 100 && fmin(l->next_tick, l->next_sample) < end;) {
+        l->now = l->next_tick < l->next_sample ? l->next_tick : l->next_sample;
+        if (l->now == l->next_tick) serve(l, in);
+        else feel(l, target);
+    }
+    l->now = end;
+}
+
+/* The hand is knocked, then left alone: does its motion die away, to a fifth at least where its own damping can? */
+static bool dies_away(loop *l, surroundings *in, vec3 target) {
+    l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
+    loop_run(l, in, target, 0.3);
+    double first = l->worst;
+    loop_run(l, in, target, 2.4);
+    loop_run(l, in, target, 0.3);
+    double alone = exp(-0.5 * l->hand.damping / l->hand.mass * 2.7);
+    return first < 10 && l->worst < fmax(1.4 * alone, 0.2) * first;
+}
+
+static device_limits limits_of(const char *device) {
+    device_limits limits = device_defaults();
+    assert_true(device_use_profile(device, &limits));
+    return limits;
+}
+
+/* The stiffest that a scene may ask for, as README says: full slew for a hand of 1 m/s. */
+static device_limits own_limits(void) {
+    device_limits limits = device_defaults();
+    limits.max_stiffness = limits.max_force_rate = 14500;
+    return limits;
+}
+
+#define EACH(x, list) for (const double *x = (list); x < (list) + sizeof(list) / sizeof *(list); x++)
+
+static int64_t try_springs(const situation *s) {
+    static loop l;
+    int64_t saturated = 0;
+    for (double stiffness = 10; stiffness < 1e7; stiffness *= 6) {
+        surroundings in = {.stiffness = stiffness};
+        loop_init(&l, s, v3(0, 0, 0));
+        loop_run(&l, &in, v3(0, 0, 0), 1.0); /* learns the delay */
+        if (!dies_away(&l, &in, v3(0, 0, 0)))
+            fail_msg("%g and %g s, mass %g, delay %g, jitter %g, lost %d, limit %g, %g N/s, stiffness %g: %g m/s at the end", s->period, s->sampling,
+                     s->mass, s->delay, s->jitter, s->lost, s->limits.max_stiffness, s->limits.max_force_rate, stiffness, l.worst);
+        saturated += l.saturated;
+    }
+    return saturated;
+}
+
+/* Knocked so hard that force and slew are at their limits; on a good network and on a bad one. */
+static void stable_against_a_spring_of_any_stiffness(void **unused) {
+    (void)unused;
+    static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
+    const device_limits devices[] = {limits_of("touch"), limits_of("falcon"), limits_of("omega.3"), own_limits()};
+    for (size_t d = 0; d < sizeof devices / sizeof *devices; d++) {
+        int64_t saturated = 0;
+        EACH(mass, masses) EACH(delay, delays) {
+            saturated += try_springs(&(situation){DT, DT, *mass, *delay, 0, 0, 1.0, devices[d]});
+            saturated += try_springs(&(situation){DT, DT, *mass, *delay, 2e-3, 20, 1.0, devices[d]});
+        }
+        assert_true(saturated > 1000);
+    }
+}
+
+/* The server slower and faster than the device, and both fast. */
+static void stable_at_other_rates(void **unused) {
+    (void)unused;
+    static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
+    static const struct { double period, sampling; } rates[] = {{4e-3, 1e-3}, {0.25e-3, 1e-3}, {0.25e-3, 0.25e-3}};
+    const device_limits devices[] = {limits_of("touch"), limits_of("omega.3"), own_limits()};
+    for (size_t r = 0; r < sizeof rates / sizeof *rates; r++)
+        for (size_t d = 0; d < sizeof devices / sizeof *devices; d++)
+            EACH(mass, masses) EACH(delay, delays) {
+                try_springs(&(situation){rates[r].period, rates[r].sampling, *mass, *delay, 0, 0, 1.0, devices[d]});
+                try_springs(&(situation){rates[r].period, rates[r].sampling, *mass, *delay, 2e-3, 20, 1.0, devices[d]});
+            }
+}
+
+/* Without the coupling, or with a slew that lags behind, the same loops are not stable: the test can fail. */
+static void unstable_without_the_coupling_or_with_a_slow_slew(void **unused) {
+    (void)unused;
+    static loop l;
+    surroundings in = {.stiffness = 2000};
+    situation s = {DT, DT, 0.05, 3e-3, 0, 0, 0.05, device_defaults()};
+    loop_init(&l, &s, v3(0, 0, 0));
+    assert_false(dies_away(&l, &in, v3(0, 0, 0)));
+
+    s = (situation){DT, DT, 0.05, 1e-3, 0, 0, 1.0, limits_of("falcon")};
+    s.limits.max_force_rate = s.limits.max_force / 15e-3;
+    in.stiffness = 1e5;
+    loop_init(&l, &s, v3(0, 0, 0));
+    loop_run(&l, &in, v3(0, 0, 0), 1.0);
+    assert_false(dies_away(&l, &in, v3(0, 0, 0)));
+}
+
+/* A needle pushed 20 mm into tissue by the hand, knocked there; then on against bone. */
+static void knock_in_tissue(const situation *s, lockstep *tissue) {
+    static loop l;
+    surroundings in = {.tissue = tissue};
+    vec3 start = lockstep_start().position, target = start;
+    insertion_reset(&tissue->simulation.insertion, lockstep_start(), &tissue->state);
+    loop_init(&l, s, start);
+    for (int i = 0; i < 300; i++) {
+        target.z += 0.2e-3; /* the hand's spring stretches: the needle follows some way */
+        loop_run(&l, &in, target, DT);
+    }
+    loop_run(&l, &in, target, 0.5);
+    assert_true(tissue->wrench.depth > 20e-3);
+    l.hand.velocity.z += 0.02;
+    if (!dies_away(&l, &in, target))
+        fail_msg("mass %g, delay %g, limit %g, lost %d: %g m/s", s->mass, s->delay, s->limits.max_stiffness, s->lost, l.worst);
+    if (l.port.lowest < -1e-3) fail_msg("mass %g, delay %g: energy %g J", s->mass, s->delay, l.port.lowest);
+}
+
+static void stable_in_tissue_and_against_bone(void **unused) {
+    (void)unused;
+    simulation_config config = lockstep_config();
+    for (int bone = 0; bone < 2; bone++) {
+        for (int i = 0; i < config.region_count; i++)
+            if (bone && strcmp(config.regions[i].name, "prostate") == 0) config.regions[i].material.cutting_force = INFINITY;
+        lockstep *tissue = lockstep_create(&config, lockstep_start());
+        static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 2e-3, 5e-3};
+        EACH(mass, masses) EACH(delay, delays) {
+            knock_in_tissue(&(situation){DT, DT, *mass, *delay, 1e-3, 10, 0.05, limits_of("touch")}, tissue);
+            knock_in_tissue(&(situation){DT, DT, *mass, *delay, 1e-3, 10, 0.05, own_limits()}, tissue);
+        }
+        lockstep_free(tissue);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_round_trip_ends_with_the_first_pose_that_names_the_wrench),
+        cmocka_unit_test(energy_is_what_the_hand_does_against_the_wrench_it_felt),
+        cmocka_unit_test(a_rigid_hold_changes_nothing),
+        cmocka_unit_test(the_coupling_settles_at_its_stiffness),
+        cmocka_unit_test(the_damper_lasts_from_pose_to_pose),
+        cmocka_unit_test(stable_against_a_spring_of_any_stiffness),
+        cmocka_unit_test(stable_at_other_rates),
+        cmocka_unit_test(unstable_without_the_coupling_or_with_a_slow_slew),
+        cmocka_unit_test(stable_in_tissue_and_against_bone),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,287 @@
+// The page with a live server, as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
+// usage: live_test.mjs BUILD_DIR SOURCE_DIR
+import assert from 'node:assert/strict'
+import { once } from 'node:events'
+import { readFile } from 'node:fs/promises'
+import { connect } from 'node:net'
+import path from 'node:path'
+import { browser, check, checkLayout, faults, open, until } from './page.mjs'
+import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
+
+const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
+const startServer = () => start('server/trocar-server', '--allow-non-rt')
+const badge = (text) => `document.getElementById('link').textContent === '${text}'`
+const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
+const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
+const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
+
+let view = await start('clients/view/trocar-view'), server, first, second
+try {
+  first = await open()
+  await check('the page shows the anatomy without a server', async () => {
+    await until(first, badge('no server'))
+    const written = /\$Nodes\s+(\d+)/.exec(await readFile(path.join(source, 'meshes/prostate.msh'), 'latin1'))
+    assert.equal(await first.evaluate('trocar.stage.scene.nodes.length / 3'), Number(written[1]))
+    for (const layer of ['body', 'prostate', 'capsule', 'bone']) assert(await first.evaluate(`trocar.stage.anatomy.layers.has('${layer}')`), layer)
+    assert.equal(await first.evaluate('trocar.history.pictures.length'), 0)
+    await until(first, 'document.getElementById("scale-bar").clientWidth > 40')
+    assert(await tip(first) < 0, 'the needle waits outside')
+  })
+
+  for (const [width, height] of [[390, 844], [844, 390], [1024, 768]])
+    await check(`layout without a server, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
+
+  await check('a server that starts is seen', async () => {
+    server = await startServer()
+    await until(first, badge('live'))
+  })
+
+  await check('keys drive the needle into the tissue, and a double click takes it once', async () => {
+    const before_it = await first.locator('#take').boundingBox()
+    await first.dblclick('#take')
+    await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
+    const reset = await first.locator('#reset').boundingBox()
+    assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
+    const before = await tip(first)
+    await first.keyboard.down('w')
+    await until(first, 'trocar.shown.contacts.length / 8 >= 5')
+    await first.keyboard.up('w')
+    assert(await tip(first) > before + 0.01, 'the tip went in')
+    await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
+    assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
+    assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
+  })
+
+  await check('a key let go of while the needle was let go moves nothing', async () => {
+    await first.keyboard.down('w')
+    await until(first, 'trocar.drive.command()[2] === 1')
+    await first.click('#take')
+    await until(first, '!trocar.status.drives')
+    await first.keyboard.up('w')
+    await first.click('#take')
+    await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+    const [tick, base] = await first.evaluate('[trocar.shown.tick, trocar.shown.joints[2]]')
+    await until(first, `trocar.shown.tick > ${tick} + 200`)
+    assert(Math.abs(await first.evaluate('trocar.shown.joints[2]') - base) < 1e-6, 'the base rests')
+  })
+
+  await check('numbers and plots follow', async () => {
+    await until(first, 'parseFloat(document.getElementById("depth").textContent) > 10')
+    const points = await first.evaluate('trocar.plots.plots[0].chart.data[0].length')
+    await until(first, `trocar.plots.plots[0].chart.data[0].at(-1) > ${await first.evaluate('trocar.plots.plots[0].chart.data[0].at(-1)')}`)
+    assert(points > 10)
+  })
+
+  await check('pause and scrub go back, and live comes again', async () => {
+    const now = await tip(first)
+    await first.evaluate('trocar.seek(trocar.history.start)')
+    await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
+    await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
+    await first.keyboard.down('w') // the needle is not driven by what is not seen
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+    await first.keyboard.up('w')
+    assert(await first.evaluate('trocar.status.drives'), 'it is still held')
+    await first.click('#banner button')
+    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
+  })
+
+  await check('what the server says is shown', async () => {
+    const device = run('clients/trocar-device', '--duration', '0.5')
+    await until(first, '/server: .*session.* holds the needle/.test(document.getElementById("notice").textContent)')
+    await stop(device)
+  })
+
+  await check('a second browser sees the same and cannot take the needle', async () => {
+    second = await open({ width: 700, height: 900 })
+    await until(second, 'trocar.shown !== null && trocar.status.driven')
+    assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
+    assert(await second.isDisabled('#take'))
+    assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots of the time before it came')
+  })
+
+  await check('every layer and cut draws', async () => {
+    for (const axis of ['x', 'y', 'z', '']) {
+      await first.selectOption('#cut-axis', axis)
+      await until(first, '!trocar.stage.dirty')
+    }
+    for (let times = 0; times < 2; times++) { // off and on
+      await first.evaluate('document.querySelectorAll("#layer-list input").forEach((box) => box.click())')
+      await until(first, '!trocar.stage.dirty')
+    }
+    await first.keyboard.press('n')
+    await until(first, 'document.documentElement.dataset.theme === "light" && !trocar.stage.dirty')
+  })
+
+  await check('a gamepad and the lever on the page drive, too', async () => {
+    const back = await tip(first)
+    await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
+    await until(first, `trocar.stage.needle.tip.z < ${back} - 0.005`) // the left trigger pulls
+    await first.evaluate(() => { navigator.getGamepads = () => [] })
+    const lever = await first.locator('#lever').boundingBox(), out = await tip(first)
+    await first.mouse.move(lever.x + lever.width / 2, lever.y + lever.height / 2)
+    await first.mouse.down()
+    await first.mouse.move(lever.x + lever.width / 2, lever.y + 10)
+    await until(first, `trocar.stage.needle.tip.z > ${out} + 0.005`)
+    await first.mouse.up()
+    assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
+  })
+
+  await check('ten minutes take no more room than one', async () => {
+    const held = await first.evaluate(async () => {
+      const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
+      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
+      for (let k = 1; k <= 60000; k++) {
+        kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
+        if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
+        if (k % 6000) continue
+        sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
+        await new Promise((done) => setTimeout(done)) // the page answers meanwhile: it keeps the needle
+      }
+      return sizes
+    })
+    assert.equal(held.length, 10)
+    for (const size of held.slice(1)) size.forEach((value, i) => assert(value <= 1.02 * held[1][i], `${held}`))
+  })
+
+  await check('pictures of cut tissue, and cuts, take no more of the graphics than the first', async () => {
+    await first.selectOption('#cut-axis', 'x')
+    await until(first, '!trocar.stage.dirty')
+    await first.evaluate(() => {
+      trocar.made = 0
+      for (const { renderer } of [trocar.stage, trocar.echo]) {
+        const graphics = renderer.getContext(), make = graphics.createBuffer.bind(graphics)
+        graphics.createBuffer = () => { trocar.made++; return make() }
+      }
+    })
+    const held = await first.evaluate(graphicsHeld), before = await first.evaluate('trocar.stage.renderer.info.render.frame')
+    await first.keyboard.down('a') // the roll has no end
+    await until(first, `trocar.stage.renderer.info.render.frame > ${before + 20}`)
+    await first.keyboard.up('a')
+    assert.equal(await first.evaluate('trocar.made'), 0)
+    for (const axis of ['y', 'x', 'y', 'x']) {
+      await first.selectOption('#cut-axis', axis)
+      await until(first, '!trocar.stage.dirty')
+    }
+    assert.deepEqual(await first.evaluate(graphicsHeld), held)
+  })
+
+  for (const [width, height] of SIZES)
+    await check(`layout while the needle is driven, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.waitForTimeout(300)
+      await checkLayout(first, `${width} x ${height}`)
+    })
+  await first.setViewportSize({ width: 1000, height: 640 })
+
+  await check('only a Reset that is held resets', async () => {
+    const deep = await tip(first), [reset] = [first.locator('#reset')]
+    await reset.click()
+    await first.waitForTimeout(1000)
+    assert(Math.abs(await tip(first) - deep) < 1e-3)
+    await reset.hover()
+    await first.mouse.down()
+    await until(first, 'trocar.stage.needle.tip.z < 0')
+    await first.mouse.up()
+  })
+
+  await check('the needle is released with its browser', async () => {
+    await first.context().close()
+    await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
+    await until(second, '!document.getElementById("take").disabled')
+  })
+
+  await check('a server that dies lets the needle go, and the next one is driven only when a person asks for it', async () => {
+    await second.click('#take')
+    await until(second, 'trocar.status.drives && trocar.status.owned === "here"')
+    await second.keyboard.down('w')
+    await until(second, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
+    await stop(server, 'SIGKILL')
+    await until(second, `${badge('no server')} && ${banner('Last heard')} && !trocar.status.drives && document.getElementById('controls').hidden`)
+    await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
+    const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
+    server = await startServer()
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still down
+    assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
+    const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
+    assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
+    assert(await tip(second) < 0, 'and shown there')
+    await second.keyboard.up('w')
+    const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
+    assert(back - died > 0.5)
+    await second.selectOption('#window', '60')
+    await second.waitForTimeout(500) // the plots are drawn at their own pace
+    const end = await second.evaluate('trocar.history.end')
+    const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
+    assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
+    assert(/let go/.test(await second.textContent('#drive-note')))
+  })
+
+  await check('a trocar-view that does not answer is no live one', async () => {
+    view.kill('SIGSTOP')
+    await until(second, `${badge('stale')} && ${banner('does not answer')}`)
+    view.kill('SIGCONT')
+    await until(second, badge('live'))
+  })
+
+  await check('a browser that finds all places taken is told so', async () => {
+    const others = await Promise.all(Array.from({ length: 15 }, joinRaw))
+    const third = await open()
+    await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
+    for (const socket of others) socket.destroy()
+    await until(third, badge('live'))
+    await third.context().close()
+  })
+
+  await check('trocar-view killed and back is seen', async () => {
+    const held = await second.evaluate(graphicsHeld)
+    await stop(view, 'SIGKILL')
+    await until(second, badge('no connection'))
+    view = await start('clients/view/trocar-view')
+    await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty`)
+    assert.deepEqual(await second.evaluate(graphicsHeld), held, 'nothing of the old scene is kept')
+  })
+
+  await check('another site is refused', async () => {
+    const other = await (await browser.newContext()).newPage()
+    const opened = await other.evaluate((address) => new Promise((done) => {
+      const socket = new WebSocket(address, 'trocar-view')
+      socket.onopen = () => done(true)
+      socket.onerror = () => done(false)
+    }), ADDRESS.replace('http', 'ws'))
+    assert.equal(opened, false)
+  })
+  assert.deepEqual(faults, [])
+  await second.context().close()
+} finally {
+  await stop(server)
+  await stop(view)
+  await browser.close()
+}
+
+/** A browser as bytes, which answers all that it gets. */
+async function joinRaw() {
+  const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked by zeros; acknowledge
+  socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
+  await once(socket, 'data')
+  socket.on('data', () => socket.write(answer))
+  socket.on('error', () => {})
+  return socket
+}
+
+/** Runs in the page: whether the curve of the force along z is drawn at each of the times (s). */
+function forceDrawn(times) {
+  const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
+  const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
+  return times.map((time) => {
+    const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
+    for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
+    return false
+  })
+}

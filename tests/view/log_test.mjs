@@ -1,0 +1,137 @@
+// Recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh inside a private network.
+// usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+import assert from 'node:assert/strict'
+import { once } from 'node:events'
+import { readFile } from 'node:fs/promises'
+import path from 'node:path'
+import { browser, check, checkLayout, faults, open, until } from './page.mjs'
+import { run, scene, source, start, stop } from './parts.mjs'
+
+const out = process.argv[4]
+const LOG = path.join(source, 'tests/traces/figure8.log')
+const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
+
+const MOMENTS = [ // s; cut; what must be seen
+  ['before', 0.05, '', ({ contacts }) => contacts === 0],
+  ['deep', 1.3, 'x', ({ depth, gland }) => depth > 0.06 && gland > 5e-5],
+  ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, the tissue sticks
+]
+
+const player = await start('clients/view/trocar-view', '--log', LOG)
+try {
+  const page = await open({ width: 1440, height: 900 }), whole = 'trocar.history.pictures.length > 0 && trocar.history.end >= trocar.status.now - 0.011'
+  await until(page, whole)
+  for (const [name, time, cut, seen] of MOMENTS) {
+    await page.evaluate(`trocar.setCut('${cut}', 0.55); trocar.seek(${time})`)
+    await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
+    const scenery = await page.evaluate(sceneryShown)
+    assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
+    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the colours of the cut are those of the legend')
+    await page.waitForTimeout(300) // the plots are drawn at their own pace
+    await page.screenshot({ path: path.join(out, `${name}.png`) })
+    console.log(`ok picture ${name}`)
+  }
+  await check('the pictures are like those kept', async () => {
+    for (const [name] of MOMENTS) {
+      const difference = await page.evaluate(compareImages, [await read(path.join(out, `${name}.png`)), await read(path.join(source, 'clients/view/pictures', `${name}.png`))])
+      console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
+      assert(difference.mean < 1.5 && difference.far < 0.006, `${name} differs: ${JSON.stringify(difference)}; see ${out}`)
+    }
+  })
+
+  await check('the picture button saves what is shown, and the slice', async () => {
+    const [file] = await Promise.all([page.waitForEvent('download'), page.click('#screenshot')])
+    await file.saveAs(path.join(out, 'button.png'))
+    const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
+    assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // a slice that is not drawn has 6
+    await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
+  })
+
+  await check('--png: size, view, cut and theme', async () => {
+    const taken = {}, file = (name) => path.join(out, `png-${name}.png`)
+    for (const [name, ...options] of [['plain'], ['cut', '--cut', 'sagittal'], ['small', '--size', '640x900', '--view', 'side', '--cut', 'axial:40', '--theme', 'dark']]) {
+      const child = run('clients/view/trocar-view', '--scene', scene, '--log', LOG, '--at', '1.3', '--png', file(name), ...options)
+      if (child.exitCode === null) await once(child, 'exit')
+      assert.equal(child.exitCode, 0)
+      taken[name] = await page.evaluate(partsOf, await read(file(name)))
+    }
+    const { plain, cut, small } = taken, said = JSON.stringify(taken)
+    assert.deepEqual([plain, cut, small].map(({ width, height }) => [width, height]), [[1600, 1000], [1600, 1000], [640, 900]])
+    assert(plain.slice > 25 && cut.slice === plain.slice && small.below > 25, said)
+    assert(plain.ground > 200 && cut.ground > 200 && small.ground < 40, said)
+    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is seen')
+  })
+
+  for (const [width, height] of SIZES)
+    await check(`layout of a log at ${width} x ${height}`, async () => {
+      await page.setViewportSize({ width, height })
+      await page.waitForTimeout(300)
+      await checkLayout(page, `${width} x ${height}`)
+    })
+  await check('layout of the list of keys', async () => {
+    await page.setViewportSize({ width: 390, height: 844 })
+    await page.click('#help')
+    await checkLayout(page, 'keys')
+    await page.keyboard.press('Escape')
+  })
+  assert.deepEqual(faults, [])
+} finally {
+  await stop(player)
+  await browser.close()
+}
+
+/** Runs in the page: depth (m), force along z (N), contacts and those that stick, mean displacement of the gland along z (m). */
+function sceneryShown() {
+  const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
+  const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.contacts.filter((value, i) => i % 8 === 7)
+  for (let t = 0; t < scene.tets.length; t += 5) if (scene.tets[t] === group) scene.tets.subarray(t + 1, t + 5).forEach((node) => gland.add(node))
+  const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
+  return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
+           gland: along.reduce((sum, z) => sum + z, 0) / along.length }
+}
+
+/** Runs in the page. */
+function coloursOfCut() {
+  const { array, count } = trocar.stage.anatomy.cutTints
+  return Array.from(array.subarray(0, count))
+}
+
+/** Runs in the page: size of a picture; mean brightness of its ground, of its slice where that is beside and where it is below the
+ *  3D view; and the spread of the 3D view's brightness. */
+async function partsOf(url) {
+  const image = new Image()
+  image.src = url
+  await image.decode()
+  const { width, height } = image, ink = new OffscreenCanvas(width, height).getContext('2d')
+  ink.drawImage(image, 0, 0)
+  const values = (x, y, size) => ink.getImageData(x, y, size, size).data.filter((value, i) => i % 4 === 0), mean = (list) => list.reduce((sum, v) => sum + v, 0) / list.length
+  const middle = values(Math.max(width / 2 - 400, 0), height / 4, Math.min(400, width / 2))
+  const level = mean(middle), side = Math.min(0.45 * height, 0.34 * width)
+  return { width, height, ground: mean(values(2, 2, 8)), slice: mean(values(width - 0.55 * side - 50, 0.45 * side, 100)), below: mean(values(0.74 * width - 30, height - 0.3 * width, 60)),
+           stage: Math.sqrt(mean(middle.map((v) => (v - level) ** 2))) }
+}
+
+async function read(file) {
+  return `data:image/png;base64,${(await readFile(file)).toString('base64')}`
+}
+
+/** Runs in the page: mean difference of a channel, and the share of pixels off by more than 40. */
+async function compareImages(urls) {
+  const pixels = await Promise.all(urls.map(async (url) => {
+    const image = new Image()
+    image.src = url
+    await image.decode()
+    const canvas = new OffscreenCanvas(image.width, image.height), ink = canvas.getContext('2d')
+    ink.drawImage(image, 0, 0)
+    return ink.getImageData(0, 0, image.width, image.height).data
+  }))
+  if (pixels[0].length !== pixels[1].length) return { mean: 255, far: 1 }
+  let sum = 0, far = 0
+  for (let i = 0; i < pixels[0].length; i += 4) {
+    const off = [0, 1, 2].map((k) => Math.abs(pixels[0][i + k] - pixels[1][i + k]))
+    sum += off[0] + off[1] + off[2]
+    far += Math.max(...off) > 40
+  }
+  return { mean: sum / (0.75 * pixels[0].length), far: far / (pixels[0].length / 4) }
+}

@@ -1,0 +1,82 @@
+// What live_test.mjs and log_test.mjs share: a browser, pages in it, and the check of a page's layout.
+import assert from 'node:assert/strict'
+import { ADDRESS, axe, launch } from './parts.mjs'
+
+const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
+
+export const browser = await launch()
+export const faults = []
+
+/** A page in a window of its own; what goes wrong in it fails the run. */
+export async function open(size = { width: 1000, height: 640 }) {
+  const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
+  page.setDefaultTimeout(PATIENCE)
+  page.on('pageerror', (error) => faults.push(error.stack))
+  page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
+  await page.goto(ADDRESS)
+  return page
+}
+
+/** Waits until the expression is true in the page. (Playwright's own wait evaluates in the page, which its policy forbids.) */
+export async function until(page, expression) {
+  for (const end = Date.now() + PATIENCE; Date.now() < end;) {
+    if (await page.evaluate(expression)) return
+    await new Promise((done) => setTimeout(done, 50))
+  }
+  assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
+}
+
+export async function check(name, body) {
+  await body()
+  console.log(`ok ${name}`)
+}
+
+/** In both themes: nothing that axe-core objects to, nothing that lies over something else or is cut off. */
+export async function checkLayout(page, name) {
+  await page.evaluate(axe)
+  for (const theme of ['light', 'dark']) { // the pages are dark before and after
+    await page.evaluate((theme) => trocar.setTheme(theme), theme)
+    await page.evaluate(plainGround, theme)
+    const found = await page.evaluate('axe.run()')
+    const said = found.violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`)
+    assert.deepEqual(said, [], `${name}, ${theme}`)
+    assert(found.passes.some(({ id }) => id === 'color-contrast'))
+    await page.evaluate(plainGround, null)
+  }
+  assert.deepEqual(await page.evaluate(layoutFaults), [], name)
+}
+
+/** Runs in the page: a plain ground under what is written on the 3D view, as axe-core sees no contrast with gradients and canvases.
+ *  It is the end of the gradient that is harder to read on. */
+function plainGround(theme) {
+  const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
+  stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''
+  for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas')) canvas.style.visibility = hidden
+}
+
+/** Runs in the page: what lies over something else, is cut off, or is outside the window. */
+function layoutFaults() {
+  const dialog = document.querySelector('dialog[open]')
+  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
+    .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility() && part.getBoundingClientRect().width > 0)
+  const name = (part) => part.id || `${part.tagName.toLowerCase()} "${part.textContent.trim().slice(0, 20)}"`
+  const scroller = document.getElementById('plots').getBoundingClientRect()
+  const boxOf = (part) => { // what is seen of it
+    const { left, right, top, bottom } = part.getBoundingClientRect()
+    return part.closest('#plots') ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
+  }
+  const faults = [], boxes = parts.map(boxOf)
+  parts.forEach((part, i) => {
+    const a = boxes[i]
+    if (a.bottom <= a.top) return
+    if (a.left < -1 || a.top < -1 || a.right > innerWidth + 1 || a.bottom > innerHeight + 1) faults.push(`${name(part)} is outside the window`)
+    if (!part.title && part.scrollWidth > part.clientWidth + 1 && part.clientWidth > 0 && getComputedStyle(part).display !== 'inline') faults.push(`${name(part)} is cut off`)
+    for (let k = i + 1; k < parts.length; k++) {
+      const b = boxes[k], across = Math.min(a.right, b.right) - Math.max(a.left, b.left), down = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top)
+      if (across > 1 && down > 1 && !part.contains(parts[k]) && !parts[k].contains(part)) faults.push(`${name(part)} and ${name(parts[k])}`)
+    }
+  })
+  const names = [...document.querySelectorAll('#plots > div')].map((plot) => [...plot.querySelectorAll('th')].map((th) => th.textContent))
+  for (const series of names) if (new Set(series).size < series.length) faults.push(`two series of one name: ${series}`)
+  return faults
+}

@@ -47,7 +47,7 @@ class Limits(unittest.TestCase):
             limits.run("x", os.abort)
 
     def test_sigterm_ends_the_program_and_its_stage(self):
-        program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": SOURCE})
+        program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})
         program.stdout.readline()
         child = None
         for _ in range(200):

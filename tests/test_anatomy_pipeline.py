@@ -129,6 +129,14 @@ class Crossing(unittest.TestCase):
                 meshing.search(domain, 570, self.path)
             self.assertEqual(len(sizes), tries)
 
+    def test_a_search_whose_every_try_fails_says_why(self):
+        domain = pipeline.domain_of([pipeline.organ_of_rings("Gland", "gland", False, ellipsoid(20, 20, 20, 5))], 570, None)[0]
+        for tries in (1, 2, meshing.TRIES):
+            with unittest.mock.patch.object(meshing, "TRIES", tries), \
+                    unittest.mock.patch.object(meshing.limits, "run", side_effect=limits.Crashed("mesh: ended by signal 11")), \
+                    self.assertRaisesRegex(meshing.Failure, "ended by signal 11"):
+                meshing.generate(domain, 570, self.path)
+
     def test_a_stage_that_takes_too_long_ends_the_work(self):
         domain = pipeline.domain_of([pipeline.organ_of_rings("Gland", "gland", False, ellipsoid(20, 20, 20, 5))], 570, None)[0]
         with unittest.mock.patch.object(meshing.limits, "run", side_effect=limits.TooLong("mesh: not done")), self.assertRaises(limits.TooLong):

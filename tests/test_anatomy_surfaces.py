@@ -194,6 +194,13 @@ class Shared(unittest.TestCase):
         for shell in regions[1]:
             self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
 
+    def test_corners_of_triangles_lie_on_the_region(self):
+        """Not on the border of the image, which CGAL takes for a surface too."""
+        ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
+        image, lost = labels.image_for([[ball]], 20.0)
+        found, _ = labels.shared_surfaces(image, lost, [[ball]], [None], 20.0)
+        self.assertLess(np.abs(shells.distances(ball, found.points)).max(), image.step)
+
     @staticmethod
     def tube(centres, radius):
         """A closed surface around a polyline in the plane z = 0."""

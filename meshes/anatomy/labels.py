@@ -18,13 +18,14 @@ MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
 VOXELS_PER_RADIUS = 2.5     # of the thinnest region
 FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
-FLATNESS_OF_EDGE = 0.2     # of the edge of a triangle: no less than that
+FLATNESS_OF_EDGE = 0.15    # of the edge of a triangle: no less than that
 CLOSE_VOXELS = 3.0          # gaps between regions that are closed, at least: facets of the surfaces on either side would cross
 CLEAR = 2.9                 # voxels between parts that do not touch, at least
 AROUND = 255                # CGAL's label for what is around the regions: its tetrahedra there find thin parts
 THIN = 1.5                  # radii of a region that is thinner than the edge of a triangle: size of its tetrahedra
 SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra have a layer of such around them
 REFINEMENTS = 6             # attempts at thin regions
+MARGIN = 0.5                # of the edge of a triangle: from the regions to the image's border
 FINER = 0.85                # their size from one attempt to the next
 MOST_MISSING = 0.01         # of a region's surface
 MOST_PLACES = 4000          # on a region's surface, that are looked at for it
@@ -343,6 +344,8 @@ def with_voids(found):
 
 def corrected(made, volumes):
     """Moves the points as little as possible so that the regions hold these volumes: {region: volume}."""
+    if not volumes:
+        return made
     wanted = np.array([volumes[k] for k in sorted(volumes)])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -412,12 +415,19 @@ def missing(image, label, found, tolerance):
     return float(np.mean(np.abs(shells.distances(found.surface(label - 1), image.low + image.step * places)) > tolerance))
 
 
+def with_margin(image, margin):
+    """The image with so much more of label 0 on all sides."""
+    voxels = int(np.ceil(margin / image.step))
+    return Image(image.low - voxels * image.step, image.step, np.pad(image.labels, voxels))
+
+
 def surfaces_in(image, edge, radii):
     """The complex of an image. `radii`: label -> how thin its region is. CGAL follows a surface from the first points it finds on it, and
     misses parts that are thinner than its elements; the elements in and around such regions are made smaller until nothing is missing."""
     parts = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0]) for label in radii for _, sizes in [parts_of(image.labels == label)]}
     sizes = {label: min(THIN * radius if radius < edge / 2 else radius, edge) for label, radius in radii.items()}
     flatness = max(FLATNESS * min(radii.values()), FLATNESS_OF_EDGE * edge)
+    image = with_margin(image, MARGIN * edge)     # else triangles of the regions have corners in the image's border
     for _ in range(REFINEMENTS):
         found = complex_of(*meshed(image, edge, flatness, sizes))
         lost = {label: missing(image, label, found, max(min(radius, edge / 2), 1.5 * image.step)) for label, radius in radii.items()}

@@ -362,7 +362,7 @@ def search(domain, nodes, path):
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and failures == FAILURES:
+            if best is None and failures == min(FAILURES, TRIES):
                 raise
             fine *= 0.98
             continue

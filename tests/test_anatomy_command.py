@@ -100,7 +100,8 @@ class Command(unittest.TestCase):
 
     def test_surfaces_and_a_corridor(self):
         self.write_surface("gland.stl", vtk.vtkSTLWriter(), 40)
-        status, _, complained = anatomy("gland.stl", "--nodes", "900", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
+        with unittest.mock.patch.object(meshing, "TRIES", 3):    # its search for better angles takes long
+            status, _, complained = anatomy("gland.stl", "--nodes", "900", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
         self.assertEqual(status, 0, complained)
         self.assertIn("surfaces have no outlines: there is none", complained)
         self.assertIn("puncture:capsule", self.replay("x.yaml", "--shift", "shift.csv"))
@@ -116,9 +117,9 @@ class Command(unittest.TestCase):
     def test_surfaces_of_any_size_that_are_not_clean(self):
         binary, text = vtk.vtkPLYWriter(), vtk.vtkPLYWriter()
         text.SetFileTypeToASCII()
-        for name, writer, size in (("coarse.ply", text, 14), ("fine.ply", binary, 390), ("coarse.stl", vtk.vtkSTLWriter(), 14)):
+        for name, writer, size in (("coarse.ply", text, 14), ("fine.ply", binary, 150), ("coarse.stl", vtk.vtkSTLWriter(), 14)):
             count = self.write_surface(name, writer, size, torn=True)
-            self.assertEqual(count, {14: 336, 390: 302640}[size])
+            self.assertEqual(count, {14: 336, 150: 44400}[size])
             organ = pipeline.organ_of_surface("x", "x", False, *reading.read_surface(name, 1.0))
             self.assertIn("were closed", organ.notes[0])
             self.assertAlmostEqual(organ.volume / ellipsoid_volume(24, 17, 20), 1, delta=0.08 if size == 14 else 0.005)
@@ -151,7 +152,7 @@ class Command(unittest.TestCase):
 
     def test_a_structure_set_that_is_cut_off_or_damaged_is_refused(self):
         whole = content(SHIPPED)
-        for length in [200, 700, *range(1000, len(whole), 4001)]:
+        for length in [200, 700, *range(1000, len(whole), 9001)]:
             with open("cut.dcm", "wb") as file:
                 file.write(whole[:length])
             self.assertIn("cut.dcm: ", self.refused("cut.dcm", "--roi", "Prostate"), length)

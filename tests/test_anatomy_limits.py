@@ -34,6 +34,10 @@ class Limits(unittest.TestCase):
             limits.run("sleep", time.sleep, 1000)
         self.assertLess(time.monotonic() - start, 20)
 
+    def test_processor_time_counts(self):
+        with unittest.mock.patch.object(limits, "SECONDS", 1), self.assertRaisesRegex(limits.TooLong, "^loop: not done after 1 s"):
+            limits.run("loop", any, iter(int, 1))
+
     def test_an_exception_comes_back_as_it_was(self):
         with self.assertRaisesRegex(contours.Unusable, 'region "Apex", slice z = 3 mm: too thin'):
             limits.run("x", refuse)
@@ -43,7 +47,7 @@ class Limits(unittest.TestCase):
             limits.run("x", os.abort)
 
     def test_sigterm_ends_the_program_and_its_stage(self):
-        program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": SOURCE})
+        program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})
         program.stdout.readline()
         child = None
         for _ in range(200):

@@ -10,7 +10,7 @@ import unittest.mock
 import numpy as np
 
 from anatomy_cases import SOURCE, ellipse, ellipsoid
-from anatomy import contours, field, meshing, patient, pipeline, scene, session, shells
+from anatomy import contours, field, limits, meshing, patient, pipeline, quality, scene, session, shells
 
 
 class Names(unittest.TestCase):
@@ -44,6 +44,7 @@ class Crossing(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         session.start()
+        cls.sphere = pipeline.domain_of([pipeline.organ_of_rings("Gland", "gland", False, ellipsoid(20, 20, 20, 5))], 570, None)[0]
 
     def setUp(self):
         directory = tempfile.TemporaryDirectory()
@@ -74,7 +75,7 @@ class Crossing(unittest.TestCase):
         body = domain.bodies[0]
         moved = shells.Shell(body.shell.points + [0.02, 0, 0], body.shell.triangles)
         domain.bodies.append(meshing.Body("node", "node_wall", moved, body.volume, body.longest))
-        with self.assertRaises(meshing.Failure) as caught:
+        with unittest.mock.patch.object(meshing, "FAILURES", 1), self.assertRaises(meshing.Failure) as caught:
             meshing.generate(domain, 570, self.path)
         pipeline.give_way(organs, caught.exception, domain)
         for organ in organs:
@@ -84,10 +85,65 @@ class Crossing(unittest.TestCase):
             pipeline.give_way(organs, caught.exception, domain)
         self.assertFalse(os.path.exists(self.path))
 
+    def test_a_mesh_beyond_the_limits_is_refused_and_leaves_no_file(self):
+        gland = pipeline.organ_of_rings("Gland", "gland", False, ellipsoid(20, 20, 20, 5))
+        flat = quality.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0.01]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"])
+        with self.search(flat), self.assertRaisesRegex(contours.Unusable, r"dihedral angles of 1\.\d\d to 17\d\.\d\d degrees .* raise --nodes"):
+            pipeline.mesh_of([gland], 4, None, self.path)
+        half = quality.Mesh(0.0288 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) * 0.58, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"])
+        with self.search(half), self.assertRaisesRegex(contours.Unusable, r'region "Gland": the mesh holds \d\d\.\d\d ml of 3\d\.\d\d ml \(-\d\d\.\d %\)'):
+            pipeline.mesh_of([gland], 4, None, self.path)
+        self.assertFalse(os.path.exists(self.path))
+
+    @staticmethod
+    def search(mesh):
+        """Every search for a mesh ends with this one."""
+        def found(_domain, _nodes, path):
+            with open(path, "w", encoding="ascii"):
+                return meshing.Attempt(mesh, [], {})
+        return unittest.mock.patch.object(meshing, "search", found)
+
+    def test_a_bone_that_is_missing_is_told_or_refused(self):
+        rib = pipeline.organ_of_rings("Rib", "rib", True, ellipsoid(20, 20, 20, 5))
+        for share, refused in ((0.005, False), (0.05, False), (0.2, True)):
+            distances = {"rib": np.where(np.arange(1000) < 1000 * share, 30.0, 0.5)}
+            if refused:
+                with self.assertRaisesRegex(contours.Unusable, r'region "Rib": 20\.0 % of its surface lie more than 5 mm .*at most 30 mm.*--nodes'):
+                    pipeline.check_bones([rib], distances)
+            else:
+                rib.notes.clear()
+                pipeline.check_bones([rib], distances)
+                self.assertEqual(len(rib.notes), int(share > 0.01))
+
+    def test_the_search_goes_on_whatever_the_clock_says_and_ends_by_its_work(self):
+        mesh = quality.Mesh(np.zeros((570, 3)), np.zeros((1, 4), int), np.array([0]), ["gland"])
+        for work, tries in ((1e9, meshing.TRIES), (3000, 6)):
+            sizes = []
+
+            def attempt(_stage, _work, _domain, fine, path, sizes=sizes):
+                sizes.append(fine)
+                with open(path, "w", encoding="ascii"):
+                    return meshing.Attempt(mesh, [], {})
+            with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(meshing.limits, "SECONDS", 0), \
+                    unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 2.0), unittest.mock.patch.object(meshing, "MOST_WORK", work):
+                meshing.search(self.sphere, 570, self.path)
+            self.assertEqual(len(sizes), tries)
+
+    def test_a_search_whose_every_try_fails_says_why(self):
+        for tries in (1, 2, meshing.TRIES):
+            with unittest.mock.patch.object(meshing, "TRIES", tries), \
+                    unittest.mock.patch.object(meshing.limits, "run", side_effect=limits.Crashed("mesh: ended by signal 11")), \
+                    self.assertRaisesRegex(meshing.Failure, "ended by signal 11"):
+                meshing.generate(self.sphere, 570, self.path)
+
+    def test_a_stage_that_takes_too_long_ends_the_work(self):
+        with unittest.mock.patch.object(meshing.limits, "run", side_effect=limits.TooLong("mesh: not done")), self.assertRaises(limits.TooLong):
+            meshing.search(self.sphere, 570, self.path)
+
     def test_too_few_nodes_are_refused_and_the_region_named_that_needs_more(self):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
-        with unittest.mock.patch.object(meshing, "TRIES", 4), \
+        with unittest.mock.patch.object(meshing, "TRIES", 2), \
                 self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
             pipeline.mesh_of(organs, 200, None, self.path)
         self.assertFalse(os.path.exists(self.path))

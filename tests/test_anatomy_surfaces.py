@@ -18,6 +18,11 @@ class Surfaces(unittest.TestCase):
     def setUpClass(cls):
         session.start()
 
+    @staticmethod
+    def coarse_sphere():
+        """Of few triangles: crossings are looked for edge by edge."""
+        return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
+
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
         made = stack(ellipsoid(24, 17, 20, 5))
         for found in ([loft.of_stack(made)], field.of_stack(made).surfaces()):
@@ -72,7 +77,7 @@ class Surfaces(unittest.TestCase):
         self.assertAlmostEqual(organ.volume / sphere.volume(), 1, delta=0.02)
 
     def test_a_surface_that_crosses_itself_is_told_with_the_volume(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         crossed = shells.Shell(sphere.points.copy(), sphere.triangles)
         top = crossed.points[:, 2] > 14
         crossed.points[top, 2] -= 44     # the cap comes out at the bottom, turned inside out
@@ -81,12 +86,12 @@ class Surfaces(unittest.TestCase):
         self.assertGreater(organ.volume, 1.02 * crossed.volume())
 
     def test_a_displaced_part_is_told(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         sphere.points[sphere.points[:, 2] > 19] -= [0, 0, 22]
         self.assertIn("as long as usual", " ".join(pipeline.organ_of_surface("x", "x", False, sphere).notes))
 
     def test_a_unit_that_is_not_likely_is_told_and_one_that_is_not_possible_refused(self):
-        sphere = field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0]
+        sphere = self.coarse_sphere()
         self.assertEqual(pipeline.organ_of_surface("x", "x", False, sphere).notes, [])
         self.assertIn("is its unit right?", pipeline.organ_of_surface("x", "x", False, sphere.scaled(0.2)).notes[0])
         for factor in (0.05, 1000):
@@ -118,8 +123,8 @@ class Shared(unittest.TestCase):
         return shells.from_vtk(shells.mended(cube.GetOutput())[0])
 
     def check(self, regions, volumes, kept):
-        groups, lost = labels.images_of(regions, 8.0)
-        found = labels.shared_surfaces(groups, lost, regions, volumes, 8.0)
+        image, lost = labels.image_for(regions, 8.0)
+        found, _ = labels.shared_surfaces(image, lost, regions, volumes, 8.0)
         for k, volume in enumerate(kept):
             self.assertTrue(is_watertight(found.surface(k)))
             self.assertAlmostEqual(found.volume(k) / volume, 1, delta=0.02)
@@ -151,8 +156,8 @@ class Shared(unittest.TestCase):
 
     def test_what_a_box_cuts_off_is_told(self):
         box = [[self.box((0, 0, 0), (40, 30, 30))]]
-        groups, lost = labels.images_of(box, 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
-        found = labels.shared_surfaces(groups, lost, box, [36e3], 8.0)
+        image, lost = labels.image_for(box, 8.0, (np.zeros(3) - 1, np.array([30, 31, 31.0])))
+        found, _ = labels.shared_surfaces(image, lost, box, [36e3], 8.0)
         self.assertAlmostEqual(lost[0, labels.OUTSIDE], 0.25, delta=0.02)
         self.assertAlmostEqual(found.volume(0) / 27e3, 1, delta=8 / labels.VOXELS_PER_EDGE / 30)    # a voxel
 
@@ -165,11 +170,56 @@ class Shared(unittest.TestCase):
         self.assertFalse(np.any(image.labels[6:30, 5:9, 10] == 2))
         self.assertTrue(np.all(image.labels[6:30, 6:30, 5:9] == 1) and np.all(image.labels[6:30, 14:30, 12:32] == 2))
 
-    def test_clusters_keep_clear_of_each_other(self):
+    def test_parts_that_do_not_touch_keep_clear_of_each_other(self):
         image = labels.Image(np.zeros(3), 1.0, np.zeros((20, 20, 40), np.uint8))
         image.labels[4:16, 4:16, 4:20] = 1
         image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
-        self.assertEqual([group.room >= labels.CLEAR for group in labels.clusters(image)], [True, True])
+        labels.separate(image)
+        self.assertEqual(len(labels.parts_of(image.labels == 1)[1]), 2)
+        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # beside the larger one
+        self.assertGreaterEqual(np.argmin(empty) + 1, labels.CLEAR)
+
+    def test_a_thin_bone_beside_a_large_organ_is_not_lost(self):
+        ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
+        angle = np.radians(np.linspace(-100, 100, 41))
+        centres = np.column_stack([44 * np.cos(angle), 44 * np.sin(angle), 0 * angle])    # touches the ball
+        rib = self.tube(centres, 3.0)
+        bars = [self.box((-30 + x, -30, 50), (-25 + x, 30, 56)) for x in (0, 50)]
+        regions = [[ball], [rib, *bars]]
+        edge = 14.0
+        image, lost = labels.image_for(regions, edge)
+        found, missed = labels.shared_surfaces(image, lost, regions, [ball.volume(), None], edge)
+        self.assertLess(max(missed.values()), 0.01)
+        bone = found.surface(1)
+        for shell in regions[1]:
+            self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
+
+    def test_corners_of_triangles_lie_on_the_region(self):
+        """Not on the border of the image, which CGAL takes for a surface too."""
+        ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
+        image, lost = labels.image_for([[ball]], 20.0)
+        found, _ = labels.shared_surfaces(image, lost, [[ball]], [None], 20.0)
+        self.assertLess(np.abs(shells.distances(ball, found.points)).max(), image.step)
+
+    @staticmethod
+    def tube(centres, radius):
+        """A closed surface around a polyline in the plane z = 0."""
+        line = labels.vtk.vtkPolyLineSource()
+        line.SetNumberOfPoints(len(centres))
+        for k, point in enumerate(centres):
+            line.SetPoint(k, *point)
+        around = shells.configured(labels.vtk.vtkTubeFilter(), Radius=radius, NumberOfSides=12, Capping=True)
+        around.SetInputConnection(line.GetOutputPort())
+        around.Update()
+        return shells.from_vtk(shells.mended(around.GetOutput())[0])
+
+    def test_a_part_with_a_thin_neck_stays_one(self):
+        image = labels.Image(np.zeros(3), 1.0, np.zeros((24, 24, 60), np.uint8))
+        image.labels[4:20, 4:20, 4:26] = 1
+        image.labels[4:20, 4:20, 34:56] = 1
+        image.labels[11:13, 11:13, 26:34] = 1
+        labels.drop_thin(image, 1, 2.0)
+        self.assertEqual(len(labels.parts_of(image.labels == 1)[1]), 1)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ def parse_arguments(arguments):
                         help="mm: elements of half the size around this line along z, in the mesh's frame")
     parser.add_argument("--crop", action="store_true", help="a box around the gland and the bones only; what sticks out of it is cut off, and told")
     parser.add_argument("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS",
-                        help="for each stage of the work: one that takes longer is stopped (default %(default)g)")
+                        help="processor time for each stage of the work: what takes longer is stopped (default %(default)g)")
     parser.add_argument("--unit", choices=("mm", "cm", "m"), default="mm", help="of STL and PLY (default mm)")
     parser.add_argument("--picture", metavar="FILE.svg", help="draws the outlines as they came and as they were understood, also when they cannot be used")
     given = parser.parse_args(arguments)
@@ -112,7 +112,6 @@ def write_texts(given, organs, domain, mesh, outlined):
     source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
     distances = pipeline.distances_to_outlines(organs, domain, mesh, outlined)
     rows = quality.table(mesh, outlined, distances)
-    pipeline.note_missing_bone(organs, distances)
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))
     quality.draw(mesh, given.output + "-quality.svg")
     notes = [note for organ in organs for note in organ.notes]

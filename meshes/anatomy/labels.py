@@ -5,7 +5,6 @@ the regions' volumes again after a correction that moves shared points together.
 """
 import collections
 import dataclasses
-import itertools
 
 import numpy as np
 import pygalmesh
@@ -19,11 +18,17 @@ MOST_VOXELS = 4e6
 VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
 VOXELS_PER_RADIUS = 2.5     # of the thinnest region
 FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
-FLATNESS_OF_EDGE = 0.15     # of the edge of a triangle: no less than that, up to MOST_FLATNESS of the radius
-MOST_FLATNESS = 0.5
+FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: no less than that
 CLOSE_VOXELS = 3.0          # gaps between regions that are closed, at least: facets of the surfaces on either side would cross
-CLEAR = 2.9                 # voxels between clusters, at least
-ROOM = 0.35                 # of the distance to the next cluster: how far a facet may be off, so that surfaces do not cross
+CLEAR = 2.9                 # voxels between parts that do not touch, at least
+AROUND = 255                # CGAL's label for what is around the regions: its tetrahedra there find thin parts
+THIN = 1.5                  # radii of a region that is thinner than the edge of a triangle: size of its tetrahedra
+SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra have a layer of such around them
+REFINEMENTS = 6             # attempts at thin regions
+MARGIN = 0.5                # of the edge of a triangle: from the regions to the image's border
+FINER = 0.85                # their size from one attempt to the next
+MOST_MISSING = 0.01         # of a region's surface
+MOST_PLACES = 4000          # on a region's surface, that are looked at for it
 REACH = 20                  # voxels around a cluster in which the next one is looked for
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
@@ -75,7 +80,6 @@ class Image:
     low: np.ndarray      # (3,) centre of the first voxel
     step: float
     labels: np.ndarray   # (z, y, x) uint8
-    room: float = np.inf # of a cluster: distance to the next one, if it is near
 
     def volume(self, label):
         return float(np.count_nonzero(self.labels == label)) * self.step ** 3
@@ -190,7 +194,8 @@ def close_gaps(image, count, gap):
 
 def drop_thin(image, count, radius):
     """Gives sheets and spurs of regions that a ball of this radius does not fit in, and splinters, to what is nearest: they would become
-    flat tetrahedra. They are left over where regions' outlines nearly coincide. A region that is thin everywhere stays as it is."""
+    flat tetrahedra. They are left over where regions' outlines nearly coincide. A region that is thin everywhere stays as it is, and so
+    does a part that would break or vanish, but for sheets beside other regions."""
     radius = max(radius, image.step)
     kept = [image.labels == 0]
     for label in range(1, count + 1):
@@ -199,6 +204,8 @@ def drop_thin(image, count, radius):
         opened = mask & (distance_to(core, image.step) <= radius * (1 + 1e-6)) if core.any() else mask
         if np.count_nonzero(opened) < (1 - MOST_THIN) * np.count_nonzero(mask):
             opened = mask
+        else:
+            opened = opened | holding(image, label, mask, opened, radius)
         numbers, sizes = parts_of(opened)
         large = np.append(False, sizes > shells.SPLINTER * sizes.max(initial=0))
         kept.append(large[numbers])
@@ -208,34 +215,58 @@ def drop_thin(image, count, radius):
         image.labels[left] = np.argmin(distances, axis=0)
 
 
+def holding(image, label, mask, opened, radius):
+    """What is thin in parts of a region that an opening would break or remove, but for what lies beside other regions."""
+    whole, sizes = parts_of(mask)
+    numbers, pieces = parts_of(opened)
+    large = np.append(False, pieces > shells.SPLINTER * sizes[0])
+    pairs = np.unique(np.column_stack([whole[mask], (numbers * large[numbers])[mask]]), axis=0)
+    found = np.bincount(pairs[pairs[:, 1] > 0, 0], minlength=len(sizes) + 1)
+    broken = np.append(False, (found[1:] != 1) & (sizes > shells.SPLINTER * sizes[0]))
+    thin = mask & ~opened & broken[whole]
+    others = (image.labels > 0) & ~mask
+    if thin.any() and others.any():
+        thin &= distance_to(others, image.step) > 2 * radius
+    return thin
+
+
 def thinnest(regions):
     """Radius of a cylinder of the ratio of volume to surface of the thinnest region."""
     return min(2 * sum(s.volume() for s in region) / sum(s.area() for s in region) for region in regions)
 
 
-def meshed(image, edge, flatness, cell):
-    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. The surfaces between labels are what counts."""
+def meshed(image, edge, flatness, sizes):
+    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. The surfaces between labels are what counts. `sizes`: label -> radius of
+    the spheres around tetrahedra in it, and near it if that is smaller than elsewhere."""
+    labels, radius = np.where(image.labels == 0, AROUND, image.labels), {AROUND: edge, "default": edge}
+    for label, size in sizes.items():
+        radius[label] = size
+        if size < SMALL * edge:
+            labels[(image.labels == 0) & (distance_to(image.labels == label, image.step) < size)] = AROUND - label
+            radius[AROUND - label] = size
+    labels = np.pad(labels[1:-1, 1:-1, 1:-1].astype(np.uint8), 1)      # CGAL wants nothing at the borders
     made = pygalmesh.generate_from_array(
-        np.ascontiguousarray(image.labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these stop by the clock
+        np.ascontiguousarray(labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these stop by the clock
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=CIRCUMRADIUS * edge, max_facet_distance=flatness,
-        max_cell_circumradius=float(cell), verbose=False, seed=1)
+        max_cell_circumradius={label: float(size) for label, size in radius.items()}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
-    i, j, k = np.rint(points[tets].mean(axis=1) / image.step).astype(int).T    # CGAL numbers the labels anew
-    label = image.labels[k, j, i]
-    for number in np.unique(numbers):
-        votes = np.bincount(label[numbers == number], minlength=2)
-        numbers[numbers == number] = -(1 + np.argmax(votes[1:]))
-    return points + image.low, tets, -numbers
+    i, j, k = np.rint(points[tets].mean(axis=1) / image.step).astype(int).T
+    label, found = labels[k, j, i], np.zeros(len(tets), int)
+    for number in np.unique(numbers):    # CGAL numbers the labels anew
+        mine = numbers == number
+        found[mine] = np.argmax(np.bincount(label[mine], minlength=2)[1:]) + 1
+    found[found > max(sizes)] = 0
+    return points + image.low, tets, found
 
 
 def connected(count, pairs):
     """The smallest number that is reached from each of `count` along pairs (k, 2)."""
     root = np.arange(count)
     while True:
-        least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         before = root.copy()
-        np.minimum.at(root, pairs[:, 0], least)
-        np.minimum.at(root, pairs[:, 1], least)
+        least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
+        order = np.argsort(-least, kind="stable")
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment, the smallest number, stays
         root = root[root]
         if np.array_equal(root, before):
             return root
@@ -264,7 +295,7 @@ def without_splinters(points, tets, labels):
     size = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
     labels, inner = labels.copy(), right != OUTSIDE
     while True:
-        same = inner & (labels[left] == labels[right])
+        same = inner & (labels[left] == labels[right]) & (labels[left] > 0)
         roots, cell = np.unique(connected(len(tets), np.column_stack([left[same], right[same]])), return_inverse=True)
         volume, label = np.bincount(cell, size), labels[roots]
         largest = np.zeros(labels.max() + 1)
@@ -311,17 +342,10 @@ def with_voids(found):
     return dataclasses.replace(found, sides=sides, cells=cells)
 
 
-def together(complexes):
-    """One complex of several that do not touch."""
-    points = np.cumsum([0] + [len(c.points) for c in complexes])
-    cells = np.cumsum([0] + [len(c.cells) for c in complexes])
-    return Complex(np.vstack([c.points for c in complexes]), np.vstack([c.triangles + at for c, at in zip(complexes, points)]),
-                   np.vstack([np.where(c.sides == OUTSIDE, OUTSIDE, c.sides + at) for c, at in zip(complexes, cells)]),
-                   list(itertools.chain.from_iterable(c.cells for c in complexes)))
-
-
 def corrected(made, volumes):
     """Moves the points as little as possible so that the regions hold these volumes: {region: volume}."""
+    if not volumes:
+        return made
     wanted = np.array([volumes[k] for k in sorted(volumes)])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -368,71 +392,68 @@ def clear(numbers, count):
             nearby[(nearby == number) & (distance_to(larger, 1.0) < CLEAR)] = 0
 
 
-def distance_between(numbers, number):
-    """Voxels between a part and the nearest other one, at most REACH."""
-    nearby = surrounded(numbers, number)
-    others = (nearby > 0) & (nearby != number)
-    return min(REACH, distance_to(others, 1.0)[nearby == number].min() if others.any() else REACH)
-
-
-def around_middle(labels):
-    """Voxels to be added before and after each axis so that the image's middle is well inside a region: CGAL looks for first points of the
-    surfaces along lines from there, for ever if it is outside."""
-    depth = distance_to(np.pad(labels == 0, 1, constant_values=True), 1.0)[1:-1, 1:-1, 1:-1]
-    deepest = np.array(np.unravel_index(np.argmax(depth), labels.shape))
-    reach = np.maximum(deepest, np.array(labels.shape) - 1 - deepest) + 2
-    return reach - deepest, reach - (np.array(labels.shape) - 1 - deepest)
-
-
-def clusters(image):
-    """Images of the groups of regions' parts that touch; splinters are left out."""
+def separate(image):
+    """Drops splinters, and keeps parts that do not touch CLEAR voxels apart."""
     numbers, sizes = parts_of(image.labels > 0)
     whole = np.bincount(image.labels.ravel(), minlength=256)
     large = [np.any(np.bincount(image.labels[numbers == number], minlength=256)[1:] > shells.SPLINTER * whole[1:]) for number in range(1, len(sizes) + 1)]
     numbers = np.append(0, np.cumsum(large) * large)[numbers]    # without splinters
     clear(numbers, sum(large))
-    for number in range(1, sum(large) + 1):
-        if not np.any(numbers == number):
-            continue
-        within = np.argwhere(numbers == number)
-        first, last = within.min(axis=0), within.max(axis=0) + 1
-        window = tuple(slice(a, b) for a, b in zip(first, last))
-        mine = np.where(numbers[window] == number, image.labels[window], 0).astype(np.uint8)
-        before, after = around_middle(mine)
-        yield Image(image.low + image.step * (first - before)[::-1], image.step, np.pad(mine, np.column_stack([before, after])),
-                    image.step * distance_between(numbers, number))
+    image.labels[numbers == 0] = 0
 
 
-def surfaces_in(image, edge, radius):
-    """The complex of one cluster. `radius`: of its thinnest region."""
-    wanted = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0])
-              for label in np.unique(image.labels[image.labels > 0]) for _, sizes in [parts_of(image.labels == label)]}
-    flatness = min(max(FLATNESS * radius, min(FLATNESS_OF_EDGE * edge, MOST_FLATNESS * radius)), ROOM * image.room)
-    for cell in (0.0, 1.5 * edge):    # parts inside others are found from tetrahedra that meet them
-        found = complex_of(*meshed(image, edge, flatness, cell))
-        if all(found.cells.count(label - 1) >= count for label, count in wanted.items()):
+def missing(image, label, found, tolerance):
+    """Share of the boundary of a label that is further than `tolerance` from the surface made for it."""
+    if label - 1 not in found.cells:
+        return 1.0
+    mine = image.labels == label
+    inner = mine.copy()
+    for axis in range(3):
+        inner &= np.roll(mine, 1, axis) & np.roll(mine, -1, axis)
+    places = np.argwhere(mine & ~inner)[:, ::-1]
+    places = places[::1 + len(places) // MOST_PLACES]
+    return float(np.mean(np.abs(shells.distances(found.surface(label - 1), image.low + image.step * places)) > tolerance))
+
+
+def with_margin(image, margin):
+    """The image with so much more of label 0 on all sides."""
+    voxels = int(np.ceil(margin / image.step))
+    return Image(image.low - voxels * image.step, image.step, np.pad(image.labels, voxels))
+
+
+def surfaces_in(image, edge, radii):
+    """The complex of an image. `radii`: label -> how thin its region is. CGAL follows a surface from the first points it finds on it, and
+    misses parts that are thinner than its elements; the elements in and around such regions are made smaller until nothing is missing."""
+    parts = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0]) for label in radii for _, sizes in [parts_of(image.labels == label)]}
+    sizes = {label: min(THIN * radius if radius < edge / 2 else radius, edge) for label, radius in radii.items()}
+    flatness = max(FLATNESS * min(radii.values()), FLATNESS_OF_EDGE * edge)
+    image = with_margin(image, MARGIN * edge)     # else triangles of the regions have corners in the image's border
+    for _ in range(REFINEMENTS):
+        found = complex_of(*meshed(image, edge, flatness, sizes))
+        lost = {label: missing(image, label, found, max(min(radius, edge / 2), 1.5 * image.step)) for label, radius in radii.items()}
+        poor = [label for label in radii if lost[label] > MOST_MISSING or found.cells.count(label - 1) < parts[label]]
+        if not poor:
             break
-    return found
+        for label in poor:
+            sizes[label] *= FINER
+    return found, lost
 
 
-def images_of(regions, edge, box=None):
-    """Images of the clusters of regions (lists of closed shells, in order of priority), without gaps and sheets that are thin beside them,
-    for triangles of about this edge. Returned with the shares of the regions that are lost: see image_of."""
+def image_for(regions, edge, box=None):
+    """Image of regions (lists of closed shells, in order of priority), without gaps and sheets that are thin beside them, for triangles of
+    about this edge. Returned with the shares of the regions that are lost: see image_of."""
     image, lost = image_of(regions, edge, box)
     thin = FLATNESS * thinnest(regions)
     drop_thin(image, len(regions), thin)
     close_gaps(image, len(regions), max(2 * thin, CLOSE_VOXELS * image.step))
-    return list(clusters(image)), lost
+    separate(image)
+    return image, lost
 
 
-def shared_surfaces(groups, lost, regions, volumes, edge):
-    """Complex of the regions of these volumes, with triangles of about this edge. `groups`, `lost`: of images_of."""
-    kept = [volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes)]
-    radii = [thinnest([region]) for region in regions]
-    pixels = [sum(group.volume(k + 1) for group in groups) for k in range(len(regions))]
-    complexes = []
-    for group in groups:
-        inside = [int(label) - 1 for label in np.unique(group.labels) if label]
-        found = surfaces_in(group, edge, min(radii[k] for k in inside))
-        complexes.append(corrected(found, {k: kept[k] * group.volume(k + 1) / pixels[k] for k in inside if k in found.cells}))
-    return together(complexes)
+def shared_surfaces(image, lost, regions, volumes, edge):
+    """Complex of the regions of these volumes, with triangles of about this edge, and what share of each one's surface is missing in it.
+    `image`, `lost`: of image_for. A volume of None is not kept: that of a bone, where only the surface counts."""
+    kept = {k: volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes) if volume}
+    inside = [int(label) for label in np.unique(image.labels) if label]
+    found, missed = surfaces_in(image, edge, {label: thinnest([regions[label - 1]]) for label in inside})
+    return corrected(found, {k: volume for k, volume in kept.items() if k in found.cells}), {label - 1: share for label, share in missed.items()}

@@ -1,11 +1,14 @@
 """Runs a stage of the work in a process of its own, so that one that does not end can be stopped: libraries cannot be interrupted."""
 import ctypes
+import math
 import multiprocessing
 import os
+import resource
 import signal
 import traceback
 
-SECONDS = 120.0         # for a stage, unless the user says otherwise
+SECONDS = 120.0         # of processor time for a stage, unless the user says otherwise: it does not depend on what else the machine does
+WAITING = 10            # times that, for one that waits instead of working
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
@@ -25,11 +28,13 @@ def run(stage, work, *arguments):
     child.start()
     sender.close()
     try:
-        if not receiver.poll(SECONDS):
-            raise TooLong(f"{stage}: not done after {SECONDS:g} s, stopped")
+        if not receiver.poll(WAITING * SECONDS):
+            raise too_long(stage)
         result, error, place = receiver.recv()
     except EOFError:
         child.join()
+        if child.exitcode == -signal.SIGXCPU:
+            raise too_long(stage) from None
         raise Crashed(f"{stage}: ended by signal {-child.exitcode}" if child.exitcode < 0 else f"{stage}: ended without a result") from None
     finally:
         child.kill()
@@ -41,10 +46,16 @@ def run(stage, work, *arguments):
     return result
 
 
+def too_long(stage):
+    return TooLong(f"{stage}: not done after {SECONDS:g} s, stopped: raise --time-limit, or choose less")
+
+
 def serve(sender, work, arguments):
     """The child: sends (result, exception, its traceback)."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(WITH_PARENT, signal.SIGKILL)
+    most, hard = math.ceil(SECONDS), resource.getrlimit(resource.RLIMIT_CPU)[1]
+    resource.setrlimit(resource.RLIMIT_CPU, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)       # some libraries write their progress there
     os.dup2(quiet, 2)

@@ -63,6 +63,8 @@ def of_stack(stack):
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
+    except limits.TooLong:      # what is made may not depend on the machine's speed
+        raise
     except Exception:  # Gmsh raises no other class
         return None
     sound = is_closed(shell) and abs(shell.volume() / stack.volume() - 1) < ERROR

@@ -6,7 +6,6 @@ import math
 import os
 import shutil
 import tempfile
-import time
 
 import gmsh
 import numpy as np
@@ -21,6 +20,8 @@ CORRIDOR = 0.5          # and in the corridor
 MOST_GROWTH = 1.09      # by which a coarse surface is blown up to hold its volume again
 FINEST_SURFACE = 2500   # triangles that are enough for a surface to be remeshed
 TRIES = 16
+MOST_WORK = 20000       # nodes of all tries, after which no better mesh is looked for: not seconds, so that all machines find the same
+MOST_MISSED = 0.02      # of a region's surface
 FAILURES = 3            # of Gmsh, after which nothing is expected of other sizes of element
 JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
@@ -74,7 +75,7 @@ class Domain:
     regions: list = None     # in order of priority
     gland: str = ""
     crop: tuple = None       # low, high: nothing of the regions outside
-    images: tuple = None     # of the regions, and what they lose to each other: see labels.images_of
+    image: tuple = None      # of the regions, and what they lose to each other: see labels.image_for
 
     def parents(self):
         """Index of the smallest body around each body, or None."""
@@ -175,11 +176,16 @@ def build(domain, fine):
     """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and what regions lost."""
     formula = size_formula(domain, fine)
     if domain.regions:
-        groups, lost = domain.images
-        found = labels.shared_surfaces(groups, lost, [region.shells for region in domain.regions], [region.volume for region in domain.regions], fine)
-        missing = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
-        if missing:
-            raise Failure("nothing is left of it: it lies inside other regions, or is too thin", missing)
+        image, lost = domain.image
+        found, missed = labels.shared_surfaces(image, lost, [region.shells for region in domain.regions],
+                                               [None if region.hollow else region.volume for region in domain.regions], fine)
+        gone = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
+        if gone:
+            raise Failure("nothing is left of it: it lies inside other regions, or is too thin", gone)
+        if max(missed.values()) > MOST_MISSED:
+            most = max(missed, key=missed.get)
+            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for so few nodes",
+                          [domain.regions[most].name])
         patches, hollow = patches_of_complex(domain, found, fine), [k != labels.OUTSIDE and domain.regions[k].hollow for k in found.cells]
         names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
         owners, shells = domain.regions, [found.surface(k) for k in range(len(domain.regions))]
@@ -342,26 +348,27 @@ def generate(domain, nodes, path):
 def search(domain, nodes, path):
     """The best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size, failures, start = None, (2, math.inf), None, 0, time.monotonic()
+    best, best_rank, close_size, failures, work = None, (2, math.inf), None, 0, 0
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
-        domain.images = limits.run(f"image of {', '.join(every)}", labels.images_of, [region.shells for region in domain.regions], fine, domain.crop)
+        domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine, domain.crop)
     for number in range(TRIES):
-        if best and time.monotonic() - start > limits.SECONDS:
+        if best and work > MOST_WORK:
             break
         try:
             try:
                 made = limits.run(f"mesh of {', '.join(every)}", attempt, domain, fine, path + ".try.msh")
-            except (limits.TooLong, limits.Crashed) as error:
+            except limits.Crashed as error:
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and (failures == FAILURES or isinstance(failure.__cause__, limits.TooLong)):
+            if best is None and failures == min(FAILURES, TRIES):
                 raise
             fine *= 0.98
             continue
         mesh = made.mesh
         count = len(mesh.points)
+        work += count
         off = abs(count / nodes - 1)
         rank = (0, mesh.badness()) if off <= CLOSE else (1, off)
         if rank < best_rank:

@@ -1,12 +1,13 @@
 """From what a user names to what is meshed."""
 import dataclasses
 import itertools
+import os
 import re
 import unicodedata
 
 import numpy as np
 
-from . import contours, field, labels, limits, loft, meshing, shells
+from . import contours, field, labels, loft, meshing, shells
 from .contours import Unusable
 
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
@@ -17,7 +18,8 @@ GAP = 0.5               # of an element: regions that do not touch keep this dis
 TOUCH = 1.0             # mm: regions that come this close share a surface
 LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
 MOST_LOSS = 0.10        # of a region's volume: a mesh that holds less of it, or more, is refused
-MISSING = 5.0              # mm: a bone's point this far from the mesh's bone is missing
+TOLD = 0.01             # of a bone's surface: if more is missing, it is told; MOST_LOSS of it is refused
+MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
 SMALL, LARGE = 20.0, 2000.0     # mm: a surface with a longest side beyond these is probably in another unit
 STEEP = 5.0             # of the median edge: longer ones make a thorn or a dent
 FEW = 4                 # edges that may be longer
@@ -263,7 +265,12 @@ def mesh_of(organs, nodes, corridor, path, crop=False):
             give_way([organ for organ in organs if organ.name in failure.names], failure, domain)
             continue
         note_losses(organs, made.lost, outlined)
-        check_volumes(organs, made.mesh, outlined)
+        try:
+            check_volumes(organs, made.mesh, outlined)
+            check_bones(organs, distances_to_outlines(organs, domain, made.mesh, outlined))
+        except Unusable:
+            os.remove(path)
+            raise
         return made.mesh, domain, outlined
 
 
@@ -285,13 +292,16 @@ def check_volumes(organs, mesh, outlined):
                            f"({100 * (mesh.region_volume(organ.name) / outlined[organ.name] - 1):+.1f} %): raise --nodes, or leave it out")
 
 
-def note_missing_bone(organs, distances):
+def check_bones(organs, distances):
     """Bones are hollow in the mesh, so that volumes say nothing: how much of their surface the mesh does not have."""
     for organ in organs:
         far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
-        if np.mean(far) > 0.01:
-            organ.note(f"{100 * np.mean(far):.0f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "
-                       f"(at most {distances[organ.name].max():.0f} mm): parts of it are missing; try more --nodes")
+        text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "
+                f"(at most {distances[organ.name].max():.0f} mm)") if far.any() else ""
+        if np.mean(far) > MOST_LOSS:
+            raise Unusable(organ.roi, f"{text}: raise --nodes, or leave it out")
+        if np.mean(far) > TOLD:
+            organ.note(f"{text}: parts of it are missing; try more --nodes")
 
 
 def give_way(organs, failure, domain):
@@ -302,7 +312,7 @@ def give_way(organs, failure, domain):
         heights = [s.z for organ in organs if organ.stack for s in organ.stack.slices] or [z]
         where = f" at z = {min(heights, key=lambda height: abs(height - z)):g} mm"
     lofted = [organ for organ in organs if organ.stack and organ.shape is None]
-    if lofted and not isinstance(failure.__cause__, limits.TooLong):
+    if lofted:
         for organ in lofted:
             organ.shape = field.of_stack(organ.stack)
             organ.note(f"as a loft, {failure}{where}: interpolated between slices instead")

@@ -1,5 +1,5 @@
 #!/bin/bash
-# docs/reference is what scripts/reference makes of the scene table and of trocar.lcm, and it is complete.
+# scene.md and messages.md in docs/reference are what scripts/reference makes of the scene table and of trocar.lcm, and they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -7,7 +7,9 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 "$source/scripts/reference" "$build" "$work"
-diff -r "$source/docs/reference" "$work" || { echo "FAILED: docs/reference is out of date: run scripts/reference" >&2; exit 1; }
+for page in "$work"/*; do
+    diff "$source/docs/reference/$(basename "$page")" "$page" || { echo "FAILED: $(basename "$page") is out of date: run scripts/reference" >&2; exit 1; }
+done
 # Every key of a commented scene, every field and constant, counted in another way.
 lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }

@@ -53,7 +53,7 @@ const row SCENE_TABLE[] = {
 
     {"membranes[].name", "", NAME, offsetof(membrane_config, name), .list = MEMBRANES, .required = true, .doc = "a physical surface of the mesh"},
     {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .list = MEMBRANES, .required = true,
-     .doc = "that the tip must exceed; .inf is bone"},
+     .doc = "force of the tip at which the membrane breaks; no effect below the cutting_force of the tissue; .inf is bone"},
 
     {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
 

@@ -17,12 +17,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "json.h"
+
 typedef struct {
     const char *section;       /* of the rows that follow; may be changed between rows */
     const char *folder;        /* for output; exists */
     bool short_form;           /* a few seconds at most: --short was given */
-    FILE *file;
-    int written, failed;
+    json file;
+    int failed;
 } rows;
 
 /* One line of the report. It passes if error <= limit. */
@@ -56,37 +58,22 @@ static inline rows rows_begin(int argc, char **argv, const char *section) {
     if (strncmp(name, "verify_", 7) == 0) name += 7;
     char path[4096];
     snprintf(path, sizeof path, "%s/%s.json", r.folder, name);
-    r.file = fopen(path, "w");
-    if (!r.file) {
+    r.file.out = fopen(path, "w");
+    if (!r.file.out) {
         perror(path);
         exit(2);
     }
+    json_open(&r.file, NULL, '[');
     return r;
 }
 
-static inline void rows_text(const rows *r, const char *key, const char *text) {
-    fprintf(r->file, ", \"%s\": \"", key);
-    for (const char *c = text ? text : ""; *c; c++) {
-        if (*c == '"' || *c == '\\') fputc('\\', r->file);
-        fputc(*c == '\n' ? ' ' : *c, r->file);
-    }
-    fputc('"', r->file);
-}
+static inline void rows_text(rows *r, const char *key, const char *text) { json_text(&r->file, key, text ? text : ""); }
 
-static inline void rows_number(const rows *r, const char *key, double number) {
-    if (isfinite(number)) fprintf(r->file, ", \"%s\": %.9g", key, number);
-    else fprintf(r->file, ", \"%s\": null", key);
-}
-
-static inline void rows_array(const rows *r, const char *key, int count, const double *numbers) {
-    fprintf(r->file, ", \"%s\": [", key);
-    for (int i = 0; i < count; i++) fprintf(r->file, isfinite(numbers[i]) ? "%s%.7g" : "%snull", i ? ", " : "", numbers[i]);
-    fputc(']', r->file);
-}
-
-/* `{"kind": ...` of the next entry, after a comma if it needs one. */
+/* Begins the next entry. */
 static inline void rows_open(rows *r, const char *kind) {
-    fprintf(r->file, "%s{\"kind\": \"%s\"", r->written++ ? ",\n" : "[\n", kind);
+    json_line(&r->file);
+    json_open(&r->file, NULL, '{');
+    rows_text(r, "kind", kind);
     rows_text(r, "section", r->section);
 }
 
@@ -94,9 +81,9 @@ static inline void rows_values(rows *r, const char *kind, const row *entry) {
     rows_open(r, kind);
     rows_text(r, "check", entry->check);
     rows_text(r, "reference", entry->reference);
-    rows_number(r, "value", entry->value);
-    rows_number(r, "expected", entry->expected);
-    rows_number(r, "error", entry->error);
+    json_number(&r->file, "value", entry->value);
+    json_number(&r->file, "expected", entry->expected);
+    json_number(&r->file, "error", entry->error);
     rows_text(r, "unit", entry->unit);
     rows_text(r, "note", entry->note);
 }
@@ -105,8 +92,9 @@ static inline void rows_add(rows *r, row entry) {
     bool pass = entry.error <= entry.limit; /* not when NaN */
     r->failed += !pass;
     rows_values(r, "row", &entry);
-    rows_number(r, "limit", entry.limit);
-    fprintf(r->file, ", \"pass\": %s}", pass ? "true" : "false");
+    json_number(&r->file, "limit", entry.limit);
+    json_bool(&r->file, "pass", pass);
+    json_close(&r->file, '}');
     printf("%s  %s: %.6g%s%s (error %.3g, limit %.3g)\n", pass ? "pass" : "FAIL", entry.check, entry.value,
            entry.unit ? " " : "", entry.unit ? entry.unit : "", entry.error, entry.limit);
     fflush(stdout);
@@ -115,7 +103,7 @@ static inline void rows_add(rows *r, row entry) {
 /* A line without limit, and so without pass: entry.limit does not count. */
 static inline void rows_measured(rows *r, row entry) {
     rows_values(r, "measured", &entry);
-    fputc('}', r->file);
+    json_close(&r->file, '}');
     printf("      %s: %.6g%s%s (error %.3g, no limit)\n", entry.check, entry.value, entry.unit ? " " : "", entry.unit ? entry.unit : "", entry.error);
     fflush(stdout);
 }
@@ -138,16 +126,17 @@ static inline void rows_curve(rows *r, curve c) {
     rows_text(r, "label", c.label);
     rows_text(r, "x_label", c.x_label);
     rows_text(r, "y_label", c.y_label);
-    fprintf(r->file, ", \"logarithmic\": %s", c.logarithmic ? "true" : "false");
-    rows_array(r, "x", c.count, c.x);
-    rows_array(r, "y", c.count, c.y);
-    fputc('}', r->file);
+    json_bool(&r->file, "logarithmic", c.logarithmic);
+    json_numbers(&r->file, "x", c.x, c.count);
+    json_numbers(&r->file, "y", c.y, c.count);
+    json_close(&r->file, '}');
 }
 
 /* The program's exit status: 0 if every row passed, else 1. */
 static inline int rows_end(rows *r) {
-    fputs(r->written ? "\n]\n" : "[]\n", r->file);
-    bool written = fclose(r->file) == 0;
+    json_close(&r->file, ']');
+    fputc('\n', r->file.out);
+    bool written = fclose(r->file.out) == 0;
     if (!written) perror(r->folder);
     return written && r->failed == 0 ? 0 : 1;
 }

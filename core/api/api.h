@@ -51,7 +51,6 @@ struct trocar_sim {
     int work_wake;           /* eventfd: a request waits */
     int next_served;         /* needle whose request the worker looks for first */
     vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
-    vec3 *added_field;
 };
 
 /* A copy of what there is to see. */
@@ -69,5 +68,10 @@ static inline bool has_needle(const trocar_model *model, int needle) { return ne
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 trocar_pose pose_out(pose base);
+
+/* Forces of all needles but the first, on the mesh without contact nodes; `states` has one pointer for each needle of the model. */
+void loads_of_others(const trocar_model *model, const insertion_state *const states[], tissue_loads *others);
+/* Displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. NO_MEMORY. */
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], vec3 **scratch, vec3 *nominal, vec3 *added, report *why);
 
 #endif

@@ -58,29 +58,16 @@ trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
     return pose_out(state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}});
 }
 
-/* The forces of all needles but the first, on the mesh as it is without contact nodes. */
-static void load_others(const trocar_picture *p, tissue_loads *others) {
-    others->count = 0;
-    for (int i = 1; i < p->model->parts.config.needle_count; i++) insertion_add_loads(&p->model->parts.insertion, &p->states[i], others);
-}
-
-/* Displacements of the mesh's nodes and of the contact nodes. */
-static trocar_status solve(trocar_picture *p, vec3 *nominal, vec3 *added, report *why) {
-    simulation *parts = &p->model->parts;
-    if (!p->scratch) p->scratch = malloc(simulation_field_scratch(parts) * sizeof *p->scratch);
-    if (!p->scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
-    tissue_loads others;
-    load_others(p, &others);
-    floating_mode before = flush_denormals();
-    simulation_field(parts, &p->states[0], &others, p->scratch, nominal, added);
-    restore_floating_mode(before);
-    return TROCAR_OK;
+static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
+    for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];
 }
 
 trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error) {
     trocar_error ignored;
     vec3 added[MAX_CONTACTS];
-    return solve(picture, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    const insertion_state *states[MAX_NEEDLES];
+    states_of(picture, states);
+    return field_of(picture->model, states, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }
 
 trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh *mesh, trocar_error *error) {
@@ -92,13 +79,15 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     if (!p->force) p->force = malloc(room * sizeof *p->force);
     if (!p->displacement) p->displacement = malloc(room * sizeof *p->displacement);
     if (!p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for a refined mesh of %zu nodes", room);
-    trocar_status status = solve(p, p->displacement, p->displacement + nominal, why);
+    const insertion_state *states[MAX_NEEDLES];
+    states_of(p, states);
+    trocar_status status = field_of(p->model, states, &p->scratch, p->displacement, p->displacement + nominal, why);
     if (status != TROCAR_OK) return status;
     memset(p->force, 0, room * sizeof *p->force);
     insertion_refinement(&p->states[0], &refined);
     insertion_forces(&parts->insertion, &p->states[0], p->force, p->force + nominal);
     tissue_loads others;
-    load_others(p, &others);
+    loads_of_others(p->model, states, &others);
     loads_spread(&parts->mesh, &others, p->force);
     status = refined_mesh_create(&parts->mesh, &refined, &p->refined, why);
     if (status != TROCAR_OK) return status;

@@ -65,7 +65,6 @@ void trocar_sim_free(trocar_sim *sim) {
     free(sim->needles);
     free(sim->workspace);
     free(sim->field_scratch);
-    free(sim->added_field);
     free(sim);
 }
 

@@ -125,16 +125,27 @@ double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     return state ? needle_energy(&sim->model->parts.needle, &state->needle) : 0.0;
 }
 
-trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
-    simulation *parts = &sim->model->parts;
-    if (!sim->field_scratch) sim->field_scratch = malloc(simulation_field_scratch(parts) * sizeof *sim->field_scratch);
-    if (!sim->added_field) sim->added_field = malloc(MAX_CONTACTS * sizeof *sim->added_field);
-    if (!sim->field_scratch || !sim->added_field) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
-    tissue_loads others = {.count = 0};
-    for (int i = 1; i < sim->needle_count; i++) insertion_add_loads(&parts->insertion, &sim->needles[i].state, &others);
+void loads_of_others(const trocar_model *model, const insertion_state *const states[], tissue_loads *others) {
+    others->count = 0;
+    for (int i = 1; i < model->parts.config.needle_count; i++) insertion_add_loads(&model->parts.insertion, states[i], others);
+}
+
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
+    simulation *parts = &model->parts;
+    if (!*scratch) *scratch = malloc(simulation_field_scratch(parts) * sizeof **scratch);
+    if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
+    tissue_loads others;
+    loads_of_others(model, states, &others);
     floating_mode before = flush_denormals();
-    simulation_field(parts, &sim->needles[0].state, &others, sim->field_scratch, (vec3 *)(void *)displacements, sim->added_field);
+    simulation_field(parts, states[0], &others, *scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
+}
+
+trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error) {
+    trocar_error ignored;
+    const insertion_state *states[MAX_NEEDLES];
+    vec3 added[MAX_CONTACTS];
+    for (int i = 0; i < sim->needle_count; i++) states[i] = &sim->needles[i].state;
+    return field_of(sim->model, states, &sim->field_scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }

@@ -8,6 +8,7 @@
 #include "realtime.h"
 #include "timing.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_status_t.h"
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
 
@@ -16,6 +17,8 @@ trocar_status io_create(io *o, const char *url, const trocar_device_limits *limi
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
     arbiter_init(&o->arbiter, limits);
     atomic_init(&o->stop, false);
+    /* Generated code computes a type's hash on first use, without a lock. Two threads use this type. */
+    __trocar_status_t_get_hash();
     if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
 }
@@ -103,7 +106,8 @@ void *io_run(void *context) {
     realtime_flush_denormals();
     if (o->realtime) o->status = realtime_set_priority(PRIORITY_IO, &o->why);
     if (o->status == TROCAR_OK) o->status = io_open(o);
-    bool listening = o->status == TROCAR_OK;
+    o->started = o->status;
+    bool listening = o->started == TROCAR_OK;
     sem_post(&o->ready);
 
     while (listening && o->status == TROCAR_OK && !atomic_load_explicit(&o->stop, memory_order_acquire)) {

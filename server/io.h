@@ -16,9 +16,10 @@ typedef struct {
     int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
     sem_t ready;                 /* posted once, when it listens or has failed */
     atomic_bool stop;
-    trocar_status status;        /* valid after `ready`, and after the thread has ended */
-    report why;
-    lcm_t *lcm;                  /* all below: the thread's own */
+    trocar_status started;       /* valid after `ready` */
+    trocar_status status;        /* valid after the thread has ended; until then the thread's own, as is all below */
+    report why;                  /* for `started`, too, if that is a failure */
+    lcm_t *lcm;
     pose_arbiter arbiter;
     int64_t wrenches_unsent;     /* refused by the network */
 } io;

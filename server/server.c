@@ -224,8 +224,8 @@ static trocar_status start_io(server *s, report *why) {
     trocar_status status = start(&s->io_task, "trocar-io", 0, io_run, &s->io, why);
     if (status != TROCAR_OK) return status;
     while (sem_wait(&s->io.ready) != 0) continue;
-    if (s->io.status != TROCAR_OK) *why = s->io.why;
-    return s->io.status;
+    if (s->io.started != TROCAR_OK) *why = s->io.why;
+    return s->io.started;
 }
 
 static trocar_status start_all(server *s, report *why) {

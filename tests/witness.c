@@ -1,11 +1,14 @@
 /* Runs a test that keeps time, and tells a slow program from a machine that stands still.
-   usage: witness [--once] COMMAND [ARGUMENT...]
+   usage: witness [--once | --reports] COMMAND [ARGUMENT...]
 
    A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, of
    higher priority than anything under test, wakes each millisecond and notes when it was late itself. A test that fails on a
    machine that kept time has failed. One that fails while the machine stood still is run once more; if it fails
-   again, the status is 77 (skipped) and the message says how long the machine was away. --once: no second
-   run, for instrumented programs, which are slow. */
+   again, the status is 77 (skipped) and the message says how long the machine was away.
+
+   A sanitizer's report is a failure on any machine, and so is a program that a signal kills.
+   --once: no second run, for instrumented programs, which are slow. --reports: nothing else is a failure, for ThreadSanitizer,
+   under which a tick takes milliseconds now and then (its shadow memory is mapped on first touch). */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <pthread.h>
@@ -63,21 +66,43 @@ static void *observe(void *context) {
     return NULL;
 }
 
-static int run(char *const command[]) {
-    int status;
+/* Passes on what the command writes; tells whether a sanitizer had something to report. */
+static bool pass_on(int pipe_end) {
+    static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
+    bool reported = false;
+    char line[4096];
+    FILE *output = fdopen(pipe_end, "r");
+    while (output != NULL && fgets(line, sizeof line, output) != NULL) {
+        for (size_t i = 0; i < sizeof reports / sizeof *reports; i++) reported |= strstr(line, reports[i]) != NULL;
+        fputs(line, stdout);
+        fflush(stdout);
+    }
+    if (output != NULL) fclose(output);
+    return reported;
+}
+
+static int run(char *const command[], bool *reported) {
+    int status, ends[2];
+    if (pipe(ends) != 0) return 126;
     pid_t child = fork();
     if (child == 0) {
+        dup2(ends[1], STDOUT_FILENO);
+        dup2(ends[1], STDERR_FILENO);
+        close(ends[0]);
+        close(ends[1]);
         execvp(command[0], command);
         fprintf(stderr, "witness: cannot run %s: %s\n", command[0], strerror(errno));
         _exit(126);
     }
+    close(ends[1]);
     if (child < 0) return 126;
+    *reported = pass_on(ends[0]);
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
 /* Status of the command; *quiet tells whether the machine kept time meanwhile, or could not be watched. */
-static int run_watched(char *const command[], bool *quiet) {
+static int run_watched(char *const command[], bool *quiet, bool *reported) {
     pthread_t threads[MAX_PROCESSORS];
     observer observers[MAX_PROCESSORS] = {0};
     cpu_set_t usable;
@@ -89,7 +114,7 @@ static int run_watched(char *const command[], bool *quiet) {
         observers[count].processor = cpu;
         if (pthread_create(&threads[count], NULL, observe, &observers[count]) == 0) count++;
     }
-    int status = run(command);
+    int status = run(command, reported);
     atomic_store(&running, false);
     *quiet = true;
     for (int i = 0; i < count; i++) {
@@ -105,16 +130,19 @@ static int run_watched(char *const command[], bool *quiet) {
 }
 
 int main(int count, char **arguments) {
-    bool once = count > 1 && strcmp(arguments[1], "--once") == 0;
+    bool reports = count > 1 && strcmp(arguments[1], "--reports") == 0;
+    bool once = reports || (count > 1 && strcmp(arguments[1], "--once") == 0);
     char **command = arguments + 1 + once;
     if (*command == NULL) return 2;
     for (int attempt = 1; attempt <= (once ? 1 : 2); attempt++) {
-        bool quiet;
-        int status = run_watched(command, &quiet);
-        if (status == 0 || status == SKIPPED || quiet) return status;
+        bool quiet, reported = false;
+        int status = run_watched(command, &quiet, &reported);
+        if (reported) return status == 0 || status == SKIPPED ? 1 : status;
+        if (status == 0 || status == SKIPPED || status > 128 || (quiet && !reports)) return status;
+        if (reports) break;
         printf("witness: attempt %d failed with status %d while the machine stood still\n", attempt, status);
         fflush(stdout);
     }
-    printf("witness: not judged: this machine does not keep time\n");
+    printf("witness: not judged: %s\n", reports ? "no report, but ThreadSanitizer is slow" : "this machine does not keep time");
     return SKIPPED;
 }

@@ -1,0 +1,409 @@
+#include "tissue/resolved_radius.h"
+
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/lame.h"
+#include "tissue/exact_fields.h"
+
+/* The patch: elements with a node within this distance of the line, and so far along it, in mean edge lengths h. Its boundary nodes
+   nearer to the line than FREE h are left free, as the exact solution has no meaning for a mesh so close to the line. */
+static const double RADIUS = 1.6, HALF_LENGTH = 1.2, FREE = 0.45;
+enum { MAX_NODES = 256, MAX_TETS = 1200, MAX_DOFS = 3 * MAX_NODES };
+
+typedef struct {
+    int tet;
+    double from, to;         /* m along the line */
+} chord;
+
+/* All positions in the frame of the line: z along it, the first point is the origin. */
+struct resolver {
+    const tissue *tissue;
+    int *local;              /* node_count of the mesh: number in the patch, or -1 */
+    bool *taken;             /* tet_count */
+    int node_count, nodes[MAX_NODES], tet_count, tets[MAX_TETS];
+    vec3 position[MAX_NODES];
+    bool cut[MAX_NODES], outer[MAX_NODES]; /* on the boundary to the rest of the mesh, on the outer surface */
+    double free_radius;      /* m */
+    mat3 frame;              /* columns: the line's frame */
+    vec3 origin;
+    double poisson_ratio;
+    int chord_count;
+    chord chords[MAX_TETS];
+    double stiffness[MAX_DOFS * MAX_DOFS]; /* full, shear modulus 1 */
+    double reduced[MAX_DOFS * MAX_DOFS], load[MAX_DOFS], moved[MAX_DOFS];
+    int unknowns, unknown[MAX_DOFS];
+};
+
+trocar_status resolver_create(const tissue *t, resolver **created, report *why) {
+    resolver *r = *created = calloc(1, sizeof *r);
+    if (r) {
+        r->tissue = t;
+        r->local = malloc((size_t)t->mesh->node_count * sizeof *r->local);
+        r->taken = calloc((size_t)t->mesh->tet_count, sizeof *r->taken);
+    }
+    if (!r || !r->local || !r->taken) {
+        resolver_free(r);
+        *created = NULL;
+        return fail(why, TROCAR_NO_MEMORY, "no memory to measure what the mesh resolves");
+    }
+    for (int i = 0; i < t->mesh->node_count; i++) r->local[i] = -1;
+    return TROCAR_OK;
+}
+
+void resolver_free(resolver *r) {
+    if (!r) return;
+    free(r->local);
+    free(r->taken);
+    free(r);
+}
+
+/* ---- the patch ----------------------------------------------------------------------------------------------------- */
+
+static vec3 to_frame(const resolver *r, vec3 x) { return m3_apply_transposed(&r->frame, v3_sub(x, r->origin)); }
+
+static mat3 frame_along(vec3 direction) {
+    vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
+    return m3_columns(x, v3_cross(direction, x), direction);
+}
+
+static void clear_patch(resolver *r) {
+    for (int i = 0; i < r->node_count; i++) r->local[r->nodes[i]] = -1;
+    for (int i = 0; i < r->tet_count; i++) r->taken[r->tets[i]] = false;
+    r->node_count = r->tet_count = 0;
+}
+
+static bool add_tet(resolver *r, int tet) {
+    const int *corners = r->tissue->mesh->tets[tet];
+    if (r->tet_count == MAX_TETS || r->node_count > MAX_NODES - 4) return false;
+    r->taken[tet] = true;
+    r->tets[r->tet_count++] = tet;
+    for (int c = 0; c < 4; c++) {
+        if (r->local[corners[c]] >= 0) continue;
+        int node = r->local[corners[c]] = r->node_count++;
+        r->nodes[node] = corners[c];
+        r->position[node] = to_frame(r, r->tissue->mesh->nodes[corners[c]]);
+        r->cut[node] = r->outer[node] = false;
+    }
+    return true;
+}
+
+static bool is_near(const resolver *r, int tet, double radius, double half_length) {
+    for (int c = 0; c < 4; c++) {
+        vec3 p = to_frame(r, r->tissue->mesh->nodes[r->tissue->mesh->tets[tet][c]]);
+        if (hypot(p.x, p.y) < radius && fabs(p.z) < half_length) return true;
+    }
+    return false;
+}
+
+/* Grows from the element across faces. False: the patch has no room for so many. */
+static bool grow(resolver *r, int tet, double h) {
+    clear_patch(r);
+    if (!add_tet(r, tet)) return false;
+    for (int i = 0; i < r->tet_count; i++)
+        for (int f = 0; f < 4; f++) {
+            int next = r->tissue->mesh->neighbours[r->tets[i]][f];
+            if (next < 0 || r->taken[next] || !is_near(r, next, RADIUS * h, HALF_LENGTH * h)) continue;
+            if (!add_tet(r, next)) return false;
+        }
+    return true;
+}
+
+static void mark_boundary(resolver *r) {
+    const mesh *m = r->tissue->mesh;
+    for (int i = 0; i < r->tet_count; i++)
+        for (int f = 0; f < 4; f++) {
+            int next = m->neighbours[r->tets[i]][f];
+            if (next >= 0 && r->taken[next]) continue;
+            for (int k = 1; k < 4; k++) {
+                int node = r->local[m->tets[r->tets[i]][(f + k) % 4]];
+                if (next < 0) r->outer[node] = true;
+                else r->cut[node] = true;
+            }
+        }
+}
+
+/* The line's way through the patch, each piece in one element: where it runs on a face or an edge, in one of those beside it. */
+static int by_start(const void *a, const void *b) {
+    double x = ((const chord *)a)->from, y = ((const chord *)b)->from;
+    return (x > y) - (x < y);
+}
+
+static void trace_line(resolver *r) {
+    static const double ON_FACE = 1e-9;
+    const mesh *m = r->tissue->mesh;
+    vec3 along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
+    int count = 0;
+    for (int i = 0; i < r->tet_count; i++) {
+        double here[4], there[4], from = -INFINITY, to = INFINITY, unit = m->node_size[m->tets[r->tets[i]][0]];
+        mesh_barycentric(m, r->tets[i], r->origin, here);
+        mesh_barycentric(m, r->tets[i], v3_axpy(unit, along, r->origin), there);
+        for (int c = 0; c < 4; c++) {
+            double slope = (there[c] - here[c]) / unit, value = here[c] + ON_FACE;
+            if (fabs(slope) * unit < ON_FACE) {
+                if (value < 0.0) to = -INFINITY;
+            } else if (slope > 0.0) {
+                from = fmax(from, -value / slope);
+            } else {
+                to = fmin(to, -value / slope);
+            }
+        }
+        if (to > from) r->chords[count++] = (chord){r->tets[i], from, to};
+    }
+    qsort(r->chords, (size_t)count, sizeof *r->chords, by_start);
+    double covered = -INFINITY;
+    r->chord_count = 0;
+    for (int i = 0; i < count; i++) {
+        chord piece = r->chords[i];
+        piece.from = fmax(piece.from, covered);
+        if (piece.to <= piece.from) continue;
+        covered = piece.to;
+        r->chords[r->chord_count++] = piece;
+    }
+}
+
+/* ---- stiffness ----------------------------------------------------------------------------------------------------- */
+
+static double gradients_of(const resolver *r, int tet, vec3 gradients[4]) {
+    vec3 corners[4];
+    for (int c = 0; c < 4; c++) corners[c] = r->position[r->local[r->tissue->mesh->tets[tet][c]]];
+    return tet_gradients(corners, gradients);
+}
+
+static void add_block(resolver *r, int a, int b, const mat3 *block) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) r->stiffness[(3 * a + i) * MAX_DOFS + 3 * b + j] += block->m[i][j];
+}
+
+static void add_elements(resolver *r, double poisson_ratio) {
+    for (int i = 0; i < r->tet_count; i++) {
+        vec3 g[4];
+        double volume = gradients_of(r, r->tets[i], g);
+        for (int a = 0; a < 4; a++)
+            for (int b = 0; b < 4; b++) {
+                mat3 block = stiffness_block(g[a], g[b], volume, 2.0 * (1.0 + poisson_ratio), poisson_ratio);
+                add_block(r, r->local[r->tissue->mesh->tets[r->tets[i]][a]], r->local[r->tissue->mesh->tets[r->tets[i]][b]], &block);
+            }
+    }
+}
+
+/* Elements of one group share their volumetric strain: around a node, in each region. */
+static void add_node_strain(resolver *r, int node, int region, double lambda) {
+    const mesh *m = r->tissue->mesh;
+    int count = 0, touched[MAX_NODES];
+    vec3 mean[MAX_NODES] = {{0}};
+    bool listed[MAX_NODES] = {false};
+    double sum = 0.0;
+    for (int i = 0; i < r->tet_count; i++) {
+        const int *corners = m->tets[r->tets[i]];
+        bool around = m->region[r->tets[i]] == region && (r->local[corners[0]] == node || r->local[corners[1]] == node
+                      || r->local[corners[2]] == node || r->local[corners[3]] == node);
+        if (!around) continue;
+        vec3 g[4];
+        double volume = 0.25 * gradients_of(r, r->tets[i], g);
+        sum += volume;
+        for (int c = 0; c < 4; c++) {
+            int other = r->local[corners[c]];
+            if (!listed[other]) touched[count++] = other, listed[other] = true;
+            mean[other] = v3_axpy(volume, g[c], mean[other]);
+        }
+    }
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) {
+            vec3 p = v3_scale(lambda / sum, mean[touched[a]]), q = mean[touched[b]];
+            mat3 block = {{{p.x * q.x, p.x * q.y, p.x * q.z}, {p.y * q.x, p.y * q.y, p.y * q.z}, {p.z * q.x, p.z * q.y, p.z * q.z}}};
+            add_block(r, touched[a], touched[b], &block);
+        }
+}
+
+static void assemble(resolver *r) {
+    const mesh *m = r->tissue->mesh;
+    double nu = r->poisson_ratio;
+    for (int i = 0; i < 3 * r->node_count; i++) memset(r->stiffness + (size_t)i * MAX_DOFS, 0, 3 * (size_t)r->node_count * sizeof(double));
+    bool whole = r->tissue->volumetric == STRAIN_BY_ELEMENT;
+    add_elements(r, whole ? nu : 0.0);
+    if (whole || nu == 0.0) return;
+    for (int g = 0; g < m->group_count; g++) {
+        bool present = false;
+        for (int i = 0; i < r->tet_count && !present; i++) present = m->region[r->tets[i]] == g;
+        for (int node = 0; node < r->node_count && present; node++) add_node_strain(r, node, g, 2.0 * nu / (1.0 - 2.0 * nu));
+    }
+}
+
+/* ---- solving ------------------------------------------------------------------------------------------------------- */
+
+/* Factorises the stiffness of the components that are free. */
+static trocar_status factor(resolver *r, report *why) {
+    for (int i = 0; i < r->unknowns; i++)
+        for (int j = 0; j <= i; j++) r->reduced[(size_t)i * (size_t)r->unknowns + (size_t)j] = r->stiffness[r->unknown[i] * MAX_DOFS + r->unknown[j]];
+    int failed = r->unknowns == 0 ? 1 : LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'U', r->unknowns, r->reduced, r->unknowns);
+    return failed ? fail(why, TROCAR_NUMERIC, "the elements around a contact have no stiffness: check them for degenerate ones") : TROCAR_OK;
+}
+
+/* Solves for the free components; `moved` holds the others. */
+static void solve(resolver *r) {
+    double right[MAX_DOFS];
+    int n = 3 * r->node_count;
+    for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = 0.0;
+    for (int i = 0; i < r->unknowns; i++) {
+        const double *row = r->stiffness + (size_t)r->unknown[i] * MAX_DOFS;
+        right[i] = r->load[r->unknown[i]];
+        for (int j = 0; j < n; j++) right[i] -= row[j] * r->moved[j];
+    }
+    LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'U', r->unknowns, 1, r->reduced, r->unknowns, right, r->unknowns);
+    for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = right[i];
+}
+
+static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double weights[4]) {
+    mesh_barycentric(r->tissue->mesh, tet, x, weights);
+    for (int c = 0; c < 4; c++) nodes[c] = r->local[r->tissue->mesh->tets[tet][c]];
+}
+
+static double moved_at(const resolver *r, int tet, vec3 x, int axis) {
+    int nodes[4];
+    double weights[4], sum = 0.0;
+    weights_at(r, tet, x, nodes, weights);
+    for (int c = 0; c < 4; c++) sum += weights[c] * r->moved[3 * nodes[c] + axis];
+    return sum;
+}
+
+static void load_line(resolver *r, int axis) {
+    vec3 along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
+    memset(r->load, 0, 3 * (size_t)r->node_count * sizeof *r->load);
+    for (int i = 0; i < r->chord_count; i++) {
+        int nodes[4];
+        double weights[4], length = r->chords[i].to - r->chords[i].from;
+        weights_at(r, r->chords[i].tet, v3_axpy(0.5 * (r->chords[i].from + r->chords[i].to), along, r->origin), nodes, weights);
+        for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + axis] += length * weights[c];
+    }
+}
+
+static void put(resolver *r, int node, vec3 u) {
+    r->moved[3 * node] = u.x;
+    r->moved[3 * node + 1] = u.y;
+    r->moved[3 * node + 2] = u.z;
+}
+
+/* ---- a line force -------------------------------------------------------------------------------------------------- */
+
+/* The boundary moves as by the line force; near the line it is free across the needle, or along it. */
+static void free_for_line(resolver *r, bool along) {
+    r->unknowns = 0;
+    for (int i = 0; i < r->node_count; i++) {
+        bool boundary = r->cut[i] || r->outer[i], near = hypot(r->position[i].x, r->position[i].y) < r->free_radius;
+        for (int a = 0; a < 3; a++)
+            if (!boundary || (near && (a == 2) == along)) r->unknown[r->unknowns++] = 3 * i + a;
+    }
+}
+
+static void push_line(resolver *r, int axis) {
+    for (int i = 0; i < r->node_count; i++) {
+        vec3 p = r->position[i];
+        bool near = hypot(p.x, p.y) < r->free_radius;
+        if (near) put(r, i, v3(0, 0, 0));
+        else if (axis == 2) put(r, i, line_axial(p.x, p.y));
+        else if (axis == 0) put(r, i, line_lateral(p.x, p.y, r->poisson_ratio));
+        else {
+            vec3 turned = line_lateral(p.y, -p.x, r->poisson_ratio);
+            put(r, i, v3(-turned.y, turned.x, 0));
+        }
+    }
+    load_line(r, axis);
+    solve(r);
+}
+
+static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    free_for_line(r, true);
+    trocar_status status = factor(r, why);
+    if (status != TROCAR_OK) return status;
+    push_line(r, 2);
+    for (int k = 0; k < count; k++) resolved[k].axial = line_axial_radius(moved_at(r, tet, x[k], 2));
+    free_for_line(r, false);
+    status = factor(r, why);
+    if (status != TROCAR_OK) return status;
+    double sideways[MAX_RESOLVED] = {0};
+    for (int axis = 0; axis < 2; axis++) {
+        push_line(r, axis);
+        for (int k = 0; k < count; k++) sideways[k] += 0.5 * moved_at(r, tet, x[k], axis);
+    }
+    for (int k = 0; k < count; k++) resolved[k].lateral = line_lateral_radius(sideways[k], r->poisson_ratio);
+    return TROCAR_OK;
+}
+
+/* ---- a point force ------------------------------------------------------------------------------------------------- */
+
+/* The outer face that is closest to x, as a plane: its point and inward normal. False: none in the patch. */
+static bool surface_near(const resolver *r, vec3 x, vec3 *on, vec3 *inward) {
+    const mesh *m = r->tissue->mesh;
+    double closest = INFINITY;
+    for (int i = 0; i < r->tet_count; i++)
+        for (int f = 0; f < 4; f++) {
+            if (m->neighbours[r->tets[i]][f] >= 0) continue;
+            vec3 middle = v3(0, 0, 0);
+            for (int k = 1; k < 4; k++) middle = v3_axpy(1.0 / 3.0, m->nodes[m->tets[r->tets[i]][(f + k) % 4]], middle);
+            double distance = v3_norm(v3_sub(middle, x));
+            if (distance >= closest) continue;
+            closest = distance;
+            *on = middle;
+            *inward = mesh_face_normal(m, r->tets[i], f);
+        }
+    return isfinite(closest);
+}
+
+static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    vec3 on = {0}, inward = {0}, along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
+    r->unknowns = 0;
+    for (int i = 0; i < r->node_count; i++)
+        for (int a = 0; a < 3 && !r->cut[i]; a++) r->unknown[r->unknowns++] = 3 * i + a;
+    trocar_status status = factor(r, why);
+    for (int k = 0; k < count && status == TROCAR_OK; k++) {
+        bool bounded = surface_near(r, x[k], &on, &inward);
+        mat3 half_space = bounded ? frame_along(inward) : r->frame;
+        vec3 force = m3_apply_transposed(&half_space, along), source = m3_apply_transposed(&half_space, v3_sub(x[k], on));
+        source.z = fmax(source.z, 0.0);
+        for (int i = 0; i < r->node_count; i++) {
+            vec3 u = {0};
+            if (r->cut[i] && bounded) {
+                vec3 at = m3_apply_transposed(&half_space, v3_sub(r->tissue->mesh->nodes[r->nodes[i]], on));
+                at.z = fmax(at.z, 0.0);
+                u = m3_apply(&half_space, mindlin_displacement(source, force, at, r->poisson_ratio));
+            } else if (r->cut[i]) {
+                u = kelvin_displacement(x[k], along, r->tissue->mesh->nodes[r->nodes[i]], r->poisson_ratio);
+            }
+            put(r, i, m3_apply_transposed(&r->frame, u));
+        }
+        int nodes[4];
+        double weights[4];
+        memset(r->load, 0, 3 * (size_t)r->node_count * sizeof *r->load);
+        weights_at(r, tet, x[k], nodes, weights);
+        for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + 2] = weights[c];
+        solve(r);
+        resolved[k].point = moved_at(r, tet, x[k], 2);
+    }
+    return status;
+}
+
+/* ---- all of it ----------------------------------------------------------------------------------------------------- */
+
+trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    const mesh *m = r->tissue->mesh;
+    const region_material *material = &r->tissue->materials[m->region[tet]];
+    double weights[4], h = 0.0;
+    r->origin = x[count / 2];
+    r->frame = frame_along(direction);
+    r->poisson_ratio = material->poisson_ratio;
+    mesh_barycentric(m, tet, r->origin, weights);
+    for (int c = 0; c < 4; c++) h += fmax(weights[c], 0.0) * m->node_size[m->tets[tet][c]];
+    double size = h;
+    while (!grow(r, tet, size)) size *= 0.9;
+    r->free_radius = FREE * h;
+    mark_boundary(r);
+    trace_line(r);
+    assemble(r);
+    trocar_status status = measure_line(r, tet, count, x, resolved, why);
+    if (status == TROCAR_OK) status = measure_point(r, tet, count, x, resolved, why);
+    double mu = shear_modulus(material->youngs_modulus, material->poisson_ratio);
+    for (int k = 0; k < count; k++) resolved[k].point /= mu;
+    return status;
+}

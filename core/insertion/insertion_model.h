@@ -17,7 +17,6 @@ typedef enum { PLACE_INSIDE, PLACE_ON_FACES, PLACE_MOVED } contact_placement;
 typedef struct {
     contact_placement placement; /* where contact nodes are, and how they get there */
     double contact_spacing;      /* m, least distance between contact nodes along the track */
-    double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */
     double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */

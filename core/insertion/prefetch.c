@@ -9,7 +9,9 @@ enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes be
 typedef struct {
     int count, needed;       /* as in remesh_request */
     int nodes[MAX_WINDOW];
-} node_list;
+    int piece_count;
+    line_in_tet pieces[MAX_PIECES];
+} wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
     for (int i = 0; i < count; i++)
@@ -17,17 +19,31 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
-static void add_tet(const mesh *m, int tet, node_list *list) {
+static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
     for (int c = 0; c < 4; c++)
         if (list->count < MAX_WINDOW && !contains(list->nodes, list->count, m->tets[tet][c]))
             list->nodes[list->count++] = m->tets[tet][c];
 }
 
-/* Elements on the way from x by `distance` along the unit direction, across gaps as well. */
-static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double distance, node_list *list) {
+static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
+    for (int i = 0; i < list->piece_count; i++)
+        if (list->pieces[i].tet == tet) return;
+    if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, direction};
+}
+
+/* Elements on the way from x by `distance` along the unit direction, across gaps as well; the line through the first of them, within
+   `near`, is measured. `back`: the direction points back along the track. */
+typedef struct {
+    double distance, near;
+    bool back;
+} reach_of_path;
+
+static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, reach_of_path reach, wanted_tissue *list) {
+    double distance = reach.distance;
     for (int step = 0; step < AHEAD && tet >= 0; step++) {
         double chord;
         add_tet(m, tet, list);
+        if (reach.distance - distance <= reach.near) add_piece(tet, x, reach.back ? v3_scale(-1.0, direction) : direction, list);
         int face = mesh_exit(m, tet, x, direction, &chord);
         if (face < 0 || chord > distance) return;
         x = v3_axpy(chord, direction, x);
@@ -41,33 +57,33 @@ static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double dist
     }
 }
 
-static void add_surroundings(const mesh *m, int tet, node_list *list) {
+static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
     add_tet(m, tet, list);
     for (int f = 0; f < 4; f++)
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
-static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
+static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
     int last = contacts_passed(state) - 1;
     vec3 from = last >= 0 ? v3_sub(state->contacts[last].track, state->contacts[last].beside) : state->entry;
     vec3 back = v3_sub(from, state->tip.nominal);
     double length = v3_norm(back);
-    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);
+    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
     for (int i = last; i >= 0 && i > last - BEHIND; i--) add_tet(m, state->refined.nodes[i].tet, list);
 }
 
-static node_list wanted_nodes(const insertion_model *model, const insertion_state *state) {
+static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
     const mesh *m = model->mesh;
     int n = model->needle->given.segments;
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
-    node_list list = {.count = 0};
+    wanted_tissue list = {.count = 0, .piece_count = 0};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
-        if (hit.hit) add_path(m, hit.tet, hit.point, direction, reach * (1.0 - hit.fraction) + 0.25 * reach, &list);
+        if (hit.hit) add_path(m, hit.tet, hit.point, direction, (reach_of_path){.distance = reach * (1.25 - hit.fraction)}, &list);
         return list;
     }
     double weights[4];
@@ -75,14 +91,14 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
     vec3 way = tip_way(&state->tip, direction);
-    add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){WINDOW_SPAN, WINDOW_SPAN, false}, &list);
     surface_hit next = {.hit = false};
     if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    add_path(m, state->tip.tet, state->tip.nominal, way, reach, &list);
-    if (next.hit) add_path(m, next.tet, next.point, direction, reach * (1.0 - next.fraction) + 0.25 * reach, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){.distance = reach, .near = -1.0}, &list);
+    if (next.hit) add_path(m, next.tet, next.point, direction, (reach_of_path){.distance = reach * (1.25 - next.fraction)}, &list);
     return list;
 }
 
@@ -93,9 +109,17 @@ static bool same_contacts(const refinement *a, const refinement *b) {
     return true;
 }
 
-static bool window_suffices(const remesh_request *request, const node_list *wanted) {
+static bool has_piece(const remesh_request *request, const line_in_tet *piece) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (lines_agree(&request->pieces[i], piece)) return true;
+    return false;
+}
+
+static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
     for (int i = 0; i < wanted->count; i++)
         if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
+    for (int i = 0; i < wanted->piece_count; i++)
+        if (!has_piece(request, &wanted->pieces[i])) return false;
     return true;
 }
 
@@ -112,7 +136,7 @@ static bool same_line(const remesh_request *request, vec3 tip, vec3 direction) {
 }
 
 void prefetch_request(const insertion_model *model, insertion_state *state) {
-    node_list wanted = wanted_nodes(model, state);
+    wanted_tissue wanted = wanted_nodes(model, state);
     remesh_request *request = &state->request;
     bool same = same_contacts(&request->wanted, &state->refined);
     vec3 tip, direction;
@@ -125,6 +149,8 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
         request->wanted.count = state->refined.count;
         memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);
     }
+    request->piece_count = wanted.piece_count;
+    memcpy(request->pieces, wanted.pieces, (size_t)wanted.piece_count * sizeof *wanted.pieces);
     request->window_count = wanted.count;
     request->needed = wanted.needed;
     memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);

@@ -22,7 +22,7 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     return m3_inverse(&d);
 }
 
-static mat3 node_surplus(const tissue *t, const refinement *r, int index) {
+mat3 node_surplus(const tissue *t, const refinement *r, int index) {
     const added_node *node = &r->nodes[index];
     if (!added_on_face(node)) return surplus_compliance(t, r, node->tet, &node->at);
     patch own;

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "remesh/remesh_method.h"
+#include "remesh/resolved_line.h"
 
 /* ---- methods ----------------------------------------------------------------------------------------------------- */
 
@@ -57,8 +58,9 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-static trocar_status add_node(remesher *r, int index, report *why) {
-    trocar_status status = r->operations->add(r, index, why);
+static trocar_status add_node(remesher *r, int index, vec3 direction, report *why) {
+    trocar_status status = resolve_contact(r, index, direction, why);
+    if (status == TROCAR_OK) status = r->operations->add(r, index, why);
     if (status != TROCAR_OK) return status;
     status = confirm(r, why);
     if (status != TROCAR_OK) r->operations->remove(r, index);
@@ -85,13 +87,13 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
     return status;
 }
 
-static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
+static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 direction, report *why) {
     int kept = 0;
     while (kept < r->refined.count && kept < wanted->count && r->refined.nodes[kept].id == wanted->nodes[kept].id) kept++;
     while (r->refined.count > kept) r->operations->remove(r, --r->refined.count);
     for (; r->refined.count < wanted->count; r->refined.count++) {
         r->refined.nodes[r->refined.count] = wanted->nodes[r->refined.count];
-        trocar_status status = add_node(r, r->refined.count, why);
+        trocar_status status = add_node(r, r->refined.count, direction, why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
@@ -169,13 +171,17 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
     trocar_status status = move_window(r, request, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK) status = resolve_pieces(r, request, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     if (status != TROCAR_OK) return status;
     snapshot->serial = request->serial;
     snapshot->added_count = r->refined.count;
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
+    memcpy(snapshot->contacts, r->contacts, (size_t)r->refined.count * sizeof *r->contacts);
+    snapshot->piece_count = r->piece_count;
+    memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
     r->line_tip = request->tip;
     r->line_direction = request->direction;
@@ -186,12 +192,15 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
     static const refinement nothing = {.count = 0};
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
-    trocar_status status = update_nodes(r, &nothing, why);
+    trocar_status status = update_nodes(r, &nothing, v3(0, 0, 0), why);
+    r->piece_count = answered ? snapshot->piece_count : 0;
+    memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
+    memcpy(r->contacts, snapshot->contacts, sizeof r->contacts);
     memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
     return status;
 }

@@ -33,3 +33,25 @@ int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinemen
     while (known < refined->count && known < snapshot->added_count && refined->nodes[known].id == snapshot->ids[known]) known++;
     return known;
 }
+
+bool lines_agree(const line_in_tet *a, const line_in_tet *b) {
+    static const double ASIDE = 0.3e-3, TURN = 0.05; /* m, rad */
+    vec3 off = v3_cross(a->direction, v3_sub(b->point, a->point));
+    return a->tet == b->tet && v3_norm(off) < ASIDE && v3_norm(v3_sub(b->direction, a->direction)) < TURN;
+}
+
+const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
+    for (int i = 0; i < snapshot->piece_count; i++)
+        if (snapshot->pieces[i].line.tet == tet) return &snapshot->pieces[i];
+    return NULL;
+}
+
+/* Along the line, displacements by a line force are linear within an element, and by a force at the place itself quadratic. */
+resolved_field piece_at(const line_piece *piece, vec3 x) {
+    const resolved_field *f = piece->at;
+    double way = v3_dot(v3_sub(x, piece->start), piece->line.direction);
+    double s = piece->length > 0.0 ? fmin(fmax(way / piece->length, 0.0), 1.0) : 0.0, t = 1.0 - s;
+    return (resolved_field){.lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
+                            .axial = exp(t * log(f[0].axial) + s * log(f[2].axial)),
+                            .point = t * (t - s) * f[0].point + 4.0 * s * t * f[1].point + s * (s - t) * f[2].point};
+}

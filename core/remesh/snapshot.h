@@ -3,6 +3,7 @@
 #define TROCAR_SNAPSHOT_H
 
 #include "remesh/refinement.h"
+#include "tissue/resolved_radius.h"
 
 enum {
     MAX_WINDOW = 96,                            /* nominal nodes around the tip, behind it and ahead */
@@ -25,12 +26,36 @@ typedef struct {
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
 
+/* A line through an element: a piece of the needle's way. */
+typedef struct {
+    int tet;
+    vec3 point, direction;   /* m, and unit vector */
+} line_in_tet;
+
+/* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */
+typedef struct {
+    line_in_tet line;
+    double length;           /* m, of the line within the element */
+    vec3 start;              /* m, where it comes in */
+    resolved_field at[MAX_RESOLVED];
+} line_piece;
+
+enum { MAX_PIECES = 16 };
+
+/* Of a contact node: what the mesh resolves there, and what it yields more because the node was added, m/N. */
+typedef struct {
+    resolved_field resolved;
+    double surplus_lateral, surplus_axial;
+} contact_field;
+
 /* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */
 typedef struct {
     uint64_t serial;
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
+    int piece_count;
+    line_in_tet pieces[MAX_PIECES]; /* of the way around the tip */
     int needed;              /* number at the front of the window that are indispensable; others may be left out if costly (inverse_holds) */
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
@@ -42,6 +67,9 @@ typedef struct {
     int added_count;
     uint64_t ids[MAX_CONTACTS];
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
+    contact_field contacts[MAX_CONTACTS];
+    int piece_count;
+    line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
@@ -52,6 +80,15 @@ bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], in
 
 /* Contact nodes at the front of the list whose rows the snapshot holds. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
+
+/* Whether two lines in the same element are close enough for what the mesh resolves of one to hold for the other. RT */
+bool lines_agree(const line_in_tet *a, const line_in_tet *b);
+
+/* The piece in element `tet`, or NULL. RT */
+const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
+
+/* What the mesh resolves at the point of the piece that is closest to x. RT */
+resolved_field piece_at(const line_piece *piece, vec3 x);
 
 /* Compliance between two handles, m/N. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/lame.h"
 #include "tissue/exact_fields.h"
 
 /* The patch: elements with a node within this distance of the line, and so far along it, in mean edge lengths h. Its boundary nodes
@@ -403,7 +402,5 @@ trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, 
     assemble(r);
     trocar_status status = measure_line(r, tet, count, x, resolved, why);
     if (status == TROCAR_OK) status = measure_point(r, tet, count, x, resolved, why);
-    double mu = shear_modulus(material->youngs_modulus, material->poisson_ratio);
-    for (int k = 0; k < count; k++) resolved[k].point /= mu;
     return status;
 }

@@ -9,7 +9,7 @@
 /* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */
 typedef struct {
     double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does */
-    double point;            /* m/N: how far the mesh yields along the line to a unit force at the point */
+    double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
 } resolved_field;
 
 typedef struct resolver resolver;

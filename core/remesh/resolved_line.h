@@ -1,0 +1,13 @@
+/* The worker's part of the local compliance: what the mesh resolves of the needle, along its way and at its contact nodes. */
+#ifndef TROCAR_RESOLVED_LINE_H
+#define TROCAR_RESOLVED_LINE_H
+
+#include "remesh/remesh_method.h"
+
+/* Brings the pieces up to date with a request: measures those that no earlier piece agrees with. */
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, report *why);
+
+/* At contact node `index`, on a line along `direction` (zero: unknown), with those before it in the mesh. */
+trocar_status resolve_contact(remesher *r, int index, vec3 direction, report *why);
+
+#endif

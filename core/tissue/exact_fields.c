@@ -12,6 +12,19 @@ vec3 line_lateral(double x, double y, double poisson_ratio) {
     return v3(c * (-(3.0 - 4.0 * poisson_ratio) * 0.5 * log(square) + x * x / square - 0.5), c * x * y / square, 0);
 }
 
+vec3 line_traction(int axis, vec3 at, vec3 area, double poisson_ratio) {
+    double x = at.x, y = at.y, square = x * x + y * y;
+    if (axis == 2) return v3(-area.z * x / (2.0 * M_PI * square), -area.z * y / (2.0 * M_PI * square), -(area.x * x + area.y * y) / (2.0 * M_PI * square));
+    if (axis == 1) { /* turned by a right angle about z */
+        vec3 turned = line_traction(0, v3(y, -x, 0), v3(area.y, -area.x, area.z), poisson_ratio);
+        return v3(-turned.y, turned.x, turned.z);
+    }
+    double c = 1.0 / (8.0 * M_PI * (1.0 - poisson_ratio) * square), k = 3.0 - 4.0 * poisson_ratio, xx = x * x / square, xy = x * y / square;
+    double exx = c * x * (2.0 - k - 2.0 * xx), eyy = c * (x - 2.0 * y * xy), exy = 0.5 * c * (y - k * y - 4.0 * x * xy);
+    double pressure = 2.0 * poisson_ratio / (1.0 - 2.0 * poisson_ratio) * (exx + eyy);
+    return v3((pressure + 2.0 * exx) * area.x + 2.0 * exy * area.y, 2.0 * exy * area.x + (pressure + 2.0 * eyy) * area.y, pressure * area.z);
+}
+
 double line_lateral_radius(double u, double poisson_ratio) {
     return exp(-8.0 * M_PI * (1.0 - poisson_ratio) * u / (3.0 - 4.0 * poisson_ratio));
 }

@@ -11,6 +11,9 @@
 vec3 line_lateral(double x, double y, double poisson_ratio);
 vec3 line_axial(double x, double y);
 
+/* Traction of the same fields on a surface of this area vector, N per N/m of the line; axis 0, 1: the line is pushed along x, y; 2: along z. */
+vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
+
 /* The radius of the cylinder that moves by `u` under the same force. */
 double line_lateral_radius(double u, double poisson_ratio);
 double line_axial_radius(double u);

@@ -62,6 +62,8 @@ void resolver_free(resolver *r) {
 
 static vec3 to_frame(const resolver *r, vec3 x) { return m3_apply_transposed(&r->frame, v3_sub(x, r->origin)); }
 
+static vec3 line_direction(const resolver *r) { return v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]); }
+
 static mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
     return m3_columns(x, v3_cross(direction, x), direction);
@@ -109,15 +111,25 @@ static bool grow(resolver *r, int tet, double h) {
     return true;
 }
 
+/* On the outer surface, where nothing holds it. Where it is held, the body ends no more than it does at the patch's other borders: how
+   far away a support is the nominal mesh knows. */
+static bool is_free_face(const resolver *r, int tet, int face) {
+    const mesh *m = r->tissue->mesh;
+    bool held = true;
+    for (int k = 1; k < 4; k++) held = held && r->tissue->fixed[m->tets[tet][(face + k) % 4]];
+    return m->neighbours[tet][face] < 0 && !held;
+}
+
 static void mark_boundary(resolver *r) {
     const mesh *m = r->tissue->mesh;
     for (int i = 0; i < r->tet_count; i++)
         for (int f = 0; f < 4; f++) {
             int next = m->neighbours[r->tets[i]][f];
             if (next >= 0 && r->taken[next]) continue;
+            bool outer = is_free_face(r, r->tets[i], f);
             for (int k = 1; k < 4; k++) {
                 int node = r->local[m->tets[r->tets[i]][(f + k) % 4]];
-                if (next < 0) r->outer[node] = true;
+                if (outer) r->outer[node] = true;
                 else r->cut[node] = true;
             }
         }
@@ -132,7 +144,7 @@ static int by_start(const void *a, const void *b) {
 static void trace_line(resolver *r) {
     static const double ON_FACE = 1e-9;
     const mesh *m = r->tissue->mesh;
-    vec3 along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
+    vec3 along = line_direction(r);
     int count = 0;
     for (int i = 0; i < r->tet_count; i++) {
         double here[4], there[4], from = -INFINITY, to = INFINITY, unit = m->node_size[m->tets[r->tets[i]][0]];
@@ -267,8 +279,35 @@ static double moved_at(const resolver *r, int tet, vec3 x, int axis) {
     return sum;
 }
 
+/* The body goes on behind its free surface: what it would bear there, by quadrature over parts of each face. Left out, the surface's
+   own yielding would count as the mesh's. */
+static void load_surface(resolver *r, int axis) {
+    enum { PARTS = 6 };
+    const mesh *m = r->tissue->mesh;
+    for (int i = 0; i < r->tet_count; i++)
+        for (int f = 0; f < 4; f++) {
+            if (!is_free_face(r, r->tets[i], f)) continue;
+            int nodes[3];
+            for (int k = 0; k < 3; k++) nodes[k] = r->local[m->tets[r->tets[i]][(f + k + 1) % 4]];
+            vec3 a = r->position[nodes[0]], b = v3_sub(r->position[nodes[1]], a), c = v3_sub(r->position[nodes[2]], a);
+            vec3 outward = v3_scale(0.5 / (PARTS * PARTS), v3_cross(b, c));
+            if (v3_dot(outward, v3_sub(r->position[r->local[m->tets[r->tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
+            for (int p = 0; p < PARTS; p++)
+                for (int q = 0; q < 2 * (PARTS - p) - 1; q++) { /* triangles in row p, upright and upside down */
+                    double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS;
+                    vec3 x = v3_axpy(t, c, v3_axpy(s, b, a)), traction = line_traction(axis, x, outward, r->poisson_ratio);
+                    const double weights[] = {1.0 - s - t, s, t};
+                    for (int k = 0; k < 3; k++) {
+                        r->load[3 * nodes[k]] += weights[k] * traction.x;
+                        r->load[3 * nodes[k] + 1] += weights[k] * traction.y;
+                        r->load[3 * nodes[k] + 2] += weights[k] * traction.z;
+                    }
+                }
+        }
+}
+
 static void load_line(resolver *r, int axis) {
-    vec3 along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
+    vec3 along = line_direction(r);
     memset(r->load, 0, 3 * (size_t)r->node_count * sizeof *r->load);
     for (int i = 0; i < r->chord_count; i++) {
         int nodes[4];
@@ -276,6 +315,7 @@ static void load_line(resolver *r, int axis) {
         weights_at(r, r->chords[i].tet, v3_axpy(0.5 * (r->chords[i].from + r->chords[i].to), along, r->origin), nodes, weights);
         for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + axis] += length * weights[c];
     }
+    load_surface(r, axis);
 }
 
 static void put(resolver *r, int node, vec3 u) {
@@ -290,7 +330,7 @@ static void put(resolver *r, int node, vec3 u) {
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->node_count; i++) {
-        bool boundary = r->cut[i] || r->outer[i], near = hypot(r->position[i].x, r->position[i].y) < r->free_radius;
+        bool boundary = r->cut[i], near = hypot(r->position[i].x, r->position[i].y) < r->free_radius;
         for (int a = 0; a < 3; a++)
             if (!boundary || (near && (a == 2) == along)) r->unknown[r->unknowns++] = 3 * i + a;
     }
@@ -332,51 +372,65 @@ static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x
 
 /* ---- a point force ------------------------------------------------------------------------------------------------- */
 
-/* The outer face that is closest to x, as a plane: its point and inward normal. False: none in the patch. */
-static bool surface_near(const resolver *r, vec3 x, vec3 *on, vec3 *inward) {
+typedef struct {
+    bool there;
+    vec3 on;
+    mat3 frame;              /* its z axis points inward */
+} plane;
+
+/* The plane of the outer face that is closest to x, if there is one in the patch. */
+static plane surface_near(const resolver *r, vec3 x) {
     const mesh *m = r->tissue->mesh;
     double closest = INFINITY;
+    plane found = {.there = false};
     for (int i = 0; i < r->tet_count; i++)
         for (int f = 0; f < 4; f++) {
-            if (m->neighbours[r->tets[i]][f] >= 0) continue;
+            if (!is_free_face(r, r->tets[i], f)) continue;
             vec3 middle = v3(0, 0, 0);
             for (int k = 1; k < 4; k++) middle = v3_axpy(1.0 / 3.0, m->nodes[m->tets[r->tets[i]][(f + k) % 4]], middle);
             double distance = v3_norm(v3_sub(middle, x));
             if (distance >= closest) continue;
             closest = distance;
-            *on = middle;
-            *inward = mesh_face_normal(m, r->tets[i], f);
+            found = (plane){true, middle, frame_along(mesh_face_normal(m, r->tets[i], f))};
         }
-    return isfinite(closest);
+    return found;
+}
+
+/* At a node of the boundary, by a unit force along the line that acts, as it does on the mesh, on the corners of the element. To the
+   boundary, where this differs from a force at one point is what matters of the mesh. */
+static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
+    const mesh *m = r->tissue->mesh;
+    vec3 along = line_direction(r), at = m->nodes[r->nodes[node]], sum = {0};
+    for (int c = 0; c < 4; c++) {
+        vec3 source = m->nodes[m->tets[tet][c]], u;
+        if (surface->there) {
+            vec3 force = m3_apply_transposed(&surface->frame, along);
+            vec3 from = m3_apply_transposed(&surface->frame, v3_sub(source, surface->on)), to = m3_apply_transposed(&surface->frame, v3_sub(at, surface->on));
+            from.z = fmax(from.z, 0.0);
+            to.z = fmax(to.z, 0.0);
+            u = m3_apply(&surface->frame, mindlin_displacement(from, force, to, r->poisson_ratio));
+        } else {
+            u = kelvin_displacement(source, along, at, r->poisson_ratio);
+        }
+        sum = v3_axpy(weights[c], u, sum);
+    }
+    return m3_apply_transposed(&r->frame, sum);
 }
 
 static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
-    vec3 on = {0}, inward = {0}, along = v3(r->frame.m[0][2], r->frame.m[1][2], r->frame.m[2][2]);
     r->unknowns = 0;
+    for (int c = 0; c < 4; c++) r->cut[r->local[r->tissue->mesh->tets[tet][c]]] = false; /* the force acts on them */
     for (int i = 0; i < r->node_count; i++)
         for (int a = 0; a < 3 && !r->cut[i]; a++) r->unknown[r->unknowns++] = 3 * i + a;
     trocar_status status = factor(r, why);
     for (int k = 0; k < count && status == TROCAR_OK; k++) {
-        bool bounded = surface_near(r, x[k], &on, &inward);
-        mat3 half_space = bounded ? frame_along(inward) : r->frame;
-        vec3 force = m3_apply_transposed(&half_space, along), source = m3_apply_transposed(&half_space, v3_sub(x[k], on));
-        source.z = fmax(source.z, 0.0);
-        for (int i = 0; i < r->node_count; i++) {
-            vec3 u = {0};
-            if (r->cut[i] && bounded) {
-                vec3 at = m3_apply_transposed(&half_space, v3_sub(r->tissue->mesh->nodes[r->nodes[i]], on));
-                at.z = fmax(at.z, 0.0);
-                u = m3_apply(&half_space, mindlin_displacement(source, force, at, r->poisson_ratio));
-            } else if (r->cut[i]) {
-                u = kelvin_displacement(x[k], along, r->tissue->mesh->nodes[r->nodes[i]], r->poisson_ratio);
-            }
-            put(r, i, m3_apply_transposed(&r->frame, u));
-        }
+        plane surface = surface_near(r, x[k]);
         int nodes[4];
         double weights[4];
-        memset(r->load, 0, 3 * (size_t)r->node_count * sizeof *r->load);
         weights_at(r, tet, x[k], nodes, weights);
+        memset(r->load, 0, 3 * (size_t)r->node_count * sizeof *r->load);
         for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + 2] = weights[c];
+        for (int i = 0; i < r->node_count; i++) put(r, i, r->cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
         solve(r);
         resolved[k].point = moved_at(r, tet, x[k], 2);
     }

@@ -31,7 +31,7 @@ static const char GOOD[] =
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {placement: faces, spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "contact: {placement: faces, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
     "remeshing: woodbury\n"                                        /* 20 */
     "device: {profile: touch, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
@@ -382,7 +382,7 @@ static void documented_parameter_table_is_correct(void **state) {
         ONCE("needle.segments", simulation.needle.segments), ONCE("contact.spacing", simulation.insertion.contact_spacing),
         ONCE("contact.weakening_distance", simulation.insertion.weakening_distance),
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
-        ONCE("contact.resolution", simulation.insertion.resolution), ONCE("contact.max_passes", simulation.insertion.max_passes),
+        ONCE("contact.max_passes", simulation.insertion.max_passes),
         ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
         ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),
         ONCE("device.max_force_rate", device.max_force_rate), ONCE("device.max_torque_rate", device.max_torque_rate),

@@ -112,7 +112,7 @@ static void every_value_is_read(void **state) {
     assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->segments == 30);
     assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
-    assert_true(i->contact_spacing == 3e-3 && i->resolution == 0.35 && i->weakening_distance == 2e-3);
+    assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
     assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_int_equal(c->remeshing, REMESH_WOODBURY);

@@ -23,6 +23,7 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_lateral[node] += line.lateral;
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
+    model->node_softness[node] += 1.0 / mu;
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
@@ -36,8 +37,9 @@ static void harden_bone(insertion_model *model) {
         for (int e = 0; e < m->tet_count; e++)
             for (int k = 0; k < 16; k++) { /* faces, and their corners */
                 int face = k / 4, node = m->tets[e][k % 4];
-                if (k % 4 != face && m->face_groups[e][face] >> model->membranes[i].group & 1)
-                    model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
+                if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
+                model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
+                model->node_softness[node] = 0.0;
             }
     }
 }
@@ -46,7 +48,7 @@ trocar_status local_create(insertion_model *model, report *why) {
     const mesh *m = model->mesh;
     size_t n = (size_t)m->node_count;
     int *count = calloc(n, sizeof *count);
-    double *sums = calloc(4 * n, sizeof *sums);
+    double *sums = calloc(5 * n, sizeof *sums);
     if (!count || !sums) {
         free(count);
         free(sums);
@@ -56,12 +58,13 @@ trocar_status local_create(insertion_model *model, report *why) {
     model->node_axial = sums + n;
     model->node_disc = sums + 2 * n;
     model->node_punch = sums + 3 * n;
+    model->node_softness = sums + 4 * n;
     for (int e = 0; e < m->tet_count; e++)
         for (int c = 0; c < 4; c++) {
             count[m->tets[e][c]]++;
             add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
         }
-    for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
+    for (size_t i = 0; i < 5 * n; i++) sums[i] /= count[i % n];
     free(count);
     harden_bone(model);
     return TROCAR_OK;
@@ -69,7 +72,7 @@ trocar_status local_create(insertion_model *model, report *why) {
 
 void local_free(insertion_model *model) {
     free(model->node_lateral);
-    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = NULL;
+    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = model->node_softness = NULL;
 }
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
@@ -117,5 +120,5 @@ double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth,
     double dent = pressing * punch / radius;
     double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
-    return fmax(whole / radius - point * softness(model, tet, weights), 0.0);
+    return fmax(whole / radius - point * interpolate(model, tet, weights, model->node_softness), 0.0);
 }

@@ -1,4 +1,4 @@
-/* Local compliance: Kelvin's formulas on a uniform mesh, continuity across faces, edges and nodes of an uneven one. */
+/* Local compliance: Kelvin's formulas on a uniform mesh, continuity across faces, edges and nodes of an irregular one. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -51,12 +51,12 @@ static void uniform_tissue_matches_kelvin(void **state) {
         int tet = rand() % body.mesh.tet_count;
         lateral_axial c = local_at(&model, tet, cube_point(&body, tet, 0.0));
         assert_close(c.lateral / ((3 - 4 * nu) / (8 * M_PI * mu * (1 - nu)) * logarithm), 1.0, 1e-12);
-        assert_close(c.axial / ((logarithm + log(1.1)) / (2 * M_PI * mu)), 1.0, 1e-12); /* along a line it resolves 1.1 times less */
+        assert_close(c.axial / ((logarithm + log(1.1)) / (2 * M_PI * mu)), 1.0, 1e-12); /* along a line the mesh resolves 1.1 times less */
     }
     destroy();
 }
 
-/* Where the mesh resolves the needle's surface by itself, little is left; never a negative value. */
+/* Where the mesh itself resolves the needle's surface, the correction is small, and it is never negative. */
 static void correction_is_small_on_fine_meshes(void **state) {
     (void)state;
     create(0.0, true);
@@ -77,7 +77,7 @@ static void single_tip_matches_resolved_disc(void **state) {
     for (int g = 0; g < 2; g++) body.materials[g].youngs_modulus = 20e3, body.materials[g].poisson_ratio = 0.45;
     report why;
     local_free(&model);
-    model.settings.resolution = 1e9; /* a mesh that shows nothing of it */
+    model.settings.resolution = 1e9; /* as if the mesh resolved nothing */
     assert_int_equal(local_create(&model, &why), TROCAR_OK);
     double scale = RADIUS / 0.635e-3;
     vec3 x = cube_point(&body, 0, 0.1);
@@ -99,7 +99,7 @@ static void continuous_across_faces(void **state) {
             w[face] = 0.0;
             vec3 on = mesh_point(&body.mesh, t, w), inside = v3_unit(v3_sub(body.mesh.nodes[body.mesh.tets[t][face]], on));
             assert_same(local_at(&model, t, on), local_at(&model, across, on), 1e-12);
-            /* a micrometre on either side: a step of that order only */
+            /* a micrometre on either side: the difference is of that order */
             assert_same(local_at(&model, t, v3_axpy(1e-6, inside, on)), local_at(&model, across, v3_axpy(-1e-6, inside, on)), 2e-3);
         }
     destroy();
@@ -111,7 +111,7 @@ static bool has_corner(int tet, int node) {
     return false;
 }
 
-/* Every tet around an edge says the same at a point of the edge, and every tet around a node at the node. */
+/* All tets around an edge give the same value at a point of the edge, and all tets around a node at the node. */
 static void unique_values_at_edges_and_nodes(void **state) {
     (void)state;
     create(0.1, false);

@@ -9,7 +9,7 @@ foreach(case bad_input replay series golden balance figure bench)
 endforeach()
 set_tests_properties(clients_bench PROPERTIES RUN_SERIAL TRUE)
 set_tests_properties(clients_hand PROPERTIES SKIP_RETURN_CODE 77 RUN_SERIAL TRUE LABELS release_only)
-if(TROCAR_SANITIZE) # the simulation is many times slower, the matrix product is not
+if(TROCAR_SANITIZE) # the simulation gets many times slower, the matrix product does not
     set_tests_properties(clients_bench PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=no")
 endif()
 add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction.py

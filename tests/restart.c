@@ -1,5 +1,5 @@
-/* A server that is killed in the middle of an insertion or finds no network, run by the script that restarts it. usage: restart
-   KEEP_ALIVE SERVER; in a private network namespace. */
+/* A server that is killed in the middle of an insertion or finds no network, run by the script that restarts it.
+   usage: restart KEEP_ALIVE SERVER; in a private network namespace. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <signal.h>

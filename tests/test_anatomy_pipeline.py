@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Names of regions, their materials, and what becomes of surfaces that cannot be meshed."""
+"""Names and materials of regions, and the handling of surfaces that cannot be meshed."""
 import math
 import os
 import re
@@ -97,7 +97,7 @@ class Crossing(unittest.TestCase):
 
     @staticmethod
     def search(mesh):
-        """Every search for a mesh ends with this one."""
+        """Makes every search for a mesh return this one."""
         def found(_domain, _nodes, path):
             with open(path, "w", encoding="ascii"):
                 return meshing.Attempt(mesh, [], {})

@@ -170,7 +170,7 @@ static void gland_is_displaced_by_the_needle(void **unused) {
 
 static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, in patients (Lagerburg et al. 2005) */
 
-typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; modulus of the surroundings and friction of the gland, relative to the scene's */
+typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; modulus of the surroundings and friction of the gland, scene = 1 */
 
 typedef struct { double low, high, pushed, pulled; } twist; /* deg in the coronal plane; mm of shift along the needle */
 

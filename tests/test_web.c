@@ -273,8 +273,8 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
-/* All places are taken by silent WebSockets: the next browser is told so, and gets a place once they have timed out. Sockets that
-   never send a request block nobody. */
+/* Silent browsers take all places: the next one is told so, and gets a place once they have timed out. Sockets that never send a
+   request block nobody. */
 static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
     enum { IDLE = 300 };

@@ -35,7 +35,7 @@ class Block:
 
     def fault(self):
         if self.language not in SHELL | CODE | TEXT:
-            return f"{self.place}: unknown language '{self.language}': use one of those in docs/source.md"
+            return f"{self.place}: language '{self.language}' is not tested: use one of {', '.join(sorted(SHELL | CODE | TEXT))}"
         if "not run" in self.marks and len(self.marks["not run"]) < 10:
             return f"{self.place}: 'not run' needs a reason of at least 10 characters"
         return None

@@ -103,7 +103,7 @@ class Command(unittest.TestCase):
         with unittest.mock.patch.object(meshing, "TRIES", 3):    # its search for better angles takes long
             status, _, complained = anatomy("gland.stl", "--nodes", "900", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
         self.assertEqual(status, 0, complained)
-        self.assertIn("surfaces have no outlines: there is none", complained)
+        self.assertIn("--picture shows outlines, which surfaces do not have", complained)
         self.assertIn("puncture:capsule", self.replay("x.yaml", "--shift", "shift.csv"))
         self.assertIn(b"coronal", content("shift.csv"))
         self.assertLess(float(content("x-quality.md").decode().split("surface of gland, mm | mean ")[1].split(",")[0]), 0.5)

@@ -144,7 +144,7 @@ class Crossing(unittest.TestCase):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
         with unittest.mock.patch.object(meshing, "TRIES", 2), \
-                self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
+                self.assertRaisesRegex(contours.Unusable, r'"urethra": no mesh has 200 nodes; the closest has \d+: its surface alone has \d+'):
             pipeline.mesh_of(organs, 200, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 

@@ -82,7 +82,7 @@ class Surfaces(unittest.TestCase):
         top = crossed.points[:, 2] > 14
         crossed.points[top, 2] -= 44     # the cap passes through the bottom and is inverted
         organ = pipeline.organ_of_surface("x", "x", False, crossed)
-        self.assertRegex(organ.notes[-1], r"crosses itself at \d+ edges, first at \(.*\) mm: taken is all that it encloses")
+        self.assertRegex(organ.notes[-1], r"crosses itself at \d+ edges, first at \(.*\) mm: replaced by the surface of everything that it encloses")
         self.assertGreater(organ.volume, 1.02 * crossed.volume())
 
     def test_a_displaced_part_is_told(self):

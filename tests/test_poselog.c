@@ -84,7 +84,7 @@ static void refuses_truncated_logs(void **state) {
         pose_log log;
         bool whole = length == PAIR + POSE_EVENT || length == PAIR || length == POSE_EVENT;
         assert_int_equal(pose_log_read(path, &log, &why), whole ? TROCAR_OK : TROCAR_BAD_INPUT);
-        if (!whole) assert_non_null(strstr(why.text, "cut short"));
+        if (!whole) assert_non_null(strstr(why.text, "truncated"));
         pose_log_free(&log);
     }
 }
@@ -104,7 +104,7 @@ static void reads_truncated_logs_up_to_the_last_event(void **state) {
         snprintf(place, sizeof place, "byte %ld: ", end);
         assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), poses ? TROCAR_OK : TROCAR_BAD_INPUT);
         assert_int_equal(log.count, poses);
-        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "cut short"));
+        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "truncated"));
         pose_log_free(&log);
     }
     write_log(3, -1, NULL);
@@ -124,10 +124,10 @@ static void refuses_damage_and_names_the_place(void **state) {
     expect_bad(place, "damaged");
     write_log(3, -1, NULL);
     overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* data of 2 GiB */
-    expect_bad(place, "cut short");
+    expect_bad(place, "truncated");
     write_log(3, -1, NULL);
     overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* negative as a signed number */
-    expect_bad(place, "cut short");
+    expect_bad(place, "truncated");
     write_log(3, -1, NULL);
     overwrite(PAIR + 20, "\0\0\0\0", 4);
     expect_bad(place, "channel name");

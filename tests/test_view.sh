@@ -34,7 +34,7 @@ refuses() {
 }
 refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
 head -c 50000 "$source/tests/traces/figure8.log" >"$work/cut.log"
-refuses "the log is cut short; showing it up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
+refuses "the log is truncated; showing it up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
     --png "$work/late.png" --at 99
 refuses "--png needs --log" "$build/clients/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1

@@ -1,6 +1,8 @@
-/* The worker's lateness during an insertion: ticks run in model time, the worker in the processor time of each answer, so that a busy machine gives the same figures. One thread.
+/* The worker's lateness during an insertion: ticks run in model time, the worker in the processor time of each answer, so that a
+   busy machine gives the same figures. One thread.
 
-   Like the remeshing benchmark it measures internals: it follows single contact nodes and delays each answer until it would have been ready, which a user of the library does not need. scale_timing.c is therefore built with core's headers. */
+   Like the remeshing benchmark it measures internals: it follows single contact nodes and delays each answer until it would have
+   been ready, which a user of the library does not need. scale_timing.c is therefore built with core's headers. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 

@@ -50,7 +50,6 @@ typedef struct trocar_client_wrench {
 } trocar_client_wrench;
 
 /* Connects; `options` may be NULL. Waits for the network, but not for a server, which may start later. Returns NULL and a
-
    message with the remedy in `why`, of `size` bytes (NULL: the message goes to stderr). Starts a thread and allocates. */
 trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size);
 
@@ -58,12 +57,10 @@ trocar_client *trocar_client_open(const trocar_client_options *options, char *wh
 void trocar_client_close(trocar_client *client);
 
 /* Sends this pose of the needle's base. If poses come faster than the network takes them, only the newest is sent. Returns 0, and
-
    sends nothing, if a number is not finite. RT */
 int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
 
 /* The newest wrench. Returns 1, or 0 and a zero wrench if the watchdog has expired, because there is no server or the needle
-
    belongs to another device. RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 

@@ -418,7 +418,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     }
     hear_news(c);
     assert_int_equal(c->status->poses_old - before, 200);
-    assert_non_null(strstr(c->status->message, "came before"));
+    assert_non_null(strstr(c->status->message, "out of order"));
     expect_health(c);
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }

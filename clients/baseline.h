@@ -1,4 +1,4 @@
-/* A reference for benchmarks: the time of a matrix product on this machine, in this run. */
+/* A baseline for benchmarks: the time of a matrix product on this machine, in this run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 
@@ -6,8 +6,8 @@
 
 enum { BASELINE_ORDER = 256 };
 
-/* Times the product of two square matrices of BASELINE_ORDER (cblas_dgemm, one thread) again and again.
-   Sets OpenBLAS to one thread for the whole process. */
+/* Times the product of two square matrices of BASELINE_ORDER (cblas_dgemm, one thread) repeatedly. Sets OpenBLAS to one thread for
+   the whole process. */
 void baseline_measure(histogram *time);
 
 #endif

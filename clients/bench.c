@@ -1,4 +1,4 @@
-/* trocar-bench: how long the parts of the simulation take. One benchmark per name, each with options of its own. */
+/* trocar-bench: times parts of the simulation. One benchmark per name, each with its own options. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,7 +24,7 @@ static const benchmark benchmarks[] = {
 
 typedef struct {
     const benchmark *benchmark;
-    int first;               /* argument that names it */
+    int first;               /* argument with its name */
 } choice;
 
 static const benchmark *find_benchmark(const char *name) {
@@ -33,17 +33,17 @@ static const benchmark *find_benchmark(const char *name) {
     return NULL;
 }
 
-/* The first argument names the benchmark, which parses all that follow. */
+/* The first argument names the benchmark, which parses the rest. */
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     choice *chosen = state->input;
     switch (key) {
     case ARGP_KEY_ARG:
         chosen->benchmark = find_benchmark(text);
-        if (!chosen->benchmark) argp_error(state, "no benchmark '%s'; --help shows all", text);
+        if (!chosen->benchmark) argp_error(state, "no benchmark '%s'; --help lists all", text);
         chosen->first = state->next - 1;
         state->next = state->argc;
         break;
-    case ARGP_KEY_NO_ARGS: argp_error(state, "which benchmark? --help shows all"); break;
+    case ARGP_KEY_NO_ARGS: argp_error(state, "no benchmark given; --help lists all"); break;
     default: return ARGP_ERR_UNKNOWN;
     }
     return 0;
@@ -51,11 +51,11 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     NULL, parse_option, "BENCHMARK [OPTION...]",
-    "Times parts of the simulation beside a matrix product, so that machines can be compared by ratios."
+    "Times parts of the simulation relative to a matrix product, so that machines can be compared by ratios."
     "\vBenchmarks ('trocar-bench BENCHMARK --help' shows the options of one):\n\n"
     "  tick    one tick of the haptic loop against the number of contacts\n"
-    "  remesh    one contact node more or less against the size of the mesh and the node's valence, by every method\n"
-    "  scale   a needle going in, against the size of the mesh, for each owner of the inverse", NULL, NULL, NULL};
+    "  remesh    adding and removing a contact node, by every method, against mesh size and valence\n"
+    "  scale   inserting a needle, against mesh size, for each kind of inverse", NULL, NULL, NULL};
 
 int main(int count, char **arguments) {
     choice chosen = {0};

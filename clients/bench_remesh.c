@@ -29,7 +29,7 @@ typedef struct {
 typedef struct {
     int nodes, tetrahedra, unknowns;
     const char *inverse;
-    histogram sweep;         /* one reading and writing of a triangle of the inverse, column by column; empty where it is not dense */
+    histogram sweep;         /* reading and writing one triangle of the inverse, column by column; empty if it is not dense */
     int row_count;
     row rows[MAX_ROWS_OF_SCENE];
 } scene_result;
@@ -46,13 +46,13 @@ typedef struct {
 enum { OPTION_SAMPLES = 256, OPTION_SECONDS, OPTION_CONTACTS, OPTION_TOUCHED, OPTION_VALENCES, OPTION_JSON };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene (at least one), for its mesh, regions and inverse; may be given again", 0},
-    {"samples", OPTION_SAMPLES, "N", 0, "Nodes put in and taken out for each row (default 200)", 0},
-    {"seconds", OPTION_SECONDS, "S", 0, "Time after which a row gets no more than three (default 3)", 0},
-    {"contacts", OPTION_CONTACTS, "N", 0, "Contact nodes that are there already (default 10)", 0},
+    {"scene", 's', "FILE", 0, "Scene (at least one), for its mesh, regions and inverse; may be repeated", 0},
+    {"samples", OPTION_SAMPLES, "N", 0, "Nodes added and removed for each row (default 200)", 0},
+    {"seconds", OPTION_SECONDS, "S", 0, "Time limit of a row, which has at least three nodes (default 3)", 0},
+    {"contacts", OPTION_CONTACTS, "N", 0, "Contact nodes already present (default 10)", 0},
     {"touched", OPTION_TOUCHED, "N", 0, "Nodes of a moved node's patch (default: the most frequent in the first mesh)", 0},
-    {"valences", OPTION_VALENCES, NULL, 0, "In the first mesh, move nodes of every valence", 0},
-    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {"valences", OPTION_VALENCES, NULL, 0, "Move nodes of every valence in the first mesh", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
 
@@ -80,9 +80,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Puts contact nodes into the inverse and takes them out again, by every method: added inside an element, added on a face, "
-    "and nodes of the mesh moved. One thread, volumetric strain by element as in the paper. Methods that need the dense "
-    "inverse are left out where the scene has another one.", NULL, NULL, NULL};
+    "Adds contact nodes to the inverse and removes them, by every method: inside an element, on a face, " "and by moving nodes of the mesh. One thread, volumetric strain by element as in the paper. Methods that need the dense "
+    "inverse are skipped if the scene has another one.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
@@ -98,7 +97,7 @@ static trocar_status measure_row(bench *b, inverse *inv, remesh_method method, r
     return status;
 }
 
-/* How long the memory alone takes: the dense methods' sweeps can be no faster. */
+/* Time of the memory accesses alone: a lower bound for the sweeps of the dense methods. */
 static void measure_sweep(inverse *inv, histogram *time) {
     size_t n = (size_t)inverse_tissue(inv)->dof_count;
     histogram_clear(time);
@@ -164,7 +163,7 @@ static int touched_by(const remesh_case *given) {
 
 static void print_scene(const bench *b, int index, FILE *out) {
     const scene_result *result = &b->scenes[index];
-    fprintf(out, "%s: %d nodes, %d tetrahedra, %d unknowns, %s inverse; %d contact nodes are there already\n", b->options->scene_paths[index],
+    fprintf(out, "%s: %d nodes, %d tetrahedra, %d unknowns, %s inverse; %d contact nodes already present\n", b->options->scene_paths[index],
             result->nodes, result->tetrahedra, result->unknowns, result->inverse, b->options->contacts);
     if (result->sweep.count > 0) fprintf(out, "reading and writing one triangle of the inverse: p50 %.0f us\n", micro(&result->sweep, 0.5));
     fprintf(out, "\nmethod            change  nodes   samples    add us: p50       p99       max    remove us: p50\n");

@@ -1,12 +1,12 @@
-/* trocar-bench remesh: the time of one contact node more or less, by every method. It compares methods inside the library one with
-   another and is therefore a benchmark of internals, built with core's headers; all else in trocar-bench uses trocar.h. */
+/* trocar-bench remesh: the time to add or remove a contact node, by every method. It compares methods inside the library and is
+   therefore built with core's headers; the rest of trocar-bench uses trocar.h. */
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp ends the
-   program at bad options. */
+/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp exits on bad options.
+   */
 trocar_status bench_remesh(int count, char **arguments, report *why);
 
 #endif

@@ -16,7 +16,7 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
-static const double TIMED_SPACING = 1e-3;                        /* m, between contact nodes where they are counted: room for 60 */
+static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes when timing by their number: allows 60 */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
@@ -25,14 +25,14 @@ typedef struct {
     const char *inverse;     /* NULL: the scene's */
 } options;
 
-/* One scene with one owner. */
+/* One scene with one kind of inverse. */
 typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
     double start_seconds, start_processor_seconds;
     double peak_bytes;       /* resident, of the process: rises from scene to scene */
-    int counts;              /* contact counts that the mesh has */
+    int counts;              /* contact counts that the mesh allows */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
 } measured;
@@ -42,11 +42,11 @@ typedef struct {
 enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_DEPTH, OPTION_INVERSE };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene (at least one); may be given again", 0},
-    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed, in place of the scenes'", 0},
-    {"depth", OPTION_DEPTH, "METRES", 0, "How far the needle goes at each speed (default 0.08)", 0},
+    {"scene", 's', "FILE", 0, "Scene (at least one); may be repeated", 0},
+    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed; overrides the scenes", 0},
+    {"depth", OPTION_DEPTH, "METRES", 0, "Depth of insertion at each speed (default 0.08)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number of contacts (default 1000)", 0},
-    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
 
@@ -54,7 +54,7 @@ static const char *parse_inverse(const struct argp_state *state, const char *tex
     static const char *const owners[] = {"dense", "sparse", "condensed"};
     for (size_t i = 0; i < sizeof owners / sizeof *owners; i++)
         if (strcmp(text, owners[i]) == 0) return owners[i];
-    argp_error(state, "--inverse: '%s': dense, sparse or condensed", text);
+    argp_error(state, "--inverse: '%s': expected dense, sparse or condensed", text);
     return NULL;
 }
 
@@ -80,13 +80,11 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Pushes the needle in at 5, 20 and 50 mm/s on each scene and plays the motion figure8: time of a tick by the number of contacts "
-    "(1 mm apart or more), from crossing a face to the new contact node's row being at hand, to start, and memory. All times but the "
-    "start's are processor time of one thread.", NULL, NULL, NULL};
+    "Inserts the needle at 5, 20 and 50 mm/s in each scene and plays the motion figure8. Measures the time of a tick by number of contacts " "(at least 1 mm apart), the time from crossing a face to the new contact node's row, start-up time, and memory. All times except " "start-up are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static const double APPROACH = 0.02; /* m, from further away: the needle's line is known before it touches the skin */
+static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line is known before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
     const trocar_model_options options = {.progress = progress_show};
@@ -105,7 +103,7 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     trocar_status status = TROCAR_OK;
     double dt = 1.0 / trocar_model_rate(m->model);
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
-        pose aside = MOTION_START; /* other nodes for each speed: none is at hand already */
+        pose aside = MOTION_START; /* other nodes for each speed, so that none is cached */
         aside.position.y += 4e-3 * (i - 1);
         aside.position.z -= APPROACH;
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
@@ -119,7 +117,7 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     scale_timing_set_spacing(m->model, TIMED_SPACING);
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
-        if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* fewer along the way */
+        if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* the needle's path has fewer contacts */
     }
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);

@@ -40,9 +40,9 @@ static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"contacts", 'c', "N,...", 0, "Numbers of contacts (default 5,10)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number and motion (default 1000)", 0},
-    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes, instead of the scene's", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m; the needle goes in along +z (default 0.005,0.003,-0.201)", 0},
-    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes; overrides the scene", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m; the needle moves along +z (default 0.005,0.003,-0.201)", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
 
@@ -83,9 +83,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Pushes the needle in until it has a number of contacts, then times each tick while it goes on slowly (advance, "
-    "20 mm/s) and while its base is moved to and fro sideways (sweep, 30 mm/s). In lockstep in one thread: what the server's "
-    "worker does is not timed.", NULL, NULL, NULL};
+    "Inserts the needle until it has a number of contacts, then times each tick while it advances slowly (advance, " "20 mm/s) and while its base moves sideways back and forth (sweep, 30 mm/s). In lockstep in one thread; the " "worker's part is not timed.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
@@ -128,7 +126,7 @@ static void print_row(const bench *b, timed_motion motion, const tick_timing *ro
 
 static void print_table(const bench *b, FILE *out) {
     const options *o = b->options;
-    fprintf(out, "%s: %d nodes, %d tetrahedra; %g Hz, contact nodes at least %g mm apart, %d ticks a row\n", o->scene_path,
+    fprintf(out, "%s: %d nodes, %d tetrahedra; %g Hz, contact nodes at least %g mm apart, %d ticks per row\n", o->scene_path,
             trocar_model_node_count(b->model), trocar_model_tet_count(b->model), trocar_model_rate(b->model), 1e3 * b->spacing, o->ticks);
     fprintf(out, "baseline: dgemm of order %d, p50 %.1f us, p99 %.1f us\n\n", BASELINE_ORDER,
             1e6 * histogram_quantile(&b->baseline, 0.5), 1e6 * histogram_quantile(&b->baseline, 0.99));

@@ -4,8 +4,8 @@
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene, or a mesh that
-   has not the contacts; argp ends the program at bad options. */
+/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene, or a mesh with too few
+   contacts; argp exits on bad options. */
 trocar_status bench_tick(int count, char **arguments, report *why);
 
 #endif

@@ -28,7 +28,7 @@ static int by_pose(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* How far `value` lies outside of what the replay has at wrench `at` and the ones beside it. */
+/* Distance of `value` from the range of the replay at wrench `at` and its neighbours. */
 static double distance(double value, const trocar_needle_wrench_t *replayed, int count, int at, int component) {
     double least = component_of(&replayed[at], component), greatest = least;
     if (isnan(least)) return INFINITY;
@@ -65,7 +65,7 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
         }
         const trocar_needle_wrench_t *match = bsearch(w, replayed, (size_t)count, sizeof *w, by_pose);
         if (!match)
-            return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: of another recording?",
+            return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: is it of another recording?",
                         golden_path, w->pose_seq);
         deviation d = worst_component(w, replayed, count, (int)(match - replayed), peaks);
         d.golden = i;
@@ -75,7 +75,7 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
         c->bins[(int)(1e3 * fmin(d.share, 1.0))]++;
     }
     if (c->compared > 0) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: of another recording?", golden_path);
+    return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: is it of another recording?", golden_path);
 }
 
 double comparison_quantile(const comparison *c, double q) {
@@ -112,8 +112,8 @@ void comparison_print(const comparison *c, const wrench_log *golden, const char 
     } else {
         fprintf(out, "%s: %d wrenches agree\n", golden_path, c->compared);
     }
-    if (c->foreign) fprintf(out, "  %d wrenches of a second server left out: it ran beside the first one, or came after it\n", c->foreign);
-    if (golden->skipped_not_finite) fprintf(out, "  %" PRId64 " wrenches left out that are not finite\n", golden->skipped_not_finite);
+    if (c->foreign) fprintf(out, "  %d wrenches of another server ignored, which ran at the same time or later\n", c->foreign);
+    if (golden->skipped_not_finite) fprintf(out, "  %" PRId64 " non-finite wrenches ignored\n", golden->skipped_not_finite);
     fprintf(out, "  largest: ");
     print_deviation(&c->largest, replayed, out);
     fprintf(out, "  last:    ");

@@ -16,25 +16,25 @@ enum { SHARE_BINS = 1001 };
 
 typedef struct {
     int compared, differing; /* golden wrenches */
-    int foreign;             /* golden wrenches left out: of another server than the first one's */
-    deviation first;         /* beyond the tolerance; meaningless if none differs */
+    int foreign;             /* golden wrenches of other servers than the first one's, ignored */
+    deviation first;         /* the first beyond the tolerance; undefined if none differs */
     deviation largest;
     deviation last;          /* of the last golden wrench */
-    int bins[SHARE_BINS];    /* golden wrenches by share: bin k those from k/1000 of the peak, the last one also the rest */
+    int bins[SHARE_BINS];    /* golden wrenches by share: bin k from k/1000 of the peak on, the last one open-ended */
 } comparison;
 
-/* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may be off by `tolerance`
-   (a share of its peak, taken as 0.1 N or 2 mN m where that is more) from the range that the replay has at the pose it
-   answers and the ones beside it: other processors and BLAS kernels round otherwise, which moves contact events by a tick.
-   Golden wrenches of other sessions are passed over, and of all servers but that of the first one compared; there may be fewer than poses. BAD_INPUT if one answers a pose that
-   was not replayed, or none is left. */
+/* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may differ by `tolerance` (a
+   share of its peak, which counts as at least 0.1 N or 2 mN m) from the range of the replay at the answered pose and its
+   neighbours, because other processors and BLAS kernels round differently, which shifts contact events by a tick. Golden wrenches
+   of other sessions and of other servers than that of the first compared one are ignored; there may be fewer than poses. BAD_INPUT
+   if one answers a pose that was not replayed, or if none is left. */
 trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
                                int count, double tolerance, comparison *c, report *why);
 
-/* The share that a part q of the golden wrenches does not pass, to 0.001. */
+/* Quantile q of the golden wrenches' shares, to 0.001. */
 double comparison_quantile(const comparison *c, double q);
 
-/* Prints what compare_wrenches found. */
+/* Prints the result of compare_wrenches. */
 void comparison_print(const comparison *c, const wrench_log *golden, const char *golden_path,
                       const trocar_needle_wrench_t *replayed, FILE *out);
 

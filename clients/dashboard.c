@@ -9,9 +9,9 @@
 #include "events.h"
 #include "trocar_needle_wrench_t.h"
 
-static const double silence = 1.0;  /* s without a message that alarm */
+static const double silence = 1.0;  /* s without a message until an alarm */
 
-/* Is the message of the server that is shown? */
+/* Whether the message is from the displayed server. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -19,7 +19,7 @@ static bool follows(dashboard *d, int64_t server, double now) {
 
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now) {
     if (!follows(d, timing->server, now)) return;
-    if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;  /* the first, or of a new server */
+    if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;  /* first message, or a new server */
     d->heard = true;
     d->heard_at = now;
     d->timing = *timing;
@@ -74,7 +74,7 @@ static void add_flags(page *p, const dashboard *d) {
     char text[160] = ", ";
     flags_text((unsigned)d->status.flags, text + 2, sizeof text - 2);
     if (!d->status.flags) text[0] = '\0';
-    bool alarm = d->status.flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* a ramp is as it should be */
+    bool alarm = d->status.flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* ramps are normal */
     if (d->status.owner == 0) add(p, alarm, "needle      free%s", text);
     else add(p, alarm, "needle      of session %" PRId64 ", %d contacts%s", d->status.owner, d->timing.contacts, text);
 }
@@ -122,7 +122,7 @@ static void add_counters(page *p, const dashboard *d) {
 
 /* ---- histograms -------------------------------------------------------------------------------------------------- */
 
-/* Height of a column, 0..1: logarithmic, so that one late tick shows beside 100 000 good ones. */
+/* Height of a column, 0..1; logarithmic, so that one late tick is visible next to 100 000 good ones. */
 static double column(double count, double most) { return count > 0 ? (1 + log10(count)) / (1 + log10(most)) : 0; }
 
 static double most_of(const dashboard *d) {
@@ -136,7 +136,7 @@ static void draw_row(const double *bins, double most, double level, char row[DAS
     row[DASHBOARD_BINS] = '\0';
 }
 
-/* Bin k takes what is below 2^(k/2) us. */
+/* Bin k counts values below 2^(k/2) us. */
 static void add_histograms(page *p, const dashboard *d) {
     const char *axis = "1us       32us      1ms     32ms";
     int height = p->room - p->count - 2;
@@ -156,7 +156,7 @@ static void add_histograms(page *p, const dashboard *d) {
 int dashboard_draw(const dashboard *d, double now, int height, dashboard_line lines[DASHBOARD_LINES]) {
     page p = {.lines = lines, .room = height < DASHBOARD_LINES ? height : DASHBOARD_LINES};
     if (d->foreign)
-        add(&p, true, "%" PRId64 " messages of another version: is trocar-top of the server's release?", d->foreign);
+        add(&p, true, "%" PRId64 " messages of another version: run trocar-top of the server's release", d->foreign);
     if (!d->heard) {
         add(&p, true, "no server heard: does it run with the same LCM URL?");
         return p.count;

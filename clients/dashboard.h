@@ -1,4 +1,4 @@
-/* What trocar-top shows: the newest timing and status of a server as lines of text. No terminal, no network, no clock. */
+/* The display of trocar-top: the newest timing and status of a server as lines of text. No terminal, no network, no clock. */
 #ifndef TROCAR_DASHBOARD_H
 #define TROCAR_DASHBOARD_H
 
@@ -13,11 +13,11 @@ enum { DASHBOARD_BINS = 32, DASHBOARD_LINES = 64, DASHBOARD_WIDTH = 160 };
 /* All zero at the start. */
 typedef struct {
     server_choice servers;                       /* only the followed one is shown */
-    bool heard;                                  /* a timing has come */
-    double heard_at;                             /* s, when the newest one came */
+    bool heard;                                  /* a timing has arrived */
+    double heard_at;                             /* s, arrival of the newest one */
     trocar_loop_timing_t timing;                 /* the newest */
-    int64_t first_misses;                        /* of the first one: misses before it alarm nobody */
-    double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last clear */
+    int64_t first_misses;                        /* of the first one: earlier misses raise no alarm */
+    double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last reset */
     trocar_status_t status;                      /* the newest, without its strings */
     char scene[96], message[DASHBOARD_WIDTH];    /* its strings */
     int64_t foreign;                             /* messages that could not be decoded */
@@ -28,13 +28,13 @@ typedef struct {
     bool alarm;                                  /* needs attention */
 } dashboard_line;
 
-/* A message came at `now`, s. */
+/* Take a message that arrived at `now`, s. */
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now);
 void dashboard_take_status(dashboard *d, const trocar_status_t *status, double now);
 void dashboard_clear(dashboard *d);              /* empties the histograms */
 
-/* Fills the lines as they are at `now` (s, the clock of take_timing) for a screen of `height` lines, histograms at the
-   bottom as high as fits; returns their number, at most `height` (and DASHBOARD_LINES). 72 columns are enough for all. */
+/* Fills the lines for `now` (s, the clock of take_timing) and a screen of `height` lines, with the histograms at the bottom as high
+   as they fit; returns their number, at most `height` (and DASHBOARD_LINES). 72 columns are enough for all. */
 int dashboard_draw(const dashboard *d, double now, int height, dashboard_line lines[DASHBOARD_LINES]);
 
 #endif

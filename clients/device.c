@@ -20,20 +20,20 @@ enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OP
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
-    {"rate", 'r', "HZ", 0, "Poses a second (default 1000)", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer plays it again", 0},
+    {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer times repeat the script", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.201)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default 0.005,0.003,-0.201)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
     {0, 0, 0, 0, "Connection:", 1},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Patience with a server that does not answer (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script begins, while the server engages (default 0.3)", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "How long to wait for the server's first answer (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script starts, while the server engages (default 0.3)", 1},
     {0, 0, 0, 0, "Output:", 2},
-    {"report", OPTION_REPORT, "FILE", 0, "Write the report as JSON too", 2},
-    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench, one row each", 2},
+    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
+    {"csv", OPTION_CSV, "FILE", 0, "Write all wrenches, one per row", 2},
     {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 2},
     {0},
 };
@@ -47,7 +47,7 @@ static void list_scripts(void) {
 static const motion *parse_script(const struct argp_state *state, const char *name) {
     if (strcmp(name, "list") == 0) list_scripts();
     const motion *script = motion_find(name);
-    if (!script) argp_error(state, "--script: no script '%s'; 'list' shows all", name);
+    if (!script) argp_error(state, "--script: no script '%s'; --script list shows all", name);
     return script;
 }
 
@@ -87,7 +87,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
-            argp_error(state, "--write-log plays without a server: it takes no --csv, --report or --hand");
+            argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
         break;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -100,7 +100,7 @@ static const struct argp parser = {
     NULL, NULL, NULL};
 
 static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
-    static const int64_t epoch = INT64_C(1000000000000000);  /* us; fixed, so that a log can be reproduced */
+    static const int64_t epoch = INT64_C(1000000000000000);  /* us; fixed, so that logs are reproducible */
     static const int64_t session = 1;
     int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
     for (int64_t k = 0; k < count; k++) {

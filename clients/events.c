@@ -6,7 +6,7 @@
 #include "message_words.h"
 #include "trocar_needle_wrench_t.h"
 
-/* Bits in words, with a separator between them; a puncture with its membrane if that is not NULL. */
+/* Names of the bits, joined by a separator; a puncture includes the membrane's name if that is not NULL. */
 static void words_text(const message_word *words, size_t count, unsigned bits, const char *membrane, const char *separator, char *text,
                        size_t size) {
     size_t used = 0;

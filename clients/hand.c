@@ -1,6 +1,6 @@
 #include "hand.h"
 
-/* cos and sin/w of the damped oscillation, whose squared frequency is negative when overdamped. */
+/* cos and sin/w of the damped oscillation; the squared frequency is negative if it is overdamped. */
 static void oscillation(double squared_frequency, double t, double *cosine, double *sine) {
     double w = sqrt(fabs(squared_frequency));
     if (w * t < 1e-6) {

@@ -1,4 +1,4 @@
-/* A hand that holds the handle: a mass on a spring to where it wants to be, damped to ground, pushed by the needle. */
+/* A hand on the handle: a mass on a spring to its target, damped to ground, pushed by the needle. */
 #ifndef TROCAR_HAND_H
 #define TROCAR_HAND_H
 

@@ -1,5 +1,5 @@
-/* Writes a JSON document from front to back, commas and escapes included. `name` is that of an object's member, NULL within an
-   array and for the document itself. */
+/* Writes a JSON document sequentially, with commas and escapes. `name` is the name of an object's member, NULL in arrays and for
+   the document itself. */
 #ifndef TROCAR_JSON_H
 #define TROCAR_JSON_H
 
@@ -11,7 +11,7 @@
 
 typedef struct {
     FILE *out;
-    bool comma; /* before what comes next */
+    bool comma; /* before the next value */
 } json;
 
 void json_open(json *j, const char *name, char bracket);     /* '{' or '[' */
@@ -22,7 +22,7 @@ void json_numbers(json *j, const char *name, const double *values, int count);
 void json_integer(json *j, const char *name, int64_t value);
 void json_bool(json *j, const char *name, bool value);
 
-/* What comes next begins a line, for documents that people read. */
+/* Starts a new line before the next value, for readability. */
 void json_line(json *j);
 
 void json_time(json *j, const histogram *time); /* members p50_s, p99_s and max_s of an object */

@@ -4,22 +4,22 @@
 
 #include "base/vec.h"
 
-/* One move of the base: between two times it travels by `shift` and turns by `turn`, as a hand does, with
-   minimum jerk. Legs may overlap: their shifts add, their turns multiply in order. */
+/* One move of the base: between two times it moves by `shift` and rotates by `turn` with minimum jerk, like a hand. Legs may
+   overlap: their shifts add, their turns multiply in order. */
 typedef struct {
     double from, to;         /* s */
     vec3 shift;              /* m, world frame */
     vec3 turn;               /* rad, rotation vector in the needle's frame, about the base point */
 } motion_leg;
 
-#define MOTION_START ((pose){{0.005, 0.003, -0.201}, {1, 0, 0, 0}}) /* a needle of 200 mm then ends 1 mm before the skin of the scenes */
+#define MOTION_START ((pose){{0.005, 0.003, -0.201}, {1, 0, 0, 0}}) /* the tip of a 200 mm needle is then 1 mm before the skin */
 
 enum { MOTION_MAX_LEGS = 8 };
 
 typedef struct {
     const char *name, *summary;
-    double duration;         /* s, what one play shows */
-    double period;           /* s >= duration: at this time all legs have led back to the start, and it may play again */
+    double duration;         /* s, of one play */
+    double period;           /* s >= duration: the time at which the motion is back at its start and can be repeated */
     int leg_count;
     motion_leg legs[MOTION_MAX_LEGS];
 } motion;
@@ -27,14 +27,14 @@ typedef struct {
 /* The script of this name, or NULL. */
 const motion *motion_find(const char *name);
 
-/* All scripts in order, NULL past the last. */
+/* All scripts in order, NULL after the last. */
 const motion *motion_at(int index);
 
 /* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: minimum jerk, 10 x^3 - 15 x^4 + 6 x^5
    (Flash and Hogan 1985). */
 double motion_fraction(double from, double to, double t);
 
-/* Pose at `t` (s; before 0: at rest at `start`; past the period: played again) of a script that begins at `start`. */
+/* Pose at `t` (s; before 0: at rest at `start`; after the period: repeated) of a script that starts at `start`. */
 pose motion_pose(const motion *script, pose start, double t);
 
 #endif

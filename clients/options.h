@@ -6,7 +6,7 @@
 
 enum { EXIT_BAD_INPUT = 2 };
 
-/* `count` finite numbers separated by commas in `text`; otherwise ends the program through argp_error. */
+/* `count` finite numbers separated by commas in `text`; otherwise exits through argp_error. */
 void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers);
 
 /* One finite number in [least, greatest]. */

@@ -1,4 +1,4 @@
-/* A file that is either complete or absent: written under a temporary name and renamed when done. */
+/* An output file that is either complete or absent: it is written under a temporary name and renamed at the end. */
 #ifndef TROCAR_OUTPUT_H
 #define TROCAR_OUTPUT_H
 
@@ -9,13 +9,13 @@ typedef struct {
     FILE *file;              /* NULL when not open */
 } output;
 
-/* Opens the temporary file; BAD_INPUT when it cannot be written there. */
+/* Opens the temporary file; BAD_INPUT if it cannot be created. */
 trocar_status output_open(output *o, const char *path, report *why);
 
-/* Closes and renames it; SYSTEM (and no file) when it could not be written completely. */
+/* Closes and renames it; SYSTEM (and no file) if it could not be written completely. */
 trocar_status output_commit(output *o, report *why);
 
-/* Removes what was written; harmless after a commit or without an open. */
+/* Removes the temporary file; harmless after a commit or without an open. */
 void output_abandon(output *o);
 
 #endif

@@ -1,5 +1,5 @@
-/* One thread and two events: the timer says "send the next pose", LCM's socket says "a wrench is there". Deadlines are
-   absolute, so that the rate does not drift; periods that were missed are skipped and counted. */
+/* One thread and two events: the timer (send the next pose) and LCM's socket (a wrench has arrived). Deadlines are absolute, so
+   that the rate does not drift; missed periods are skipped and counted. */
 #include "player.h"
 
 #include <errno.h>
@@ -20,7 +20,7 @@
 #include "timing.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s to listen after the last pose: less than the server holds the wrench */
+static const double last_answers = 0.008; /* s to listen after the last pose: shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -31,7 +31,7 @@ typedef struct {
     double period;           /* s */
     hand hand;
     vec3 force;              /* N, newest, on the hand */
-    int64_t wrench_tick;     /* of that force */
+    int64_t wrench_tick;     /* tick of that force */
     trocar_status status;    /* of the first failure in a callback */
     report *why;
 } player;
@@ -45,7 +45,7 @@ static void interrupt(int signal) {
 
 static double now(void) { return 1e-9 * (double)monotonic_ns(); } /* s */
 
-/* Is that the server whose wrenches are felt? Another one is told of once and counted. */
+/* Whether this is the server whose wrenches are used. Another one is reported once and counted. */
 static bool follow(player *p, int64_t server) {
     if (server_choice_follows(&p->servers, server, now())) return true;
     if (p->record->foreign_wrenches++ == 0)
@@ -66,7 +66,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Where the base is at script time t: on the script, or where the hand comes to. */
+/* Pose of the base at script time t: the script's, or the hand's that follows it. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -85,7 +85,7 @@ static trocar_status send_pose(player *p, double t) {
     return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (docs/troubleshooting.md)?", POSE_CHANNEL);
 }
 
-/* Waits for a wrench or the timer; returns the periods that have passed, 0 after a wrench, -1 when interrupted. */
+/* Waits for a wrench or the timer; returns the number of periods elapsed, 0 after a wrench, -1 if interrupted. */
 static int wait_event(player *p) {
     struct pollfd events[2] = {{.fd = p->timer, .events = POLLIN}, {.fd = lcm_get_fileno(p->lcm), .events = POLLIN}};
     if (poll(events, 2, -1) < 0 || interrupted) return -1;
@@ -95,7 +95,7 @@ static int wait_event(player *p) {
     return (int)expired;
 }
 
-/* Sends poses of rest until the server's first answer. */
+/* Sends the start pose until the server's first answer. */
 static trocar_status await_server(player *p) {
     double deadline = now() + p->settings->patience;
     while (p->record->received_count == 0) {
@@ -105,7 +105,7 @@ static trocar_status await_server(player *p) {
         if (status != TROCAR_OK) return status;
         if (now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
-                        "no answer in %g s: does trocar-server run with the same LCM URL, and does no other device own the needle?",
+                        "no answer in %g s: check that trocar-server runs with the same LCM URL and that no other device owns the needle",
                         p->settings->patience);
     }
     return TROCAR_OK;
@@ -133,11 +133,11 @@ static void release_needle(player *p) {
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &release);
 }
 
-/* Before LCM is created: its reader thread inherits the priority. */
+/* Called before LCM is created, because its reader thread inherits the priority. */
 static void ask_realtime(void) {
     int error = realtime_use_fifo(PRIORITY_DEVICE);
     if (error != 0)
-        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without\n", strerror(error));
+        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
 }
 
 static trocar_status open_links(player *p) {

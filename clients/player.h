@@ -1,4 +1,4 @@
-/* Plays a scripted motion to the server over LCM, in real time, and records what comes back. */
+/* Plays a scripted motion to the server over LCM in real time and records the answers. */
 #ifndef TROCAR_PLAYER_H
 #define TROCAR_PLAYER_H
 
@@ -14,13 +14,13 @@ typedef struct {
     double speed;            /* script seconds per second */
     double duration;         /* s, real time */
     double patience;         /* s to wait for the server's first answer */
-    double settle;           /* s at rest before the script begins, while the server engages */
+    double settle;           /* s at rest before the script starts, while the server engages */
     bool realtime;           /* ask for SCHED_FIFO */
     bool closed_loop;        /* `hand` holds the needle and follows the script */
     hand hand;               /* mass, damping, stiffness; position and velocity are set here */
 } play_settings;
 
-/* Plays until the end or an interrupt (SIGINT, SIGTERM). SYSTEM when LCM or a timer is refused or nobody answers. */
+/* Plays until the end or an interrupt (SIGINT, SIGTERM). SYSTEM if LCM or a timer fails or no server answers. */
 trocar_status play(const play_settings *settings, recording *r, report *why);
 
 #endif

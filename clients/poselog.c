@@ -11,13 +11,13 @@
 #include "safety_limits.h"
 #include "message_fit.h"
 
-/* LCM's own reader trusts the lengths that it finds, prints to stderr and resumes at the next magic number: a damaged
-   log would pass for a shorter one. The format is simple enough to read with checks. An event on disk, big-endian:
-   magic, event number (8), timestamp (8), two lengths (4 each), channel, data. */
+/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log
+   would look like a shorter one. The format is simple enough to read with checks. An event on disk, big-endian: magic, event number
+   (8), timestamp (8), two lengths (4 each), channel, data. */
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* Wrenches once had no `server`, which is now the last field. */
+/* Fingerprint of older wrenches, without the field `server`, which is now the last one. */
 static const uint64_t WRENCH_WITHOUT_SERVER = 0x9bb829ef4984e48c;
 
 /* A log being read. */
@@ -64,7 +64,7 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
     h->channel_length = big_endian_32(bytes + EVENT_CHANNEL_LENGTH);
     h->data_length = big_endian_32(bytes + EVENT_DATA_LENGTH);
     r->cut = got < sizeof bytes || EVENT_HEADER + h->channel_length + h->data_length > r->size - r->offset;
-    if (r->cut) return bad_event(r, "the log is cut short", why);
+    if (r->cut) return bad_event(r, "the log is truncated", why);
     if (h->channel_length < 1 || h->channel_length > CHANNEL_MAX)
         return bad_event(r, "impossible length of the channel name: the log is damaged", why);
     size_t length = (size_t)h->channel_length;
@@ -89,13 +89,13 @@ static trocar_status read_data(const reader *r, const event_header *h, unsigned 
     return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Do the data begin with the fingerprint of their type? */
+/* Checks that the data start with the fingerprint of their type. */
 static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, report *why) {
     int64_t found = big_endian_64(data);
     if (found == fingerprint) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT,
                 "%s: event %" PRId64 " at byte %" PRId64 ": not a trocar.%s of this version (fingerprint %016" PRIx64
-                ", here %016" PRIx64 "): recorded with another lcmtypes/trocar.lcm? Then replay it with the release of that time",
+                ", here %016" PRIx64 "): recorded with another lcmtypes/trocar.lcm? Then replay it with that release",
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
@@ -112,7 +112,7 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
-/* Adds the field that a wrench of old lacks, zero. Returns the data's length then. */
+/* Appends the field that older wrenches lack, as zero. Returns the new length. */
 static int64_t complete_wrench(unsigned char data[DATA_MAX], int64_t length) {
     if ((uint64_t)big_endian_64(data) != WRENCH_WITHOUT_SERVER) return length;
     uint64_t fingerprint = (uint64_t)__trocar_needle_wrench_t_get_hash();
@@ -146,7 +146,7 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
-/* As the server takes them: of one session, none twice or out of order. */
+/* Accepts poses like the server: of one session, none repeated or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
     const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
     if (last && p->session != last->session) {
@@ -189,7 +189,7 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return status;
 }
 
-/* Keeps what a status says of the inverse; a status of another version says nothing. */
+/* Stores the kind of inverse from a status; a status of another version is ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_log *log = context;
     unsigned char data[STATUS_MAX];
@@ -204,9 +204,9 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
 
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
-/* Reads all events; those of `channel` go to `take`, which finds the file at the event's data, and those of TROCAR_STATUS to
-   `note`, if it is given. With `cut`, a log that ends within an event is read up to that event, and the message about it goes to
-   `cut` (empty if the log is whole). */
+/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note`, if given, those of
+   TROCAR_STATUS. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
+   if the log is complete). */
 static trocar_status read_log(const char *path, const char *channel, take_event *take, take_event *note, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);

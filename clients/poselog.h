@@ -1,4 +1,4 @@
-/* LCM event logs of poses and wrenches, with the checks that LCM's own reader leaves out. */
+/* LCM event logs of poses and wrenches, with checks that LCM's own reader lacks. */
 #ifndef TROCAR_POSELOG_H
 #define TROCAR_POSELOG_H
 
@@ -14,46 +14,46 @@
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 #define STATUS_CHANNEL "TROCAR_STATUS"
 
-/* The poses of a log as the server would take them: in order, of one session. */
+/* The poses of a log that the server would accept: in order, of one session. */
 typedef struct {
     int count;
     trocar_needle_pose_t *poses;  /* count */
-    int64_t skipped_sessions;     /* left out: poses of other sessions than the first pose's */
-    int64_t skipped_old;          /* left out: poses whose number is not above the last one's, as a network repeats or reorders them */
+    int64_t skipped_sessions;     /* number of skipped poses of other sessions than the first pose's */
+    int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
 typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
-    int64_t skipped_not_finite;   /* left out: servers up to release 0.1 sent such */
-    char inverse[16];             /* owner of the inverse that made them, of the log's last status; empty: the log does not say */
+    int64_t skipped_not_finite;   /* number of skipped ones; servers up to release 0.1 sent such */
+    char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 
-/* Reads the poses, or the wrenches, of the log at `path`; other channels are passed over. BAD_INPUT, with file and event or
-   byte, for a log that is missing, damaged, cut short, of other message types or without any, and for a pose that is not
-   finite, without a unit quaternion (safety_check_pose) or not later than the one before. Wrenches of before they named their
-   server count as of server 0. */
+/* Reads the poses, or the wrenches, of the log at `path`; other channels are ignored. BAD_INPUT, with file and event or byte, for a
+   log that is missing, damaged, truncated, of other message types or empty, and for a pose that is not finite, without a unit
+   quaternion (safety_check_pose) or not later than the previous one. Older wrenches, which do not name their server, count as
+   server 0's. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 
-/* The same for a recording that was cut short or is still being written: its whole events are read. `cut` says where the
-   log ends within an event; it is empty if the log is whole. */
+/* The same for a recording that is truncated or still being written: its complete events are read. `cut` says where the log ends
+   within an event; it is empty if the log is complete. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
-/* Lockstep: when pose i is due, s after the first one; and the length of its tick, s: since the pose before, or one period at
-   the first one. A gap longer than POSE_LOG_GAP counts as that and adds one to `gaps`. */
+/* For lockstep: time of pose i, s after the first one; and length of its tick, s: since the previous pose, or one period for the
+   first. A gap longer than POSE_LOG_GAP counts as POSE_LOG_GAP and adds one to `gaps`. */
 #define POSE_LOG_GAP 0.1     /* s */
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* The base's pose in a message, quaternion normalised; and the message of a pose. */
+/* The pose in a message, with normalised quaternion, and the message of a pose. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
-/* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM when it cannot be written. */
+/* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
 trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);

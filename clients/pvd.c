@@ -15,7 +15,7 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, report *why) {
     return TROCAR_OK;
 }
 
-/* The list names files beside itself. */
+/* File names in the list are relative to its folder. */
 static void list_state(pvd_series *p, double time) {
     static const char *const parts[] = {"tissue", "needle"};
     const char *slash = strrchr(p->prefix, '/'), *name = slash ? slash + 1 : p->prefix;

@@ -7,7 +7,7 @@
 #include "output.h"
 #include "trocar.h"
 
-enum { PVD_HZ = 30 };        /* states a second of the motion's time */
+enum { PVD_HZ = 30 };        /* states per second of simulated time */
 
 typedef struct {
     const char *prefix;
@@ -15,17 +15,17 @@ typedef struct {
     int count;               /* states written */
 } pvd_series;
 
-/* BAD_INPUT when PREFIX.pvd cannot be written. `prefix` must outlive it. */
+/* BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive it. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 
-/* Writes this state, of this time (s). */
+/* Writes this state with its time (s). */
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output, double time,
                        report *why);
 
-/* Is the state at this time (s) one of the series? */
+/* Whether the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);
 
-/* Writes the list; until then there is none. */
+/* Writes the list, which does not exist before. */
 trocar_status pvd_close(pvd_series *p, report *why);
 void pvd_abandon(pvd_series *p);
 

@@ -138,7 +138,7 @@ void summary_print(const recording_summary *s, FILE *out) {
     fprintf(out, "poses sent          %d (%d not answered, %d periods skipped)\n", s->sent, s->unanswered_poses,
             s->skipped_periods);
     fprintf(out, "wrenches received   %d (%" PRId64 " lost)\n", s->received, s->lost_wrenches);
-    if (s->foreign_wrenches) fprintf(out, "of another server   %" PRId64 " wrenches left out: stop one of the two\n", s->foreign_wrenches);
+    if (s->foreign_wrenches) fprintf(out, "of another server   %" PRId64 " wrenches ignored: stop one of the two servers\n", s->foreign_wrenches);
     fprintf(out, "round trip          p50 %.3f ms, p99 %.3f ms, max %.3f ms\n", 1e3 * s->round_trip_p50,
             1e3 * s->round_trip_p99, 1e3 * s->round_trip_max);
     for (int i = 0; i < 3; i++)
@@ -151,7 +151,7 @@ void summary_print(const recording_summary *s, FILE *out) {
         fprintf(out, "  membrane %d        at %.3f s, track %.1f mm long, axial force %+.3f N just before\n", p->membrane,
                 p->time, 1e3 * p->depth, p->force);
     }
-    fprintf(out, "largest jump        %.4f N in one tick, of %.3f N at %.3f s, punctures left out\n", s->largest_jump,
+    fprintf(out, "largest jump        %.4f N in one tick, of %.3f N at %.3f s, except at punctures\n", s->largest_jump,
             s->jump_force, s->jump_time);
     char flags[160];
     flags_text((unsigned)s->flags, flags, sizeof flags);

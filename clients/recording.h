@@ -1,4 +1,4 @@
-/* What a device sent and received, and what it says about the link and the forces. */
+/* The messages that a device sent and received, and a summary of the link and the forces. */
 #ifndef TROCAR_RECORDING_H
 #define TROCAR_RECORDING_H
 
@@ -8,7 +8,7 @@
 #include "trocar_needle_wrench_t.h"
 #include "base/vec.h"
 
-/* Times are s on one clock of the device. */
+/* Times are in s on one clock of the device. */
 typedef struct { double time; pose base; bool answered; } sent_pose;
 typedef struct {
     double time;             /* arrival */
@@ -18,13 +18,13 @@ typedef struct {
 
 typedef struct {
     int64_t session;
-    double start;            /* when the script began; what came before does not count */
+    double start;            /* start of the script; earlier messages do not count */
     int sent_count, sent_room;
     sent_pose *sent;         /* sent_count, by sequence number */
     int received_count, received_room;
     received_wrench *received;
     int skipped_periods;     /* of the device's own loop */
-    int64_t foreign_wrenches; /* of another server than the followed one: left out */
+    int64_t foreign_wrenches; /* of servers other than the followed one, ignored */
 } recording;
 
 enum { SUMMARY_MAX_PUNCTURES = 16 };
@@ -40,18 +40,18 @@ typedef struct {
     double round_trip_p50, round_trip_p99, round_trip_max;   /* s; NaN if nothing came */
     double least_force[3], greatest_force[3];                /* N, rendered, world axes */
     double least_torque[3], greatest_torque[3];              /* N m */
-    int puncture_count;      /* may exceed what the list holds */
+    int puncture_count;      /* may exceed the length of the list */
     puncture punctures[SUMMARY_MAX_PUNCTURES];
-    double largest_jump;     /* N, of the raw force from one tick to the next, punctures and the tick after left out */
+    double largest_jump;     /* N, of the raw force per tick, except at punctures and in the tick after them */
     double jump_time;        /* s from start */
     double jump_force;       /* N, magnitude of the raw force there */
     double deepest;          /* m */
     int most_contacts;
-    int32_t flags;           /* all that were set at some time */
+    int32_t flags;           /* that were set at any time */
 } recording_summary;
 
-/* Record a pose (its sequence number is its index) or a wrench. Wrenches of other sessions are passed over.
-   NO_MEMORY when full. */
+/* Record a pose (its sequence number is its index) or a wrench. Wrenches of other sessions are ignored. NO_MEMORY if it cannot
+   grow. */
 trocar_status recording_add_pose(recording *r, double time, pose base, report *why);
 trocar_status recording_add_wrench(recording *r, double time, const trocar_needle_wrench_t *wrench, report *why);
 void recording_free(recording *r);
@@ -61,7 +61,7 @@ trocar_status recording_summarise(const recording *r, recording_summary *summary
 void summary_print(const recording_summary *s, FILE *out);       /* as text */
 void summary_write_json(const recording_summary *s, FILE *out);
 
-/* One row a wrench since the start, named columns with units. */
+/* One row per wrench since the start; the columns are named with units. */
 void recording_write_csv(const recording *r, FILE *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* How a region moves as a whole under the needle: the rigid motion that is nearest to the displacement of its nodes. */
+/* Motion of a region as a whole: the rigid motion that fits the displacement of its nodes best. */
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 
@@ -11,9 +11,9 @@ typedef struct {
     vec3 turn;               /* rad, rotation vector about the centroid */
 } rigid_motion;
 
-/* Least squares over `count` points at `from` that went to `from + displacement`: shift of the centroid and the rotation of
-   Kabsch 1976, as the polar factor of the covariance by Newton's iteration (Higham 1986). No rotation for points of one
-   plane, or turned so far that the covariance is a reflection. */
+/* Least squares over `count` points that moved from `from` to `from + displacement`: shift of the centroid and the rotation of
+   Kabsch 1976, as the polar factor of the covariance by Newton's iteration (Higham 1986). No rotation for coplanar points, or for
+   rotations so large that the covariance is a reflection. */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 
 /* Follows the nodes of one region. */
@@ -27,7 +27,7 @@ typedef struct {
 trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why);
 void region_motion_free(region_motion *motion);
 
-/* Under these displacements of the mesh's nodes (3 node_count, m). */
+/* Motion under these displacements of the mesh's nodes (3 node_count, m). */
 rigid_motion region_motion_of(region_motion *motion, const double *displacements);
 
 #endif

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: nodes in the window, as about an advancing tip */
+enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: nodes in the window, as around an advancing tip */
 
 typedef struct {
     const tissue *tissue;
@@ -32,7 +32,7 @@ static vec3 draw_point(timing_run *run, int tet) {
     return mesh_point(run->tissue->mesh, tet, weights);
 }
 
-/* ---- a node more ---------------------------------------------------------------------------------------------------- */
+/* ---- adding a node -------------------------------------------------------------------------------------------------- */
 
 /* A point on the face opposite `face`, nearest to corner `corner`. */
 static vec3 point_near(const mesh *m, int tet, int face, int corner) {
@@ -63,7 +63,7 @@ static bool change_mesh(timing_run *run, remesh_change change, int tet) {
     }
 }
 
-/* One more contact node in an element drawn by lot; returns the element, or -1 where the mesh has none that will do. */
+/* Adds a contact node in a random element; returns the element, or -1 if the mesh has no suitable one. */
 static int change_somewhere(timing_run *run, remesh_change change) {
     int all = run->tissue->mesh->tet_count, first = (int)(draw(run) * all);
     for (int k = 0; k < all; k++)
@@ -71,7 +71,7 @@ static int change_somewhere(timing_run *run, remesh_change change) {
     return -1;
 }
 
-/* The nodes of the elements around one. */
+/* Puts the nodes of the elements around `tet` into the window. */
 static void look_around(timing_run *run, int tet) {
     const mesh *m = run->tissue->mesh;
     remesh_request *request = &run->request;
@@ -98,7 +98,7 @@ static trocar_status serve(timing_run *run, int64_t *time, report *why) {
     return status;
 }
 
-/* Window first, untimed; then the node, and the same without it. */
+/* Requests the window first, untimed; then adds the node and removes it. */
 static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, report *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);

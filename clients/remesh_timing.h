@@ -1,4 +1,4 @@
-/* How long the remesher takes to put one contact node into the inverse, and to take it out again. */
+/* Time that the remesher takes to add a contact node to the inverse and to remove it. */
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
@@ -10,23 +10,23 @@ typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_chang
 typedef struct {
     remesh_method method;
     remesh_change change;
-    int touched;             /* of moved nodes only those whose patch has this many nodes; 0: any */
-    int contacts;            /* contact nodes that are there already, added in the same way (inside, where nodes are moved) */
-    int samples;             /* at most, */
-    double seconds;          /* and after this time none but the first three */
+    int touched;             /* moved nodes: only those whose patch has this many nodes; 0: any */
+    int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */
+    int samples;             /* at most; */
+    double seconds;          /* after this time no more than three */
 } remesh_case;
 
 typedef struct {
-    int samples;             /* 0 where the mesh has no such node */
-    histogram add, remove;   /* remesher_serve: from the request to the snapshot, the window's nodes being known */
+    int samples;             /* 0 if the mesh has no such node */
+    histogram add, remove;   /* time of remesher_serve, from request to snapshot, with the window's nodes known */
 } remesh_timing;
 
 const char *remesh_change_name(remesh_change change);
 
-/* In the calling thread; BAD_INPUT and the like as from remesher_create. */
+/* Runs in the calling thread; errors as in remesher_create. */
 trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, report *why);
 
-/* For each number of nodes in the patch (0 .. MAX_PATCH) how many of the mesh's nodes may move. */
+/* For each size of the patch (0 .. MAX_PATCH) the number of movable nodes. */
 void remesh_timing_valences(const tissue *t, int counts[MAX_PATCH + 1]);
 
 #endif

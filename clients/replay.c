@@ -1,4 +1,4 @@
-/* trocar-replay: a recorded pose log through the mechanics in lockstep, one tick a pose, without a network or a clock. */
+/* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -25,7 +25,7 @@ typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
-    int every;               /* of the wrenches, one goes to the log */
+    int every;               /* only every Nth wrench is logged */
     bool quiet;
 } options;
 
@@ -37,15 +37,15 @@ typedef struct {
     trocar_sim *sim;
     trocar_output result;              /* of the last tick */
     trocar_picture *picture;           /* for --vtu and --pvd */
-    double *displacements;             /* for --shift: 3 for each node of the mesh, m; else NULL */
+    double *displacements;             /* for --shift: 3 per node of the mesh, m; else NULL */
     output log_file, csv_file, shift_file;
     region_motion motion;
     wrench_log golden;
-    trocar_needle_wrench_t *replayed;  /* one a pose, to be compared; NULL without --compare */
+    trocar_needle_wrench_t *replayed;  /* one per pose, for --compare; else NULL */
     comparison comparison;
     pvd_series series;
-    int dump_tick;           /* whose state goes to --vtu */
-    int gaps;                /* longer than POSE_LOG_GAP */
+    int dump_tick;           /* tick whose state --vtu writes */
+    int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -59,17 +59,17 @@ static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
-    {"every", OPTION_EVERY, "N", 0, "Only every Nth of the wrenches in --out, and no poses: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row a tick: time, base force and torque, depth, contacts, events", 0},
+    {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench and no poses to --out: a small golden log", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
-    {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states a second: PREFIX.pvd and its .vtu files", 0},
-    {"at", OPTION_AT, "SECONDS", 0, "When --vtu takes its picture, from the first pose (default: the end)", 0},
+    {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
+    {"at", OPTION_AT, "SECONDS", 0, "Time of the state for --vtu, from the first pose (default: the end)", 0},
     {"compare", OPTION_COMPARE, "GOLDEN", 0,
-     "Compare with the wrenches of an LCM event log, one of --out or a recording; exit status 1 where they differ", 0},
+     "Compare with the wrenches of an LCM event log, from --out or a recording; exit status 1 if they differ", 0},
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
-     "Of each component's peak in GOLDEN, taken as 0.1 N or 2 mN m where that is more (default 1)", 0},
-    {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row a tick", 0},
-    {"region", OPTION_REGION, "NAME", 0, "That region (default: the scene's first)", 0},
+     "Of each component's peak in GOLDEN, which counts as at least 0.1 N or 2 mN m (default 1)", 0},
+    {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row per tick", 0},
+    {"region", OPTION_REGION, "NAME", 0, "Region for --shift (default: the scene's first)", 0},
     {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
     {0},
 };
@@ -106,8 +106,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Runs recorded poses through the simulation in lockstep: one tick a pose, model time = the poses' utime. The same binary "
-    "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 if an input is bad.", NULL, NULL, NULL};
+    "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary " "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -141,7 +140,7 @@ static trocar_status prepare_comparison(replay *r, report *why) {
     return r->replayed ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d wrenches", r->poses.count);
 }
 
-/* Follows the region that was asked for, or the scene's first. */
+/* Follows the chosen region, or the scene's first. */
 static trocar_status prepare_shift(replay *r, report *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -211,7 +210,7 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status == TROCAR_OK ? log_write_wrench(&log, wrench, path, why) : status;
 }
 
-/* The log begins with what the wrenches depend on, but for scene and poses. */
+/* The log starts with everything that the wrenches depend on, except scene and poses. */
 static trocar_status log_origin(const replay *r, report *why) {
     lcm_eventlog_t log = {.f = r->log_file.file};
     trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
@@ -229,7 +228,7 @@ static void csv_tick(const replay *r, int tick) {
             w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events);
 }
 
-/* Rotations in the sagittal, coronal and axial planes are those about the axes normal to them. */
+/* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
 static trocar_status shift_tick(replay *r, int tick, report *why) {
     trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
     if (status != TROCAR_OK) return status;
@@ -288,14 +287,14 @@ static trocar_status run_all(replay *r, report *why) {
 
 static void summarise(const replay *r) {
     fprintf(stderr, "%d poses over %.3f s\n", r->poses.count, pose_log_time(&r->poses, r->poses.count - 1));
-    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
+    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)
-        fprintf(stderr, "%" PRId64 " poses of other sessions left out\n", r->poses.skipped_sessions);
+        fprintf(stderr, "%" PRId64 " poses of other sessions skipped\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)
-        fprintf(stderr, "%" PRId64 " poses left out that came twice or out of order\n", r->poses.skipped_old);
+        fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
 }
 
-/* Even with --quiet: it explains why the bits differ. */
+/* Printed even with --quiet, because it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->golden.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

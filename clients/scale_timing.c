@@ -8,27 +8,27 @@
 #include "insertion/prefetch.h"
 #include "insertion/tip.h"
 
-static const double REST = 0.5; /* s, before a script begins: the needle's line is known by then */
+static const double REST = 0.5; /* s, before a script starts, so that the needle's line is known */
 
-/* A contact node of the needle, from being asked for to taking part. */
+/* A contact node of the needle, from its request to its activation. */
 typedef struct {
     uint64_t id;
-    double asked;            /* s: when */
-    double due;              /* s: when it should be active, as the tip has left its element; INFINITY: it has not */
+    double asked;            /* s, time of the request */
+    double due;              /* s, when it should be active because the tip has left its element; INFINITY: not yet */
     bool answered, active, late;
 } followed;
 
 typedef struct {
     trocar_sim *sim;
     insertion_state state;
-    compliance_snapshot *snapshot, *next; /* in force; being made */
+    compliance_snapshot *snapshot, *next; /* in use; being computed */
     double speed;            /* m/s, of the hand, never below 1 mm/s */
-    double now, ready;       /* s: model time; when `next` is handed over, negative: the worker rests */
-    double idle;             /* s: up to where the worker's idle time is used */
-    int tet;                 /* that the tip is in, */
-    double entered_at, entered_depth; /* s, m: since when and from where */
+    double now, ready;       /* s, model time; time when `next` is finished, negative: the worker is idle */
+    double idle;             /* s, time up to which the worker's idle time is used */
+    int tet;                 /* element of the tip; */
+    double entered_at, entered_depth; /* s, m: time and depth of entering it */
     int contact_count;
-    followed contacts[MAX_CONTACTS];  /* those of the state */
+    followed contacts[MAX_CONTACTS];  /* of the state */
     scale_timing *result;
 } scale_run;
 
@@ -38,7 +38,8 @@ int64_t processor_ns(void) {
     return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
 }
 
-/* Idle time since the last answer goes into slices; one that takes longer than the time so far puts the next one off. */
+/* Idle time since the last answer is spent on slices of looking ahead; a slice that takes longer than the elapsed time delays the
+   next one. */
 static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
@@ -49,7 +50,7 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* The worker takes the newest request when it is done with the last one. */
+/* The worker takes the newest request when it has finished the last one. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
@@ -62,7 +63,7 @@ static trocar_status work(scale_run *run, report *why) {
         look_ahead(run);
         return TROCAR_OK;
     }
-    double begin = fmax(run->now, run->idle); /* a slice of idle work that has begun comes to its end */
+    double begin = fmax(run->now, run->idle); /* a slice of idle work in progress is finished first */
     int64_t start = processor_ns();
     trocar_status status = remesher_serve(run->sim->needles[0].remesher, &run->state.request, run->next, why);
     int64_t taken = processor_ns() - start;
@@ -71,7 +72,7 @@ static trocar_status work(scale_run *run, report *why) {
     return status;
 }
 
-/* The contact nodes behind the first `kept` are gone. */
+/* Forgets the contact nodes after the first `kept`. */
 static void forget(scale_run *run, int kept) {
     for (; run->contact_count > kept; run->contact_count--) run->result->unanswered += !run->contacts[run->contact_count - 1].answered;
 }
@@ -85,8 +86,8 @@ static void follow_contacts(scale_run *run) {
         run->contacts[run->contact_count] = (followed){.id = now->nodes[run->contact_count].id, .asked = run->now, .due = INFINITY};
 }
 
-/* The contact node of an element should be active when the tip leaves it; where the tip leapt (a membrane gave way), when the hand
-   would have taken it through. */
+/* The contact node of an element should be active when the tip leaves it; after a leap at a membrane, when the tip would have left
+   at the hand's speed. */
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (int i = 0; i < contacts_passed(&run->state); i++)

@@ -1,23 +1,23 @@
-/* Which server a client follows where two send on one LCM URL: the first one heard, until it falls silent. */
+/* Chooses the server that a client follows if two send on one LCM URL: the first one heard, until it falls silent. */
 #ifndef TROCAR_SERVER_CHOICE_H
 #define TROCAR_SERVER_CHOICE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* All zero at the start, but for `patience`. Times are s on one clock, above 0. */
+/* All zero at the start, except `patience`. Times are in s on one clock, above 0. */
 typedef struct {
-    double patience;         /* silence of the followed one after which another takes its place */
+    double patience;         /* silence of the followed server after which another one is followed */
     int64_t followed;        /* its number */
-    double heard;            /* when its last message came, 0: none yet */
-    int64_t other;           /* number of the last other one */
+    double heard;            /* arrival of its last message, 0: none yet */
+    int64_t other;           /* number of the last other server heard */
     double other_heard;      /* 0: none yet */
 } server_choice;
 
-/* A message from `server` has come: should it be used? */
+/* Whether a message from `server` that arrived at `now` should be used. */
 bool server_choice_follows(server_choice *c, int64_t server, double now);
 
-/* Did another server send within the last second? */
+/* Whether another server sent a message within the last second. */
 bool server_choice_has_other(const server_choice *c, double now);
 
 #endif

@@ -6,8 +6,8 @@
 
 #include "messages.h"
 
-static const double PUSH_SPEED = 0.1;      /* m/s, on the way in */
-enum { LEAP = 100 };                       /* ticks that a puncture may last */
+static const double PUSH_SPEED = 0.1;      /* m/s, during insertion */
+enum { LEAP = 100 };                       /* longest duration of a puncture, ticks */
 static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
@@ -16,7 +16,7 @@ typedef struct {
     trocar_output output;    /* of the last tick */
     const timing_case *wanted;
     double length, spacing;  /* m, of the needle, and between contact nodes */
-    char mesh[1024];         /* its file */
+    char mesh[1024];         /* path of its file */
 } timing_run;
 
 const char *timed_motion_name(timed_motion motion) { return motion == TIMED_ADVANCE ? "advance" : "sweep"; }
@@ -32,19 +32,19 @@ static double to_and_fro(double t) {
     return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
 }
 
-/* In the needle's frame, m. */
+/* Displacement in the needle's frame, m. */
 static vec3 way_after(timed_motion motion, double t) {
     return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
 }
 
-/* One tick and its time, ns; then the worker's part, untimed. */
+/* Runs one tick and measures its time, ns; then the worker's part, untimed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);
     int64_t start = monotonic_ns();
     trocar_status status = trocar_sim_tick(run->sim, 0, &at, run->wanted->dt, &run->output);
     *time = monotonic_ns() - start;
-    if (status != TROCAR_OK) return fail(why, status, "%s: the tick failed: is the start a pose, the tick above 0 and up to 1 s?", run->mesh);
+    if (status != TROCAR_OK) return fail(why, status, "%s: the tick failed: check that the start is a pose and the tick is above 0 and at most 1 s", run->mesh);
     return poll(&request, 1, 0) == 1 ? trocar_sim_work(run->sim, NULL, why) : TROCAR_OK;
 }
 
@@ -63,11 +63,10 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
         if (status != TROCAR_OK || run->output.contacts >= wanted->contacts) return status;
         if (run->output.contacts > most) most = run->output.contacts;
     }
-    return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: take a finer mesh, or "
-                "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
+    return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: use a finer mesh, or " "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
-/* A membrane's leap leaves several contact nodes behind at once: it is waited for, and the base drawn back until they are gone. */
+/* The leap at a membrane leaves several contact nodes at once: waits for its end, and retracts the base until they are removed. */
 static trocar_status settle(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -87,7 +86,7 @@ static void record(const trocar_output *output, int64_t time, tick_timing *resul
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* As long as it has the contacts that it has now: a tick's time grows with them, and a finer mesh has the next one sooner. */
+/* Stops when the number of contacts changes, because a tick's time grows with it, and a finer mesh has the next one sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
@@ -100,7 +99,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* From the start once more, where the needle has been in already. */
+/* Starts again in tissue that the needle has been in before. */
 static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
     pose base;
     int64_t before = result->time.count;

@@ -1,4 +1,4 @@
-/* How long one tick takes with a given number of contacts, while the needle moves as it does in use. Lockstep, one thread. */
+/* Time of one tick with a given number of contacts while the needle moves as in use. Lockstep, one thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 
@@ -8,8 +8,8 @@
 #include "trocar.h"
 
 typedef enum {
-    TIMED_ADVANCE,           /* on along the needle's axis at 20 mm/s */
-    TIMED_SWEEP,             /* sideways to and fro at 30 mm/s, 7.5 mm to each side, once a second */
+    TIMED_ADVANCE,           /* along the needle's axis at 20 mm/s */
+    TIMED_SWEEP,             /* sideways back and forth at 30 mm/s, 7.5 mm to each side, once a second */
     TIMED_MOTIONS
 } timed_motion;
 
@@ -17,22 +17,22 @@ const char *timed_motion_name(timed_motion motion);
 
 /* What to measure. */
 typedef struct {
-    pose start;              /* of the needle's base, tip before the skin; the needle goes in along its axis */
+    pose start;              /* of the needle's base, tip before the skin; the needle moves along its axis */
     double dt;               /* s, length of a tick */
-    int contacts;            /* the needle goes in until it has these; then the clock runs, as long as there are as many, */
-    int ticks;               /* again and again until so many ticks have been timed */
+    int contacts;            /* the needle is inserted until it has these; ticks are timed while it has as many, */
+    int ticks;               /* and this is repeated until so many ticks have been timed */
     timed_motion motion;
 } timing_case;
 
 typedef struct {
-    histogram time;          /* of trocar_sim_tick alone, without what the worker would do */
-    int contacts;            /* there while timed */
-    double passes, switches; /* a tick, mean */
+    histogram time;          /* of trocar_sim_tick alone, without the worker's part */
+    int contacts;            /* present while timed */
+    double passes, switches; /* mean per tick */
     int unstable;            /* ticks without an equilibrium */
 } tick_timing;
 
-/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT when it meets fewer contacts
-   on its way than asked for; the message says how many. */
+/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT if it meets fewer
+   contacts than requested; the message says how many. */
 trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
 
 #endif

@@ -27,9 +27,9 @@ enum { OPTION_ONCE = 256, OPTION_WAIT };
 
 static const struct argp_option option_list[] = {
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
-    {"plain", 'p', 0, 0, "Lines of text once a second, as in a terminal without cursor control or into a file", 0},
-    {"once", OPTION_ONCE, 0, 0, "Print it once and exit", 0},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Patience of --once with a server that is not heard (default 5)", 0},
+    {"plain", 'p', 0, 0, "Print lines of text once per second, as for files and terminals without cursor control", 0},
+    {"once", OPTION_ONCE, 0, 0, "Print once and exit", 0},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "How long --once waits for a server (default 5)", 0},
     {0},
 };
 
@@ -48,8 +48,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Shows what trocar-server tells about its timing, its poses and its wrenches, with histograms of lateness and compute time."
-    "\vKeys: q ends it, c clears the histograms. Exit status of --once: 1 if no server was heard.", NULL, NULL, NULL};
+    "Shows timing, poses and wrenches of a running trocar-server, with histograms of lateness and compute time." "\vKeys: q quits, c clears the histograms. Exit status of --once: 1 if no server was heard.", NULL, NULL, NULL};
 
 /* ---- messages ---------------------------------------------------------------------------------------------------- */
 
@@ -95,7 +94,7 @@ static void interrupt(int signal) {
     interrupted = 1;
 }
 
-/* Takes messages until the time is there, or (with keys) a key is pressed or the window changes. */
+/* Receives messages until this time, or (with keys) until a key is pressed or the window changes. */
 static void receive_until(lcm_t *lcm, double end, bool keys) {
     struct pollfd events[2] = {{.fd = lcm_get_fileno(lcm), .events = POLLIN}, {.fd = STDIN_FILENO, .events = POLLIN}};
     for (double left; (left = end - now()) > 0 && !interrupted;) {
@@ -118,7 +117,7 @@ static void print_lines(const dashboard *d) {
 static int print_once(const options *o, lcm_t *lcm, dashboard *d) {
     double end = now() + o->wait;
     while (!d->heard && now() < end && !interrupted) receive_until(lcm, now() + 0.1, false);
-    if (d->heard) receive_until(lcm, now() + 0.3, false);  /* the status, too */
+    if (d->heard) receive_until(lcm, now() + 0.3, false);  /* for the status */
     print_lines(d);
     return d->heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
@@ -158,7 +157,7 @@ static int show(lcm_t *lcm, dashboard *d) {
     return EXIT_SUCCESS;
 }
 
-/* A screen that can be drawn on, not a file or a dumb terminal. */
+/* Opens the screen if it supports drawing, unlike a file or a dumb terminal. */
 static bool open_screen(const options *o) {
     if (o->plain || o->once || !isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO)) return false;
     if (!newterm(NULL, stdout, stdin)) return false;

@@ -26,7 +26,7 @@
 
 static const double WATCHDOG = 0.02; /* s */
 static const double RAMP = 0.1;      /* s, after an outage */
-static const double PATIENCE = 0.1;  /* s of silence until another server is followed */
+static const double PATIENCE = 0.1;  /* s of silence after which another server is followed */
 
 typedef struct {
     double position[3], orientation[4];
@@ -38,8 +38,8 @@ typedef struct {
     trocar_client_wrench wrench;
 } received_wrench;
 
-/* The newest value of one thread for one other: three slots. The writer fills its own and swaps it with the middle one; the reader
-   swaps the middle one with its own if it is fresh. */
+/* Passes the newest value from one thread to another: three slots. The writer fills its own and swaps it with the middle one; the
+   reader swaps its own with the middle one if that is fresh. */
 enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
     alignas(64) atomic_uint middle;  /* index, | FRESH until it is read */
@@ -55,16 +55,16 @@ struct trocar_client {
     slots wrench_slots;
     received_wrench wrenches[3];
     atomic_bool resets, ends;
-    int wake;                /* eventfd: a pose, a reset or the end waits */
+    int wake;                /* eventfd: a pose, a reset or the end is pending */
 
     /* device's loop */
     double watchdog;         /* s */
-    double alive_since;      /* s, 0: no wrench comes */
+    double alive_since;      /* s, 0: no wrenches arrive */
     int64_t felt_tick;
 
     /* client's thread */
     pthread_t thread;
-    sem_t opened;            /* the thread is connected, or has failed */
+    sem_t opened;            /* posted when the thread is connected or has failed */
     lcm_t *lcm;
     char *url;               /* NULL: LCM's choice */
     int64_t session, seq;
@@ -89,7 +89,7 @@ static void slots_init(slots *s) {
     s->front = 2;
 }
 
-/* Hands the writer's slot over. */
+/* Publishes the writer's slot. */
 static void slots_publish(slots *s) {
     s->back = atomic_exchange_explicit(&s->middle, s->back | FRESH, memory_order_acq_rel) & INDEX;
 }
@@ -170,7 +170,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     slots_publish(&c->wrench_slots);
 }
 
-/* A pose that the network refuses is lost, and counted by the server: the next one follows. */
+/* A pose that the network refuses is lost (and counted by the server); the next one follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     trocar_needle_pose_t m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick};
@@ -231,7 +231,7 @@ static void free_client(trocar_client *c) {
 static trocar_client *create_client(const trocar_client_options *o) {
     trocar_client *c = aligned_alloc(alignof(trocar_client), sizeof *c);
     if (c == NULL) return NULL;
-    memset(c, 0, sizeof *c); /* touched as well: the device's loop meets no page fault */
+    memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop has no page fault */
     slots_init(&c->pose_slots);
     slots_init(&c->wrench_slots);
     sem_init(&c->opened, 0, 0);

@@ -7,15 +7,15 @@
            ...                                                  render wrench.force and wrench.torque
        }
 
-   A thread of the client does all that belongs to the network. The functions marked RT exchange the newest pose and the newest
-   wrench with it through memory. They take no lock, allocate nothing and never wait, so that they may be called from a
-   real-time loop; to publish takes one system call, which wakes the client's thread. They belong to one thread, the device's;
-   the others may be called from any thread, one at a time.
+   A thread of the client handles the network. The functions marked RT exchange the newest pose and the newest
+   wrench with it through memory. They take no lock, do not allocate and never wait, so that they can be called from a
+   real-time loop; publishing takes one system call, which wakes the client's thread. Call them from one thread only, the
+   device's; the others may be called from any thread, one at a time.
 
-   The client chooses a session number, follows one server where two are heard, tells the server which wrench the hand feels
-   (the server's virtual coupling needs the round trip), and discards wrenches that are meant for another device.
+   The client chooses a session number, follows one server if two are heard, tells the server which wrench the hand feels
+   (its virtual coupling needs the round trip), and discards wrenches for other devices.
 
-   Watchdog: 20 ms without a wrench and the force is zero. When wrenches come again, the force is ramped up in 0.1 s.
+   Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
 
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y. Link with trocar::client (CMake) or trocar-client (pkg-config). */
@@ -37,34 +37,34 @@ typedef struct trocar_client_options {
     int priority;            /* SCHED_FIFO priority of the client's thread, below the device's loop; 0: as the caller */
 } trocar_client_options;
 
-/* What the hand should feel. All zero while no wrench comes. */
+/* The wrench to render. All zero while no wrenches arrive. */
 typedef struct trocar_client_wrench {
-    double force[3];         /* N, world frame: what the needle's base exerts on the hand */
+    double force[3];         /* N, world frame: of the needle's base on the hand */
     double torque[3];        /* N m, world frame, about the base point */
     double depth;            /* m, length of the needle's track in the tissue */
     int64_t tick;            /* of the server */
     int32_t contacts;        /* active contact nodes */
-    int32_t events;          /* of that tick alone: subscribe to TROCAR_WRENCH to see those of every tick */
+    int32_t events;          /* of that tick only; subscribe to TROCAR_WRENCH for those of every tick */
     int32_t membrane;        /* punctured in that tick, -1 if none */
     int32_t flags;           /* TROCAR_NEEDLE_WRENCH_T_STALE, ... of trocar_needle_wrench_t.h */
 } trocar_client_wrench;
 
-/* Connects; `options` may be NULL. Waits for the network, not for a server: one that starts later is found. Returns NULL and a
+/* Connects; `options` may be NULL. Waits for the network, but not for a server, which may start later. Returns NULL and a
    message with the remedy in `why`, of `size` bytes (NULL: the message goes to stderr). Starts a thread and allocates. */
 trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size);
 
-/* Releases the needle, so that another device may have it at once, and disconnects. NULL is allowed. */
+/* Releases the needle, so that another device can take it at once, and disconnects. NULL is allowed. */
 void trocar_client_close(trocar_client *client);
 
-/* Sends this pose of the needle's base. Of poses that follow each other faster than the network takes them, the newest counts.
-   Returns 0, and sends nothing, if a number is not finite. RT */
+/* Sends this pose of the needle's base. If poses come faster than the network takes them, only the newest is sent. Returns 0, and
+   sends nothing, if a number is not finite. RT */
 int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
 
-/* The newest wrench. Returns 1, or 0 with a wrench of zero where the watchdog has expired: there is no server, or the needle
+/* The newest wrench. Returns 1, or 0 and a zero wrench if the watchdog has expired, because there is no server or the needle
    belongs to another device. RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
-/* Asks the server to take the needle out of the tissue and to put the tissue at rest; the next pose engages it anew. RT */
+/* Asks the server to remove the needle and relax the tissue; the next pose engages the needle again. RT */
 void trocar_client_reset(trocar_client *client);
 
 #ifdef __cplusplus

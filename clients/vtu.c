@@ -83,7 +83,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     fprintf(out, "</CellData>\n");
 }
 
-/* No name can end the comment early: XML forbids "--" there. */
+/* Names must not end the comment: XML forbids "--" in it. */
 static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
     for (int g = 0; g < trocar_model_region_count(model); g++) {
@@ -94,7 +94,7 @@ static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-/* Tissue that springs back at the tip is held back by a damper that the needle does not feel: part of the applied forces. */
+/* The applied forces include the damper at the tip, which slows tissue that springs back and is not felt by the needle. */
 static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("tip_damping", m->damping, out);
@@ -180,7 +180,7 @@ static void write_line(int count, FILE *out) {
     fprintf(out, "</Cells>\n");
 }
 
-/* VTK wants field data before the piece. */
+/* VTK requires field data before the piece. */
 static void write_needle(const centreline *c, const double base[3], const trocar_output *given, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
                  "<UnstructuredGrid>\n<FieldData>\n");

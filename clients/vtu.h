@@ -1,5 +1,5 @@
-/* Export of one state in VTK's XML format, for ParaView and for checks that forces balance. ASCII with 17 digits: reading it back
-   gives the bits that were computed. */
+/* Export of one state in VTK's XML format, for ParaView and for checks of the balance of forces. ASCII with 17 digits, so that
+   reading gives the same bits. */
 #ifndef TROCAR_VTU_H
 #define TROCAR_VTU_H
 
@@ -12,9 +12,9 @@
    onto which the cell's volumetric strain is averaged. K displacement = applied_force at all nodes not fixed. */
 trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const char *prefix, report *why);
 
-/* The needle as PREFIX-needle.vtu: the deformed centreline through joints and contact points. Point data `force` N on
-   the needle, `arc_length` m from the base; field data `base_position` m, `base_force` N and `base_torque` N m, what the
-   base exerts on the hand: base_force = sum force, base_torque = sum (point - base_position) x force. */
+/* The needle as PREFIX-needle.vtu: the deformed centreline through joints and contact points. Point data `force` N on the needle,
+   `arc_length` m from the base; field data `base_position` m, and `base_force` N and `base_torque` N m of the base on the hand:
+   base_force = sum force, base_torque = sum (point - base_position) x force. */
 trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *output, const char *prefix,
                                report *why);
 

@@ -1,5 +1,5 @@
-/* Calls of the C library's allocator, counted thread by thread, so that a running server can show that its loop makes
-   none. Under a sanitizer, which has an allocator of its own, the count stays 0. */
+/* Counts calls of the C library's allocator per thread, so that a running server can show that its loop makes none. Sanitizers have
+   their own allocator: with them the count stays 0. */
 #ifndef TROCAR_ALLOCATIONS_H
 #define TROCAR_ALLOCATIONS_H
 
@@ -14,7 +14,7 @@
 #define ALLOCATIONS_ARE_COUNTED 1
 #endif
 
-/* Allocated, resized and freed by the calling thread, since it began. RT */
+/* Number of allocations, reallocations and frees by the calling thread since it started. RT */
 int64_t allocations_now(void);
 
 #endif

@@ -75,7 +75,7 @@ void exchange_free(exchange *x) {
 
 void wake(int eventfd) {
     uint64_t one = 1;
-    ssize_t written = write(eventfd, &one, sizeof one); /* fails only when the counter is full: awake anyway */
+    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full: then the reader is awake anyway */
     (void)written;
 }
 

@@ -1,4 +1,4 @@
-/* All that the server's threads share:
+/* Data shared by the server's threads:
 
                     poses
      IO thread  ------------->  haptic thread  <--------->  worker
@@ -19,15 +19,15 @@
 #include "base/triple_buffer.h"
 #include "trocar.h"
 
-/* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
+/* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
 typedef struct {
     int64_t tick;
-    int64_t pose_utime;          /* us, of the pose that the tick answers */
+    int64_t pose_utime;          /* us, of the tick's pose */
     int flags;                   /* as in needle_wrench_t */
     int64_t wrench_dropped, saturated_ticks; /* since start */
     double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
-    double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
+    double snapshot_age;         /* s since the oldest unanswered request, 0 if all are answered */
     int contacts;
     trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
 } view_sample;
@@ -36,7 +36,7 @@ typedef struct {
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
 void views_free(triple_buffer *views);
 
-/* Each keeps its own picture, whose content is copied. */
+/* Both keep their own picture; its content is copied. */
 void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
@@ -46,11 +46,11 @@ typedef struct {
     triple_buffer intakes;        /* arbiter_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
-    spsc_ring round_trips;       /* int64_t: wrench computed to the arrival of a pose that names it, ns */
-    int io_wake, worker_wake;    /* eventfds, the latter to stop the worker; neither read nor write ever blocks */
+    spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */
+    int io_wake, worker_wake;    /* eventfds, non-blocking; the latter stops the worker */
 } exchange;
 
-/* `model` as in views_create. */
+/* `model`: as in views_create. */
 trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
 void exchange_free(exchange *x);
 

@@ -21,7 +21,7 @@ static bool is_finite(const trocar_output *out) {
     return isfinite(out->force[0] + out->force[1] + out->force[2] + out->torque[0] + out->torque[1] + out->torque[2]);
 }
 
-/* After a tick whose result was not finite: everything starts over where the hand is, and the wrench is ramped in. RT */
+/* After a tick whose result was not finite: restarts at the hand's position, with a ramp of the wrench. RT */
 static void start_over(haptic *h, const pose_sample *newest, trocar_output *out) {
     reset_needle(h);
     coupling_engage(&h->coupling, newest);
@@ -31,7 +31,7 @@ static void start_over(haptic *h, const pose_sample *newest, trocar_output *out)
 
 /* The simulation's answer to the newest pose; zero before the first one. RT */
 static trocar_output run_simulation(haptic *h, safety_decision decision, const pose_sample *newest, double dt) {
-    static const double LONGEST = 1.0; /* s, that the library takes */
+    static const double LONGEST = 1.0; /* s, longest tick of the library */
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
     if (decision == SAFETY_ENGAGE) reset_needle(h);
@@ -63,7 +63,7 @@ static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     wake(h->exchange->io_wake);
 }
 
-/* What the newest pose tells of the way to the hand. RT */
+/* Passes the newest pose to the virtual coupling, which measures the round trip. RT */
 static void note_hand(haptic *h, safety_decision decision, const pose_sample *newest) {
     if (decision == SAFETY_ENGAGE) coupling_engage(&h->coupling, newest);
     if (decision != SAFETY_FOLLOW) return;
@@ -71,7 +71,7 @@ static void note_hand(haptic *h, safety_decision decision, const pose_sample *ne
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Where the tick's time went: before, in and after the simulation. RT */
+/* Records the tick's times before, in and after the simulation. RT */
 static void note_stages(haptic *h, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES];
     trocar_sim_stages(h->sim, spent);
@@ -83,7 +83,7 @@ static void note_stages(haptic *h, int64_t began, int64_t asked, int64_t answere
     h->stages[TROCAR_LOOP_TIMING_T_STAGE_OUTPUT] = monotonic_ns() - answered;
 }
 
-/* Shows telemetry how things are, VIEWS_HZ times a second, once a needle is held. RT */
+/* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *message) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
     if (h->safety.engagement == 0 || wake->tick % ticks_per_view != 0) return;

@@ -43,7 +43,7 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
     other_server_hear(&o->arbiter.record.other, o->server, received->data, received->data_size, monotonic_ns());
 }
 
-/* Raw subscriptions: LCM's generated ones would drop a bad message without telling anyone. */
+/* Raw subscriptions, because LCM's generated ones drop bad messages silently. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
     return subscription != NULL && lcm_subscription_set_queue_capacity(subscription, QUEUE) == 0;
@@ -62,11 +62,11 @@ void io_close(io *o) {
     o->lcm = NULL;
 }
 
-/* LCM's queues keep the oldest messages, so drain them; but let no flood keep the wrenches waiting. */
+/* LCM's queues keep the oldest messages, so drain them, but limit their number so that a flood cannot delay the wrenches. */
 static trocar_status receive(io *o) {
     int handled = 1;
     for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
-    if (handled < 0) return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive any more: %s", strerror(errno));
+    if (handled < 0) return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive messages any more: %s", strerror(errno));
     return TROCAR_OK;
 }
 
@@ -77,8 +77,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* A network that refuses a datagram (no route, full buffer) loses this wrench, which is counted, not the server: the next one
-   follows. */
+/* If the network refuses a datagram (no route, full buffer), only this wrench is lost, and counted; the server goes on. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];

@@ -1,4 +1,4 @@
-/* The IO thread: the only one that receives messages, and that publishes wrenches. */
+/* The IO thread: the only one that receives messages and publishes wrenches. */
 #ifndef TROCAR_IO_H
 #define TROCAR_IO_H
 
@@ -14,11 +14,11 @@ typedef struct {
     int64_t server;              /* number of this server; set by the creator */
     bool realtime;               /* under SCHED_FIFO */
     int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
-    sem_t ready;                 /* posted once, when it listens or has failed */
+    sem_t ready;                 /* posted once, when it is listening or has failed */
     atomic_bool stop;
     trocar_status started;       /* valid after `ready` */
-    trocar_status status;        /* valid after the thread has ended; until then the thread's own, as is all below */
-    report why;                  /* for `started`, too, if that is a failure */
+    trocar_status status;        /* valid after the thread has ended; from here on used by the thread only */
+    report why;                  /* message for `started`, too, if that is a failure */
     lcm_t *lcm;
     pose_arbiter arbiter;
     int64_t wrenches_unsent;     /* refused by the network */
@@ -34,7 +34,7 @@ void *io_run(void *context);
 /* Ends the thread once the wrenches in the ring have been published. */
 void io_stop(io *o);
 
-/* Connects and subscribes; one round: takes what has arrived, publishes the wrenches that wait. For io_run and tests. */
+/* Connect and subscribe; one round: receive all arrived messages and publish all pending wrenches. For io_run and tests. */
 trocar_status io_open(io *o);
 trocar_status io_round(io *o);
 void io_close(io *o);

@@ -1,11 +1,11 @@
-/* The haptic loop's timing: absolute deadlines, missed periods, histograms. What a tick does is up to the caller. */
+/* The haptic loop's timing: absolute deadlines, missed periods, histograms. The caller supplies the tick. */
 #ifndef TROCAR_LOOP_H
 #define TROCAR_LOOP_H
 
 #include "base/triple_buffer.h"
 #include "timing.h"
 
-/* What a tick is told about its time. */
+/* Timing information for a tick. */
 typedef struct {
     int64_t tick;            /* from 0 */
     int64_t now;             /* ns, monotonic, when the thread woke */
@@ -15,22 +15,22 @@ typedef struct {
 
 enum { LOOP_STAGES = 6 };    /* of a tick, as in loop_timing_t */
 
-/* Timing as telemetry gets it ten times a second. */
+/* Timing for telemetry, ten times per second. */
 typedef struct {
     histogram lateness, compute;                     /* of the last tenth of a second */
-    int64_t stage_total[LOOP_STAGES], stage_max[LOOP_STAGES]; /* ns, of the same time */
+    int64_t stage_total[LOOP_STAGES], stage_max[LOOP_STAGES]; /* ns, in the same interval */
     double lateness_max_total, compute_max_total;    /* s, since start */
     int64_t ticks, misses;                           /* since start */
-    thread_usage usage;                              /* since the loop began, sampled once a second */
+    thread_usage usage;                              /* since the loop started, sampled once per second */
 } loop_record;
 
 typedef struct {
     double rate_hz;
     bool (*tick)(void *context, const loop_wake *wake); /* false ends the loop. RT */
     void *context;
-    const int64_t *stages;   /* LOOP_STAGES, ns: how the last tick spent its time, kept by the tick; may be NULL */
+    const int64_t *stages;   /* LOOP_STAGES, ns: the last tick's time by stage, written by the tick; may be NULL */
     triple_buffer *records;   /* loop_record */
-    histogram lateness, compute;                     /* totals; to be read when the loop has ended */
+    histogram lateness, compute;                     /* totals, valid after the loop has ended */
     int64_t ticks, misses;
     thread_usage usage;
 } loop;

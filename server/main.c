@@ -19,9 +19,9 @@ enum { KEY_ALLOW_NON_RT = 256 };
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
     {"lcm-url", 'l', "URL", 0, "LCM provider, default udpm://239.255.76.67:7667?ttl=0 or $LCM_DEFAULT_URL", 0},
-    {"rate", 'r', "HZ", 0, "Rate of the loop, in place of the scene's", 0},
+    {"rate", 'r', "HZ", 0, "Rate of the loop; overrides the scene", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
-    {"verbose", 'v', NULL, 0, "Print one line of timing a second", 0},
+    {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},
 };
 
@@ -55,8 +55,8 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* SIGINT and SIGTERM as a readable descriptor. A handler, not a signalfd: a library's threads, older than main, would
-   not have the signals blocked. */
+/* SIGINT and SIGTERM as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before
+   main do not block the signals. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     struct sigaction action = {.sa_handler = on_stop};
@@ -70,8 +70,8 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Says why; returns the exit status. 2 and 4 (as for LSB services: insufficient privilege) tell a supervisor that another
-   start would end in the same way. */
+/* Prints the reason and returns the exit status. 2 and 4 (insufficient privilege, as for LSB services) tell a supervisor that a
+   restart would not help. */
 static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {
@@ -81,7 +81,7 @@ static int complain(trocar_status status, const report *why) {
     }
 }
 
-/* All that comes in is small: fragments are not for a server. */
+/* All messages to the server are small, so it drops fragments. */
 static void restrict_packets(void) {
     static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
     static const packet_wishes wishes = {.channels = channels, .whole_only = true};
@@ -105,7 +105,7 @@ int main(int argc, char **argv) {
     status = server_run(s, signals, say_ready, &why);
     if (status == TROCAR_OK) server_summarise(s, stdout);
     int exit_status = status == TROCAR_OK ? 0 : complain(status, &why);
-    if (server_busy(s)) { /* its thread must not see the libraries close */
+    if (server_busy(s)) { /* its thread still uses the libraries, so exit without cleaning up */
         fflush(NULL);
         _exit(exit_status);
     }

@@ -7,7 +7,7 @@
 
 enum { FINGERPRINT = 8 };
 
-/* A length in the message, -1 where it is not one. */
+/* A length field of the message, -1 if it is invalid. */
 static int64_t length_at(const void *data, size_t size, size_t offset) {
     const unsigned char *b = (const unsigned char *)data + offset;
     if (offset + 4 > size || b[0] > 0x7f) return -1;
@@ -31,7 +31,7 @@ bool deformation_fits(const void *data, size_t size, int node_count) {
 bool status_fits(const void *data, size_t size) {
     enum { STRINGS = 4 };
     trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
-    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1); /* an empty string: its length, its zero */
+    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1); /* an empty string: length and terminating zero */
     for (int string = 0; string < STRINGS; string++) {
         int64_t length = length_at(data, size, offset);
         if (length < 1 || offset + 4 + (size_t)length > size) return false;

@@ -1,11 +1,11 @@
-/* Messages with arrays or strings are measured before they are decoded: LCM's generated decoders trust the counts in them. */
+/* Checks messages with arrays or strings before they are decoded, because LCM's generated decoders trust the counts in them. */
 #ifndef TROCAR_MESSAGE_FIT_H
 #define TROCAR_MESSAGE_FIT_H
 
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Are these the bytes of one message, with all lengths in it within `size` and its strings terminated? */
+/* Whether these bytes are one message, with all lengths within `size` and its strings terminated. */
 bool contacts_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);
 bool status_fits(const void *data, size_t size);

@@ -1,4 +1,4 @@
-/* The simulation's results as messages. */
+/* Converts the simulation's results to messages. */
 #ifndef TROCAR_MESSAGES_H
 #define TROCAR_MESSAGES_H
 
@@ -6,12 +6,12 @@
 #include "trocar.h"
 #include "trocar_needle_wrench_t.h"
 
-/* A tick's output as a message: the wrench both raw and as rendered, and the flags that follow from its events. Tick, pose and
-   time are left to the caller. RT */
+/* A tick's output as a message: the wrench both as raw and as rendered one, and the flags that follow from its events. The caller
+   sets tick, pose and time. RT */
 trocar_needle_wrench_t wrench_message(const trocar_output *output);
 
 void store_vec3(vec3 v, double out[3]); /* RT */
 vec3 load_vec3(const double v[3]);      /* RT */
-trocar_pose library_pose(pose p);       /* the same pose as trocar.h has it. RT */
+trocar_pose library_pose(pose p);       /* converts to the type of trocar.h. RT */
 
 #endif

@@ -1,4 +1,4 @@
-/* The way onto the LCM network. */
+/* Connects to the LCM network. */
 #ifndef TROCAR_NETWORK_H
 #define TROCAR_NETWORK_H
 
@@ -6,8 +6,8 @@
 
 #include "base/report.h"
 
-/* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT for a provider that LCM does not have, and
-   for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for what may pass, as when the network has no route yet. */
+/* Connects to `url`; NULL or empty: $LCM_DEFAULT_URL, else LCM's default. BAD_INPUT for a provider unknown to LCM, and for mpudpm,
+   whose internal messages liblcm decodes without checks; SYSTEM for temporary errors, such as a network without a route yet. */
 trocar_status network_open(const char *url, lcm_t **opened, report *why);
 
 #endif

@@ -1,5 +1,5 @@
-/* Notices a second server on the same LCM URL by the TROCAR_STATUS that it sends. No network, no clock: bytes and arrival times
-   are arguments. */
+/* Detects a second server on the same LCM URL by its TROCAR_STATUS messages. No network, no clock: bytes and arrival times are
+   arguments. */
 #ifndef TROCAR_OTHER_SERVER_H
 #define TROCAR_OTHER_SERVER_H
 
@@ -10,14 +10,14 @@
 /* All zero at the start. */
 typedef struct {
     int64_t id;                  /* of the last one heard, 0: none yet */
-    int64_t heard;               /* ns, monotonic: when */
-    char host[64], scene[96];    /* its own words, cut to fit */
+    int64_t heard;               /* ns, monotonic: time of its last message */
+    char host[64], scene[96];    /* from its message, truncated */
 } other_server;
 
-/* Takes the bytes of a status_t; those of server `own` and what is no status are passed over. */
+/* Takes the bytes of a status_t; messages of server `own` and invalid ones are ignored. */
 void other_server_hear(other_server *o, int64_t own, const void *data, size_t size, int64_t now);
 
-/* Was it heard within the last second? */
+/* Whether it was heard within the last second. */
 bool other_server_present(const other_server *o, int64_t now);
 
 #endif

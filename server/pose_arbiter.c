@@ -8,8 +8,8 @@
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */
-static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer one is a client that counts in another way */
-static const double ARRIVAL_JITTER = 5e-3; /* s: poses may come late by this much, then bunched */
+static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer gap means a client that numbers poses differently */
+static const double ARRIVAL_JITTER = 5e-3; /* s: poses may be delayed by this much and then arrive together */
 
 void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits) {
     *in = (pose_arbiter){.limits = *limits, .newest = {.seq = -1}, .begin_anew = true};
@@ -45,9 +45,9 @@ static bool may_hold(const pose_arbiter *in, int64_t session, int64_t now) {
     return in->record.owner == 0 || in->record.owner == session || since_last(in, now) > OWNER_SILENCE;
 }
 
-/* The limits bound the mean speed, not that of two poses which the network has bunched: unused time is credit, up to
-   the jitter. Once the wrench has been ramped out for want of poses, any place is good: the safety limits then decide whether
-   the needle goes on or begins anew. */
+/* The limits apply to the mean speed, not to that between two poses that the network has delivered together: unused time is
+   credited, up to the jitter. Once the wrench has been ramped to zero for lack of poses, any position is accepted: the safety
+   limits then decide whether the needle continues or engages again. */
 static bool motion_possible(pose_arbiter *in, const pose *p, int64_t now) {
     double elapsed = since_last(in, now);
     if (elapsed > in->limits.hold_time + in->limits.ramp_time) {
@@ -61,7 +61,7 @@ static bool motion_possible(pose_arbiter *in, const pose *p, int64_t now) {
     return true;
 }
 
-/* What the owner sent and did not come. */
+/* Counts lost poses of the owner. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
     if (in->record.owner == 0 || m->session != in->record.owner || m->seq <= in->heard) return;
     uint64_t gap = (uint64_t)m->seq - (uint64_t)in->heard - 1;
@@ -91,7 +91,7 @@ static pose_verdict judge_numbers(pose_arbiter *in, const trocar_needle_pose_t *
 static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
     int64_t seq = m->seq, session = m->session;
     if (session == 0) {
-        say(in, "session 0 refused: it means nobody; choose another number");
+        say(in, "session 0 refused: 0 means nobody; choose another number");
         return POSE_REFUSED;
     }
     if (!may_hold(in, session, now)) {
@@ -99,7 +99,7 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         return POSE_REFUSED;
     }
     if (session == in->newest.session && seq <= in->newest.seq) {
-        say(in, "pose %" PRId64 " of session %" PRId64 ": %" PRId64 " came before", seq, session, in->newest.seq);
+        say(in, "pose %" PRId64 " of session %" PRId64 ": out of order, after %" PRId64, seq, session, in->newest.seq);
         return POSE_OLD;
     }
     return POSE_ACCEPTED;

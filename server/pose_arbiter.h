@@ -1,5 +1,5 @@
-/* Checks every incoming message before anything else sees it: size, numbers, owner, order, speed. No
-   network, no clock: bytes and arrival times are arguments. */
+/* Checks every incoming message before it is used: size, numbers, owner, order, speed. No network, no clock: bytes and arrival
+   times are arguments. */
 #ifndef TROCAR_POSE_ARBITER_H
 #define TROCAR_POSE_ARBITER_H
 
@@ -8,24 +8,24 @@
 #include "safety_limits.h"
 #include "other_server.h"
 
-/* What telemetry reports about it. */
+/* Its state for telemetry. */
 typedef struct {
     int64_t owner;                   /* session, 0: nobody */
     int64_t received;                /* ns, monotonic: last accepted pose; 0 before the first */
     int64_t counts[POSE_VERDICTS];   /* poses by verdict, since start */
-    int64_t poses_lost;              /* missing in the owner's sequence when a later one came */
+    int64_t poses_lost;              /* missing in the owner's sequence when a later one arrived */
     int64_t commands_refused;        /* malformed, unknown, or not from the owner */
     other_server other;              /* on the same LCM URL */
-    char message[160];               /* last refusal in words */
+    char message[160];               /* last refusal as text */
 } arbiter_record;
 
 typedef struct {
     trocar_device_limits limits;
     arbiter_record record;
-    pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
-    bool begin_anew;                 /* the next pose starts a new engagement */
+    pose_sample newest;              /* last accepted pose; `held` false if nobody owns the needle */
+    bool begin_anew;                 /* whether the next pose starts a new engagement */
     int64_t heard;                   /* last sequence number of the owner, accepted or not */
-    double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
+    double travel_credit;            /* s of motion at the limits, saved up since the last poses */
 } pose_arbiter;
 
 void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits);
@@ -34,7 +34,7 @@ void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits);
    The first valid pose's session owns the needle until it releases it or is silent for two seconds. */
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
-/* Checks and carries out the bytes of a command_t. Returns true for a shutdown. */
+/* Checks the bytes of a command_t and executes it. Returns true for a shutdown. */
 bool arbiter_command(pose_arbiter *in, const void *data, size_t size);
 
 #endif

@@ -1,8 +1,8 @@
-/* How far something that takes long has come, on stderr. */
+/* Shows the progress of long tasks on stderr. */
 #ifndef TROCAR_PROGRESS_H
 #define TROCAR_PROGRESS_H
 
-/* A bar that is redrawn each percent on a terminal, else a line each tenth. One task after the other, fractions 0 to 1. */
+/* On a terminal a bar that is redrawn every percent, otherwise a line every 10 %. One task at a time, fractions 0 to 1. */
 void progress_show(const char *what, double fraction, void *context);
 
 #endif

@@ -57,7 +57,7 @@ void safety_timing(safety_limits *g, bool late, double dt) {
     else if (g->good_time >= 1.0) g->overrun = false;
 }
 
-/* `wanted` scaled down to the length `limit`, then moved toward no further than `step` from `last`. */
+/* `wanted` limited to the length `limit`, then to a distance of `step` from `last`. */
 static vec3 limited(vec3 wanted, vec3 last, double limit, double step, bool *saturated) {
     double length = v3_norm(wanted);
     if (length > limit) {

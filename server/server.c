@@ -31,11 +31,11 @@ struct server {
     server_options options;
     trocar_scene *scene;
     double rate_hz;
-    int64_t id;                  /* in all that it sends */
+    int64_t id;                  /* in all of its messages */
     bool realtime;
-    report refused;              /* why it is not */
+    report refused;              /* the reason if real time is refused */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
-    report asleep;               /* why they are not kept awake */
+    report asleep;               /* reason why they are not kept awake */
     int shutdown_wake;           /* eventfd */
     trocar_model *model;
     trocar_sim *sim;
@@ -56,7 +56,7 @@ static trocar_status start(task *t, const char *name, size_t stack, void *(*body
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
     sigset_t all, before;
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited: signals are the main thread's affair */
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited, so that only the main thread handles signals */
     int error = pthread_create(&t->thread, &attributes, body, context);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     pthread_attr_destroy(&attributes);
@@ -82,7 +82,7 @@ static trocar_status read_scene(server *s, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", s->rate_hz, TROCAR_MIN_RATE, TROCAR_MAX_RATE);
 }
 
-/* A tick that comes late takes no more steps than one in time: what it spent on catching up would make the next one late. */
+/* A late tick takes no more steps than one in time, because catching up would make the next one late. */
 static trocar_status create_simulation(server *s, report *why) {
     static const double STEP = 1e-3; /* s, the longest */
     trocar_model_options options = {.progress = progress_show, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
@@ -93,7 +93,7 @@ static trocar_status create_simulation(server *s, report *why) {
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
-/* Remembers why real time is refused, for those who waive it. */
+/* With --allow-non-rt, stores the reason why real time is refused. */
 static trocar_status note_realtime(server *s, trocar_status status, report *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
@@ -101,12 +101,12 @@ static trocar_status note_realtime(server *s, trocar_status status, report *why)
     return status;
 }
 
-/* Before the expensive part of the start: a supervisor may try a server without permission again and again. */
+/* Called before the expensive part of the start, because a supervisor may keep restarting a server without permission. */
 static trocar_status check_realtime(server *s, report *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
-/* Once most memory is allocated, and before any thread starts. */
+/* Called when most memory is allocated, and before any thread starts. */
 static trocar_status enter_realtime(server *s, report *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
@@ -154,8 +154,8 @@ static void *create_run(void *context) {
     return NULL;
 }
 
-/* In a thread of its own, which is hurried: the flag that comes with this would take a negative nice value from all
-   threads that the caller starts later. */
+/* Creates the server in a separate thread with raised priority, because the flag that comes with it would reset a negative nice
+   value of all threads that the caller starts later. */
 static trocar_status create_in_a_hurry(server *s, report *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
@@ -193,20 +193,21 @@ void server_free(server *s) {
 
 /* --- threads ---------------------------------------------------------------------------------------------------- */
 
-/* Nothing stops the factorisation of a large matrix: a thread that is at one then, or waits for it, is left behind. */
+/* The factorisation of a large matrix cannot be interrupted: a thread that computes one, or waits for it, is left running. */
 static void join_or_leave(task *t, const struct timespec *until) {
     if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* What would else be made when the needle leaves the region of interest, or for the first picture of moved tissue. */
+/* Prepares data that would otherwise be computed when the needle leaves the region of interest, or for the first picture of moved
+   tissue. */
 static void *prepare_run(void *context) {
     const server *s = context;
     report why;
     realtime_flush_denormals();
     if (trocar_model_prepare(s->model, &why) != TROCAR_OK)
-        fprintf(stderr, "trocar-server: no pictures of the tissue, and nothing outside the region of interest: %s\n", why.text);
+        fprintf(stderr, "trocar-server: no pictures of the tissue and no contacts outside the region of interest: %s\n", why.text);
     return NULL;
 }
 
@@ -215,7 +216,7 @@ static void *haptic_run(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* tried before */
+    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* already tried at the start */
     loop_run(&s->loop);
     return NULL;
 }
@@ -238,7 +239,7 @@ static trocar_status start_all(server *s, report *why) {
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
-/* The haptic thread first, while the IO thread still carries its ramp to the device. */
+/* Stops the haptic thread first, while the IO thread still sends its ramp to the device. */
 static void stop_all(server *s) {
     atomic_store(&s->haptic.wind_down, true);
     join(&s->haptic_task);
@@ -273,7 +274,7 @@ trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), re
     return status;
 }
 
-/* --- what it prints --------------------------------------------------------------------------------------------- */
+/* --- output ----------------------------------------------------------------------------------------------------- */
 
 static double resident_mebibytes(void) {
     struct rusage u;

@@ -1,4 +1,4 @@
-/* The server as a whole: builds the simulation, owns the buffers, runs the threads. */
+/* The complete server: builds the simulation, owns the buffers, runs the threads. */
 #ifndef TROCAR_SERVER_H
 #define TROCAR_SERVER_H
 
@@ -11,25 +11,27 @@ typedef struct {
     const char *scene_path;
     const char *lcm_url;         /* NULL: LCM's default */
     double rate_hz;              /* 0: the scene's */
-    bool allow_non_rt;           /* run without locked memory or SCHED_FIFO, and say so in every message */
-    bool verbose;                /* one line of timing a second on stderr */
+    bool allow_non_rt;           /* run without locked memory or SCHED_FIFO, with a flag in every message */
+    bool verbose;                /* a line of timing per second on stderr */
 } server_options;
 
 typedef struct server server;
 
-/* Reads the scene and builds everything, starts nothing. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME,
-   with the limit to raise, when real time is refused and not waived; SYSTEM when there is no network yet. The strings must outlive the server. */
+/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME, with the
+   limit to raise, if real time is refused without allow_non_rt; SYSTEM if there is no network yet. The strings must outlive the
+   server. */
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s); /* does nothing while the server is busy */
 
-/* Runs until `stop_descriptor` (an eventfd, say) becomes readable, a client commands a shutdown, or the network fails;
-   then ramps the wrench to zero and joins all threads but one that factors a large matrix. `ready`, if not NULL, is called when the server listens. */
+/* Runs until `stop_descriptor` (an eventfd, say) becomes readable, a client commands a shutdown, or the network fails; then ramps
+   the wrench to zero and joins all threads, except one that is factorising a large matrix. `ready`, if not NULL, is called when the
+   server is listening. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
 
-/* True if such a thread is still at work after server_run: the process may only _exit then. */
+/* True if such a thread is still running after server_run; the process must then end with _exit. */
 bool server_busy(const server *s);
 
-void server_describe(const server *s, FILE *out);       /* one paragraph before the start */
+void server_describe(const server *s, FILE *out);       /* a paragraph, before the start */
 void server_summarise(const server *s, FILE *out);      /* timing, after the run */
 
 #endif

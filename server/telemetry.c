@@ -63,7 +63,7 @@ _Static_assert(LOOP_STAGES == sizeof((trocar_loop_timing_t *)0)->stage_max / siz
 static void publish_timing(telemetry *t, const view_sample *view) {
     bool fresh;
     const loop_record *loop = triple_buffer_read(&t->exchange->loops, &fresh);
-    if (!fresh) return; /* no new interval: nothing to tell */
+    if (!fresh) return; /* no new interval */
     collect(&t->exchange->latencies, t->latency);
     collect(&t->exchange->round_trips, t->round_trip);
 
@@ -96,7 +96,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
     if (t->given.verbose && t->timings_published++ % STATUS_HZ == 0) print_timing(&m);
 }
 
-/* Describes the other server; each one is told on stderr once. */
+/* Describes the other server; each is reported on stderr once. */
 static const char *other_server_text(telemetry *t, const other_server *other) {
     if (other->id == t->other_told) return t->other_text;
     t->other_told = other->id;
@@ -106,7 +106,7 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
     return t->other_text;
 }
 
-/* What lasts until somebody does something about it comes before the last refusal. */
+/* Persistent faults take precedence over the last refusal. */
 static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
     if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
     return accompanied ? other_server_text(t, &in->other) : in->message;
@@ -131,7 +131,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
     trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
 }
 
-/* The needle first: a viewer's picture is complete with the deformation. Without memory for it there is no picture. */
+/* Sends the needle first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
     trocar_picture_copy(view->picture, t->messages.picture);
@@ -152,7 +152,7 @@ static void *publish_pictures(void *context) {
         const view_sample *view = triple_buffer_read(&t->views, &fresh);
         if (fresh) publish_picture(t, view);
         due += 1000000000 / PICTURES_HZ;
-        if (due < monotonic_ns()) due = monotonic_ns(); /* a large mesh: as often as it can, without a burst */
+        if (due < monotonic_ns()) due = monotonic_ns(); /* large meshes: as often as possible, without bursts */
     }
     return NULL;
 }
@@ -160,7 +160,7 @@ static void *publish_pictures(void *context) {
 void *telemetry_run(void *context) {
     telemetry *t = context;
     pthread_t pictures;
-    bool shown = pthread_create(&pictures, NULL, publish_pictures, t) == 0; /* without them, figures still count */
+    bool shown = pthread_create(&pictures, NULL, publish_pictures, t) == 0; /* without pictures, numbers are still published */
     int64_t due = monotonic_ns();
     for (int64_t round = 0; !stopped(t); round++) {
         bool fresh;

@@ -1,6 +1,6 @@
-/* The telemetry thread: what monitors and viewers see. It has its own LCM connection, so that a large message never holds the
-   IO thread's transmit lock; and a thread of its own for pictures, so that the displacement of a large mesh (minutes where a
-   condensed inverse first needs a factor for it) holds up no figures. */
+/* The telemetry thread: publishes messages for monitors and viewers. It has its own LCM connection, so that a large message never
+   holds the IO thread's transmit lock, and a separate thread for pictures, because the displacement of a large mesh may take long
+   (minutes if a condensed inverse needs a factorisation for it). */
 #ifndef TROCAR_TELEMETRY_H
 #define TROCAR_TELEMETRY_H
 
@@ -16,9 +16,9 @@ typedef struct {
     const char *lcm_url;         /* NULL: its default */
     const char *scene_path;
     double rate_hz;
-    int flags;                   /* NOT_REALTIME or 0, until the loop tells its own */
+    int flags;                   /* NOT_REALTIME or 0, until the loop reports its flags */
     int64_t server;              /* number of this server */
-    bool verbose;                /* one line a second on stderr */
+    bool verbose;                /* a line per second on stderr */
 } telemetry_settings;
 
 typedef struct {
@@ -28,13 +28,13 @@ typedef struct {
     atomic_bool stop;
     lcm_t *lcm;
     char host[80];               /* this machine and process */
-    const char *inverse;         /* who owns it */
-    int64_t other_told;          /* the other server that stderr has named, 0: none; all from here on belongs to the thread */
+    const char *inverse;         /* description of the inverse */
+    int64_t other_told;          /* the other server reported on stderr, 0: none; from here on used by the thread only */
     char other_text[400];
     int64_t timings_published;
-    histogram *latency, *round_trip; /* of the worker and to the hand, this interval */
-    triple_buffer views;          /* view_sample, from it to the thread of the pictures */
-    viewer_messages messages;     /* the latter's own */
+    histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */
+    triple_buffer views;          /* view_sample, to the pictures' thread */
+    viewer_messages messages;     /* used by the pictures' thread only */
 } telemetry;
 
 /* Connects to LCM. `model`, `w` and `x` must outlive it. The network's errors: see network_open. */

@@ -20,7 +20,7 @@ void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. 
 double histogram_quantile(const histogram *h, double q);
 double histogram_max(const histogram *h); /* s */
 
-/* For display: how many values lie below 2^(k/2) us and in no earlier bin; the last bin has the rest, too. */
+/* For display: bin k counts the values below 2^(k/2) us that are in no earlier bin; the last bin also counts all larger ones. */
 enum { HISTOGRAM_BINS = 32 };
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]);
 
@@ -28,7 +28,7 @@ int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: for all control. R
 int64_t wall_us(void);                    /* CLOCK_REALTIME: for the utime of messages, never for control. RT */
 void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
 
-/* What one thread has gone through so far. */
+/* Counters of one thread. */
 typedef struct {
     int64_t minor_faults, major_faults, context_switches; /* involuntary */
     int64_t allocations;                                  /* calls of the allocator */

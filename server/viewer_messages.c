@@ -22,7 +22,7 @@ trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, re
     v->displacement_rows = malloc(count * sizeof *v->displacement_rows);
     if (!v->nodal || !v->displacement || !v->displacement_rows) {
         viewer_messages_free(v);
-        return fail(why, TROCAR_NO_MEMORY, "cannot allocate what viewers see of %zu nodes", count);
+        return fail(why, TROCAR_NO_MEMORY, "cannot allocate the viewers' messages for %zu nodes", count);
     }
     lay_out_rows(v);
     return TROCAR_OK;

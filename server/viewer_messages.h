@@ -1,4 +1,4 @@
-/* What a viewer may see of a state, as messages: the needle with its contacts, and the displacement of every node. */
+/* Messages for viewers: the needle with its contacts, and the displacement of every node. */
 #ifndef TROCAR_VIEWER_MESSAGES_H
 #define TROCAR_VIEWER_MESSAGES_H
 
@@ -11,15 +11,15 @@ enum { VIEWER_CONTACTS = TROCAR_MAX_CONTACTS + 1 }; /* with the tip */
 
 typedef struct {
     int node_count;
-    trocar_picture *picture;       /* its user fills it before each viewer_messages_make */
+    trocar_picture *picture;       /* filled by the caller before each viewer_messages_make */
     double *nodal;                 /* 3 node_count, m: displacements */
-    float *displacement;           /* the same, as the message has it */
-    float **displacement_rows;     /* node_count rows of it, as LCM wants them */
+    float *displacement;           /* the same, in the message's type */
+    float **displacement_rows;     /* node_count pointers to its rows, for LCM */
     double joints[TROCAR_MAX_JOINTS][3], positions[VIEWER_CONTACTS][3], forces[VIEWER_CONTACTS][3];
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
     double arc[VIEWER_CONTACTS];
     int8_t sliding[VIEWER_CONTACTS];
-    trocar_contacts_t contacts;    /* both valid until the next viewer_messages_make; utime is left to the sender */
+    trocar_contacts_t contacts;    /* both valid until the next viewer_messages_make; the sender sets utime */
     trocar_deformation_t deformation;
 } viewer_messages;
 

@@ -1,14 +1,14 @@
 #include "virtual_coupling.h"
 
-static const double LIGHTEST_HAND = 0.05;   /* kg, with the device's handle */
-static const double FAR = 5e-3;             /* s, round trip until it is known */
-static const double RISE = 0.02, FALL = 0.002; /* parts of the way, for each round trip: follows the longest one in ten */
-static const double MEAN = 0.02;            /* part of the way to the newest interval, for each pose */
+static const double LIGHTEST_HAND = 0.05;   /* kg, including the device's handle */
+static const double FAR = 5e-3;             /* s, assumed round trip until it is known */
+static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip: follows the longest one in ten */
+static const double MEAN = 0.02;            /* filter weight of the newest interval, per pose */
 static const double ACTIVE_ENERGY = 1e-3;   /* J */
 
-/* A hand of mass m at the end of a spring K and a damper B that answer after T is stable for K T^2 / m <= 0.3 with
-   B = 2 K T: the delay acts as a damper of -K T, and the damper itself must stay slow beside the delay, B T / m <= 0.6.
-   A softer thing in series, whatever its stiffness, then needs no more than K T / 8 of damping in the hand. */
+/* A hand of mass m on a spring K and a damper B that respond after T is stable for K T^2 / m <= 0.3 with B = 2 K T: the delay acts
+   as a damper of -K T, and the damper itself must be slow compared with the delay, B T / m <= 0.6. With any other spring in series,
+   no more than K T / 8 of damping in the hand is then needed. */
 static const double DELAY_MARGIN = 0.25, DAMPING = 2.0;
 
 void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
@@ -21,7 +21,7 @@ void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
     p->energy = p->lowest = 0.0;
 }
 
-/* What the hand felt on its way to this pose: the wrench that the pose names, or the last one sent. */
+/* The wrench that the hand felt until this pose: the one that the pose names, or the last one sent. */
 static const coupling_wrench *wrench_felt(const virtual_coupling *p, int64_t named) {
     const coupling_wrench *w = &p->sent[(uint64_t)named % COUPLING_TICKS];
     return named > 0 && w->tick == named ? w : &p->sent[(uint64_t)p->newest % COUPLING_TICKS];
@@ -54,13 +54,13 @@ int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand) {
 pose coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance) {
     *compliance = p->stiffness = p->damping = 0.0;
     if (isinf(limit)) return hand;
-    double hold = fmax(p->interval, dt), delay = p->delay + hold; /* a pose is in force, or waits, that long */
+    double hold = fmax(p->interval, dt), delay = p->delay + hold; /* a pose is in use, or waits, for this time */
     if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending: the damper comes to rest */
     p->age += dt;
     p->stiffness = fmin(limit, DELAY_MARGIN * LIGHTEST_HAND / (delay * delay));
     p->damping = DAMPING * p->stiffness * delay;
     *compliance = 1.0 / (p->stiffness + p->damping / hold);
-    double memory = p->damping / hold * *compliance; /* what the damper leaves of the stretch */
+    double memory = p->damping / hold * *compliance; /* part of the stretch that the damper keeps */
     return (pose){v3_axpy(-memory, p->before, hand.position), hand.orientation};
 }
 

@@ -1,13 +1,13 @@
-/* The port where hand and needle meet, with a network in between: how far away the hand is, the virtual coupling that holds
-   the needle's base accordingly, and the energy that crosses. No threads, no clock: time is an argument. */
+/* The connection of hand and needle over a network: measures the round trip, computes the virtual coupling that holds the needle's
+   base accordingly, and the energy exchanged. No threads, no clock: time is an argument. */
 #ifndef TROCAR_VIRTUAL_COUPLING_H
 #define TROCAR_VIRTUAL_COUPLING_H
 
 #include "safety_limits.h"
 
-enum { COUPLING_TICKS = 1024 };  /* wrenches remembered, a second at 1 kHz: the longest round trip that is measured */
+enum { COUPLING_TICKS = 1024 };  /* stored wrenches, a second at 1 kHz: the longest measurable round trip */
 
-/* A wrench that has gone out. */
+/* A wrench that was sent. */
 typedef struct {
     int64_t tick;
     int64_t computed;        /* ns, monotonic */
@@ -19,36 +19,36 @@ typedef struct {
     coupling_wrench sent[COUPLING_TICKS];
     int64_t newest;          /* tick of the last one */
     int64_t felt;            /* newest one that a pose has named */
-    int64_t received;        /* ns, when the last pose came */
-    pose hand;               /* in that pose */
-    double delay;            /* s, round trip, nearly the longest of late */
-    double interval;         /* s, between poses, mean of late */
+    int64_t received;        /* ns, arrival of the last pose */
+    pose hand;               /* of that pose */
+    double delay;            /* s, round trip, nearly the longest of the recent ones */
+    double interval;         /* s, between poses, recent mean */
     double stiffness, damping; /* N/m and N s/m, of the coupling now; 0 when it is rigid */
     vec3 stretch;            /* m, of the coupling: from the needle's base to the hand */
-    vec3 before;             /* m, stretch when the last pose came: what the damper starts from */
+    vec3 before;             /* m, stretch at the arrival of the last pose, from which the damper starts */
     double age;              /* s of ticks since then */
-    double energy, lowest;   /* J, from the hand into the coupling since the engagement, and the least that it was */
+    double energy, lowest;   /* J, from the hand into the coupling since the engagement, and its minimum */
 } virtual_coupling;
 
-/* The hand at this pose takes the needle: coupling at rest, no energy yet; the delay is taken to be long until it is known. */
+/* The hand takes the needle at this pose: coupling at rest, energy zero; the delay is assumed to be long until it is known. */
 void coupling_engage(virtual_coupling *p, const pose_sample *hand);
 
-/* Takes note of a pose; one that came before changes nothing. Returns the round trip (ns) of the wrench that it is the first
-   to name, or -1. RT */
+/* Takes a pose; a repeated one changes nothing. Returns the round trip (ns) of the wrench that it is the first to name, or -1. RT
+   */
 int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand);
 
-/* Where the coupling, whose hand end is at `hand`, would have the needle's base without force; `compliance` (m/N) is how far
-   a force moves it from there in this tick of length dt (s). The stiffness is `limit` (N/m), or less, so that the loop is
-   stable over the delay whatever is in the needle's way (docs/connect-a-device.md, "Forces and stability"). RT */
+/* Pose of the needle's base without force, when the hand's end of the coupling is at `hand`; `compliance` (m/N) is its displacement
+   per force in this tick of length dt (s). The stiffness is `limit` (N/m), or less, so that the loop is stable over the delay
+   whatever the needle meets (docs/connect-a-device.md, "Forces and stability"). RT */
 pose coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
 
-/* The tick is done, the base at `base` (m) under `force` (N, on the hand): returns the torque about the hand's point. RT */
+/* After the tick, with the base at `base` (m) under `force` (N, on the hand): returns the torque about the hand's point. RT */
 vec3 coupling_yield(virtual_coupling *p, pose hand, vec3 base, vec3 force, vec3 torque);
 
-/* Remembers a wrench that goes out. RT */
+/* Records a sent wrench. RT */
 void coupling_send(virtual_coupling *p, int64_t tick, int64_t now, vec3 force, vec3 torque);
 
-/* Has the hand got more energy than it gave, by more than can be told from nothing? RT */
+/* Whether the hand has received more energy than it supplied, beyond a small threshold. RT */
 bool coupling_active(const virtual_coupling *p);
 
 #endif

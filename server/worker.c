@@ -11,8 +11,8 @@ static void note_failure(worker *w, const report *why) {
     atomic_store_explicit(&w->failed, true, memory_order_release);
 }
 
-/* One request, or one slice of looking ahead. Returns whether there is more to do at once. A request that fails leaves the last
-   answer in force: the tick goes on with it and flags that it is late. */
+/* Serves one request, or runs one slice of looking ahead. Returns whether there is more to do. After a failed request the tick
+   keeps using the last answer and sets the flag that it is late. */
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};

@@ -1,5 +1,5 @@
-/* Starts lcm-spy as scripts/spy does and looks into its windows: channels listed with their types, the timing decoded
-   in the window that a double click opens. See test_spy.sh. */
+/* Starts lcm-spy as scripts/spy does and checks its windows: channels are listed with their types, and a double click opens a
+   window with the decoded timing. See test_spy.sh. */
 import java.awt.Component;
 import java.awt.Container;
 import java.awt.Frame;
@@ -15,7 +15,7 @@ public class CheckSpy {
     static final String[] CHANNELS = {"TROCAR_POSE", "TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS",
         "TROCAR_DEFORMATION"};
 
-    /* What the supplier gives once it gives something, within 20 s. */
+    /* Waits up to 20 s until the supplier returns a result. */
     static <T> T await(String what, Supplier<T> supplier) throws Exception {
         for (int i = 0; i < 200; i++) {
             Object[] result = new Object[1];
@@ -24,7 +24,7 @@ public class CheckSpy {
             if (found != null) return found;
             Thread.sleep(100);
         }
-        throw new Exception("not there after 20 s: " + what);
+        throw new Exception("missing after 20 s: " + what);
     }
 
     static <T> T find(Component root, Class<T> type) {
@@ -60,7 +60,7 @@ public class CheckSpy {
             table.dispatchEvent(new MouseEvent(table, id, System.currentTimeMillis(), 0, cell.x + 2, cell.y + 2, 2, false, MouseEvent.BUTTON1));
     }
 
-    /* The decoded message that the window of a channel shows. */
+    /* The decoded message in a channel's window. */
     static Object shown(lcm.spy.ObjectPanel panel) {
         try {
             Field message = lcm.spy.ObjectPanel.class.getDeclaredField("o");
@@ -78,10 +78,10 @@ public class CheckSpy {
     }
 
     static void expect(boolean holds, String what) throws Exception {
-        if (!holds) throw new Exception("fields of the timing are not what the server sends: " + what);
+        if (!holds) throw new Exception("wrong fields in the timing: " + what);
     }
 
-    /* Every field, by what must hold of it. */
+    /* Checks every field for plausibility. */
     static void expectTiming(trocar.loop_timing_t t) throws Exception {
         expect(t.rate_hz == 1000 && t.ticks > 0, "rate " + t.rate_hz + ", ticks " + t.ticks);
         expect(t.server > 0, "server " + t.server);

@@ -1,4 +1,4 @@
-"""What the tests of meshes/anatomy/ share: shapes whose volume is known, and the folder of the sources."""
+"""Common to the tests of meshes/anatomy/: shapes of known volume, and the source folder."""
 import math
 import os
 import sys
@@ -25,7 +25,7 @@ def ellipsoid_volume(a, b, c):
 
 
 def trousers(spacing=4.0):
-    """One outline on the upper slices, two on the lower ones."""
+    """One outline on each upper slice, two on each lower one."""
     rings = []
     for z in np.arange(0, 41, spacing):
         if z >= 24:

@@ -18,7 +18,7 @@ typedef struct {
 
 typedef struct {
     FILE *file;
-    char *elements;          /* their lines */
+    char *elements;          /* their lines in the file */
     FILE *lines;
     size_t size;
     int nodes, element_count;
@@ -49,7 +49,8 @@ static inline void write_block_nodes(block_writer *w, const block *b) {
     }
 }
 
-/* A triangle of the tetrahedron whose three nodes have the coordinate `value` along `axis` goes to `group`. */
+/* Writes the triangle of the tetrahedron whose three nodes have the coordinate `value` along `axis`, if there is one, to `group`.
+   */
 static inline void write_triangle(block_writer *w, const int nodes[4], int at[4][3], int axis, int value, int group) {
     int on[4], count = 0;
     for (int k = 0; k < 4; k++)
@@ -94,7 +95,7 @@ static inline void blocks_write_mesh(const char *path, const block *blocks, int 
     fclose(w.file);
 }
 
-/* A configuration for such a mesh: regions of 20 kPa, the skin gives way at 0.6 N. */
+/* A configuration for such a mesh: regions of 20 kPa, skin punctured at 0.6 N. */
 static inline simulation_config blocks_config(const char *path, int regions) {
     simulation_config c;
     simulation_defaults(&c);

@@ -3,7 +3,7 @@
 
 usage: check_bench.py BENCH.json CONTACTS...
 
-Only ratios of times are compared, and none to the matrix product where TROCAR_CHECK_TIMING=no.
+Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, not those to the matrix product.
 """
 import json
 import os
@@ -54,7 +54,7 @@ def main():
     check_growth(rows, counts)
     if os.environ.get("TROCAR_CHECK_TIMING") != "no":
         slow = [row for row in rows if row["contacts"] <= 10 and row["p50_per_baseline"] > MOST_PER_BASELINE]
-        check(not slow, f"slow beside the baseline: {slow}")
+        check(not slow, f"slow compared with the baseline: {slow}")
 
 
 if __name__ == "__main__":

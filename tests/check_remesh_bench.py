@@ -3,7 +3,7 @@
 
 usage: check_remesh_bench.py BENCH.json
 
-Only ratios of times are compared, and none where TROCAR_CHECK_TIMING=no. They are far looser than what an idle machine shows.
+Only ratios of times are compared, and none with TROCAR_CHECK_TIMING=no. The limits are far looser than the results of an idle machine.
 """
 import json
 import os

@@ -1,9 +1,9 @@
 #!/usr/bin/python3
-"""Check the balance of forces in PREFIX-tissue.vtu and PREFIX-needle.vtu, as trocar-replay --vtu writes them.
+"""Check the balance of forces in PREFIX-tissue.vtu and PREFIX-needle.vtu, written by trocar-replay --vtu.
 
 Shares nothing with the simulator: the tissue's stiffness is assembled here, element by element, from B^T D B with
-the strain matrix B out of the inverse of the corners' matrix. Prints a table; exit status 0 if all rows hold, 1 if one
-does not, 2 if a file cannot be read.
+the strain matrix B from the inverse of the corners' matrix. Prints a table; exit status 0 if all checks hold, 1 if one
+fails, 2 if a file cannot be read.
 """
 import argparse
 import sys
@@ -44,7 +44,7 @@ class Grid:
 
 
 class Table:
-    """Rows `what, value, limit`; remembers whether all of them hold."""
+    """Prints rows `what, value, limit`; records whether all of them hold."""
 
     def __init__(self):
         self.good = True
@@ -61,7 +61,7 @@ class Table:
 
 
 def relative(error, scale):
-    """Norm of the error in units of the scale; zero over zero is zero."""
+    """Norm of the error relative to the scale; zero over zero is zero."""
     error = np.max(np.abs(error), initial=0.0)
     return 0.0 if error == 0.0 else error / scale if scale > 0 else np.inf
 
@@ -163,7 +163,7 @@ def check_needle(grid, table):
 
 
 def check(prefix, volume=None, unloaded=False):
-    """Print the table for one pair of files; true if all holds."""
+    """Print the table for one pair of files; true if all checks hold."""
     tissue, needle, table = Grid(prefix + "-tissue.vtu"), Grid(prefix + "-needle.vtu"), Table()
     on_tissue = check_tissue(tissue, table, volume)
     on_needle, scale = check_needle(needle, table)
@@ -175,7 +175,7 @@ def check(prefix, volume=None, unloaded=False):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("prefix", metavar="PREFIX", help="of the two files")
+    parser.add_argument("prefix", metavar="PREFIX", help="prefix of the two files' names")
     parser.add_argument("--volume", type=float, metavar="M3", help="nominal volume of the tissue, m^3")
     parser.add_argument("--unloaded", action="store_true", help="accept a needle without any force")
     options = parser.parse_args()

@@ -1,5 +1,5 @@
-/* A device on the real network for end-to-end tests: sends a pose each millisecond and checks whatever comes back. Include
-   after cmocka.h; run in a private network namespace. */
+/* A device on the real network for end-to-end tests: sends a pose every millisecond and checks each answer. Include after cmocka.h;
+   run in a private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
 
@@ -20,11 +20,11 @@
 
 enum { NEWS_REMEMBERED = 256 };
 
-/* What the timing messages told, since watch(). */
+/* Contents of the timing messages since watch(). */
 typedef struct {
     int count;
     double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
-    int64_t misses, ticks;           /* at the first */
+    int64_t misses, ticks;           /* in the first message */
 } timing_record;
 
 typedef struct {
@@ -35,22 +35,22 @@ typedef struct {
     trocar_loop_timing_t_subscription_t *timing_subscription;
     int64_t session, seq;
     pose base;
-    bool sends;                      /* a pose each millisecond */
+    bool sends;                      /* a pose every millisecond */
     trocar_needle_wrench_t wrench;   /* newest */
     trocar_status_t *status;
     trocar_loop_timing_t timing;
     int64_t wrenches;
     timing_record record;            /* since watch() */
     double oldest_snapshot;          /* s, since watch() */
-    int seen, always;                /* flags that any wrench had since watch(), that all had */
-    int told;                        /* flags that any status had since watch() */
-    double least, most;              /* N, norm of the force since watch() */
+    int seen, always;                /* flags of any wrench since watch(), flags of all */
+    int told;                        /* flags of any status since watch() */
+    double least, most;              /* N, smallest and largest force since watch() */
 } client;
 
 static inline double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 static inline double force_of(const client *c) { return norm3(c->wrench.force); }
 
-/* Whatever the fault: numbers, within the device's limits, from tick to tick too. */
+/* Holds during every fault: wrenches are finite, and their size and step per tick stay within the device's limits. */
 static inline void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
     double step[3], turn[3];
     for (int a = 0; a < 3; a++) {
@@ -97,7 +97,7 @@ static inline void on_timing(const lcm_recv_buf_t *b, const char *channel, const
     c->oldest_snapshot = fmax(c->oldest_snapshot, t->snapshot_age);
 }
 
-/* Forgets what wrenches, status and timing were like so far. */
+/* Restarts the statistics of wrenches, status and timing. */
 static inline void watch(client *c) {
     c->seen = c->told = c->record.count = 0;
     c->always = -1;
@@ -132,7 +132,7 @@ static inline void pass(client *c, double seconds) {
     for (int64_t end = monotonic_ns() + (int64_t)(1e9 * seconds); monotonic_ns() < end;) step(c);
 }
 
-/* Until the condition holds; fails after five seconds. */
+/* Steps until the condition holds; fails after five seconds. */
 #define PASS_UNTIL(c, condition)                                                                        \
     do {                                                                                                \
         for (int64_t end_ = monotonic_ns() + 5000000000; !(condition); step(c))                         \
@@ -144,13 +144,13 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* Speed is checked unless the server is instrumented. */
+/* Timing is checked only without a sanitizer. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;
 }
 
-/* The next status and timing that tell of what has happened up to now. */
+/* Waits for the next status and timing that cover everything up to now. */
 static inline void hear_news(client *c) {
     pass(c, 0.25);
     assert_non_null(c->status);
@@ -158,7 +158,7 @@ static inline void hear_news(client *c) {
 
 static inline int faulty_flags(const client *c) { return c->wrench.flags & ~FLAG(NOT_REALTIME); }
 
-/* A needle 20 mm deep at rest, its full force in the hand: how each test begins and, the fault gone, ends. */
+/* Needle at rest, 20 mm deep, with its full force: the state before each fault and after recovery from it. */
 static inline void expect_health(client *c) {
     PASS_UNTIL(c, faulty_flags(c) == 0 && c->wrench.pose_seq > 0 && force_of(c) > 0.2);
     int64_t ticks = c->wrench.tick, start = monotonic_ns();
@@ -189,7 +189,7 @@ static inline bool client_open(client *c, const char *scene_path) {
     report why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
     *c = (client){.session = 77, .limits = s.device};
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* where it is allowed */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored where it is not permitted */
     c->lcm = lcm_create(NULL);
     if (c->lcm == NULL) return false;
     c->wrench_subscription = trocar_needle_wrench_t_subscribe(c->lcm, "TROCAR_WRENCH", on_wrench, c);

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Sends what no LCM library would to LCM's default group: first each crafted packet to each channel, then fuzzed fragments.
+"""Sends packets that no LCM library sends to LCM's default group: first each crafted packet to each channel, then fuzzed fragments.
 
 usage: crafted_packets.py SECONDS; in a private network namespace (scripts/netns)
 """
@@ -18,7 +18,7 @@ def fragment(seq, size, offset, number, count, rest):
 
 
 def crafted(channel):
-    """Each of them is worth a crash of an unprotected receiver that has subscribed to the channel, or none."""
+    """Packets of which each may crash an unprotected receiver, whether it has subscribed to the channel or not."""
     name = channel + b"\0"
     begin = fragment(1, 1000, 0, 0, 2, name + b"\1" * 400)
     yield fragment(1, 1000, 2**32 - 256, 0, 2, name + b"\1" * 400)          # offset + length overflows
@@ -28,8 +28,8 @@ def crafted(channel):
     yield fragment(1, 1000, 400, 1, 2, b"")[:12]                            # shorter than its header
     yield fragment(1, 1000, 0, 0, 1, channel)                               # no end of the channel name
     yield fragment(1, 2**28, 0, 0, 2, name + b"\1" * 400)                   # 256 MB
-    yield fragment(1, 1000, 0, 0, 0, name + b"\1" * 400)                    # of no fragments
-    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # whole, but for most of it
+    yield fragment(1, 1000, 0, 0, 0, name + b"\1" * 400)                    # zero fragments
+    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # one fragment, most of whose data is missing
     yield begin
     yield begin
     yield b"LC02\0\0\0\1" + channel                                         # no end of the channel name

@@ -1,5 +1,5 @@
-/* An irregular cube of tissue for the tests: Kuhn's six tets a cell, inner nodes moved at random, a soft region below a
-   stiff one, held at z = 0. */
+/* An irregular cube of tissue for the tests: Kuhn's six tets per cell, inner nodes moved at random, a soft region below a stiff
+   one, fixed at z = 0. */
 #ifndef TROCAR_TESTS_CUBE_H
 #define TROCAR_TESTS_CUBE_H
 
@@ -70,7 +70,7 @@ static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
     return mesh_finish(&c->mesh, 0, NULL, NULL, "cube", why);
 }
 
-/* The whole of it. `c` must not be moved: its parts point to each other. */
+/* Mesh, materials, fixed nodes, stiffness and inverse. `c` must not be moved: its parts point to each other. */
 static inline trocar_status cube_create(cube *c, double irregular, report *why) {
     trocar_status status = cube_shape(c, irregular, why);
     if (status == TROCAR_OK) status = tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, why);
@@ -84,13 +84,13 @@ static inline void cube_free(cube *c) {
     mesh_free(&c->mesh);
 }
 
-/* K becomes zero: no factor can be made of it any more. */
+/* Sets K to zero, so that it can't be factorised any more. */
 static inline void cube_loosen(tissue *t) {
     size_t entries = (size_t)((const int *)t->stiffness->p)[t->stiffness->ncol];
     memset(t->stiffness->x, 0, entries * sizeof(double));
 }
 
-/* A point of this tet with random weights, at least `margin` of it from each corner's opposite face. */
+/* A random point of this tet; each of its barycentric weights is at least `margin`. */
 static inline vec3 cube_point(const cube *c, int tet, double margin) {
     double w[4], sum = 0.0;
     for (int i = 0; i < 4; i++) sum += w[i] = cube_random(0.0, 1.0);
@@ -98,7 +98,7 @@ static inline vec3 cube_point(const cube *c, int tet, double margin) {
     return mesh_point(&c->mesh, tet, w);
 }
 
-/* Adds nodes at random points: `each` in each of some elements, in turns. */
+/* Adds nodes at random points, `each` to each of `elements` elements in turn. */
 static inline void cube_refine(const cube *c, refinement *r, int each, int elements) {
     for (int i = 0; i < each * elements; i++) {
         int tet = (37 * (i % elements) + 11) % c->mesh.tet_count;

@@ -53,7 +53,7 @@ static int exchange(trocar_client *c, trocar_client_wrench *w) {
     return trocar_client_newest(c, w);
 }
 
-/* Exchanges until there is a force above `least`, with the needle where it is. */
+/* Exchanges without moving the needle until the force exceeds `least`. */
 static void feel(trocar_client *c, trocar_client_wrench *w, double least) {
     double end = now() + 10;
     do {
@@ -83,7 +83,7 @@ static int close_client(void **state) {
     return 0;
 }
 
-/* The server's depth shows that poses arrive as they were meant; a loop that exchanges them allocates nothing. */
+/* The depth reported by the server shows that poses arrive unchanged; the exchange allocates no memory. */
 static void poses_go_out_and_wrenches_come_in(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -97,14 +97,14 @@ static void poses_go_out_and_wrenches_come_in(void **state) {
     feel(c, &w, 0.2);
     assert_int_equal(allocations_now(), allocations);
     print_message("depth %.1f mm\n", 1e3 * w.depth);
-    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base went in by 20 mm; the tissue gives way by a part of that */
+    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base moved in by 20 mm, and the tissue was pushed along by part of that */
     assert_true(w.contacts > 0 && w.tick > 0);
 
     double nowhere[3] = {NAN, 0, 0};
     assert_false(trocar_client_publish(c, nowhere, orientation));
 }
 
-/* A second device gets no force of the first one's needle, and gets the needle once the first one is gone. */
+/* A second device feels no force while the first one owns the needle, and takes it over once the first one is gone. */
 static void one_device_at_a_time(void **state) {
     trocar_client *first = *state, *second = trocar_client_open(NULL, NULL, 0);
     trocar_client_wrench w;
@@ -123,8 +123,8 @@ static void one_device_at_a_time(void **state) {
     for (double end = now() + 1; !exchange(second, &w);) assert_true(now() < end);
 }
 
-/* The server is killed in the middle of an insertion: within the watchdog's time the force is zero, and stays so. From the next
-   server it comes back by a ramp. */
+/* The server is killed in the middle of an insertion: the force is zero within the watchdog's time and stays zero. The next server
+   ramps it up again. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -132,17 +132,17 @@ static void no_force_from_a_dead_server(void **state) {
     for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
     insert(c, &w);
     feel(c, &w, 0.2);
-    kill(server, SIGKILL); /* its threads stop at once; to reap it takes longer */
+    kill(server, SIGKILL); /* its threads stop at once; reaping it takes longer */
     double killed = now(), last = killed;
     while (now() < killed + 0.3)
         if (exchange(c, &w)) last = now();
         else assert_true(norm(w.force) == 0 && norm(w.torque) == 0);
     print_message("force for %.1f ms after the server's death\n", 1e3 * (last - killed));
-    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop and what the network still held */
+    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop, and messages still in the network */
 
     kill_server();
     start_server();
-    position[2] = -0.201 + 0.021; /* the needle lies in the tissue: friction as it moves on. Steps down may be the watchdog's, on a busy machine */
+    position[2] = -0.201 + 0.021; /* friction as the needle moves on in the tissue; on a busy machine the watchdog may step the force down */
     double force = 0, largest_step = 0;
     for (double end = now() + 2; now() < end;) {
         position[2] += 2e-6;
@@ -151,7 +151,7 @@ static void no_force_from_a_dead_server(void **state) {
         force = norm(w.force);
     }
     assert_true(force > 0.05);
-    print_message("back at %.2f N in steps up of at most %.3f N\n", force, largest_step);
+    print_message("back at %.2f N, largest rise per step %.3f N\n", force, largest_step);
     assert_true(largest_step < 0.2);
 }
 
@@ -167,7 +167,7 @@ static void a_bad_address_is_refused_with_a_message(void **state) {
 int main(int count, char **arguments) {
     if (count != 2) return 2;
     server_path = arguments[1];
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* where it is permitted, as a device would */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* as a device would; ignored where it is not permitted */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),

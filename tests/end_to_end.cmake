@@ -7,7 +7,7 @@ if(TROCAR_SANITIZE)
 else()
     set(timing yes)
 endif()
-set_tests_properties(end_to_end PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 240 RUN_SERIAL TRUE)
+set_tests_properties(end_to_end PROPERTIES ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 240 ${alone})
 
 # Fault injection into a running server (partly through wrapped functions), and a killed server.
 foreach(test faults restart)
@@ -19,14 +19,14 @@ target_link_options(faults PRIVATE -Wl,--wrap=clock_gettime,--wrap=remesher_serv
 add_test(NAME faults COMMAND ${witness} ${netns} $<TARGET_FILE:faults>)
 add_test(NAME restart COMMAND ${witness} ${netns} $<TARGET_FILE:restart> ${PROJECT_SOURCE_DIR}/scripts/keep_alive $<TARGET_FILE:trocar-server>)
 set_tests_properties(faults restart PROPERTIES
-    ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 240 RUN_SERIAL TRUE)
+    ENVIRONMENT "TROCAR_CHECK_TIMING=${timing}" SKIP_RETURN_CODE 77 TIMEOUT 240 ${alone})
 
 # The library that connects a device, against a live server.
 add_executable(device_client device_client.c)
 target_link_libraries(device_client PRIVATE trocar_client trocar_service PkgConfig::CMOCKA m)
 target_compile_definitions(device_client PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
 add_test(NAME device_client COMMAND ${witness} ${netns} $<TARGET_FILE:device_client> $<TARGET_FILE:trocar-server>)
-set_tests_properties(device_client PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only) # a sanitized server is too slow to give forces in time
+set_tests_properties(device_client PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone} LABELS release_only) # a sanitized server is too slow to give forces in time
 
 # Restart after a fault; the systemd unit, if systemd runs.
 add_test(NAME keep_alive COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_keep_alive.sh ${PROJECT_SOURCE_DIR}/scripts/keep_alive)

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Server and device over LCM: the figure-8 motion, then each way to end.
+# Server and device over LCM: the figure-8 motion, then every way to stop the server.
 # usage: end_to_end.sh SERVER DEVICE SCENE; in a private network namespace (scripts/netns).
 set -eu
 
@@ -10,7 +10,7 @@ trap 'test -z "$pid" || kill -KILL "$pid" 2>/dev/null || true; rm -rf "$work"' E
 
 die() { echo "FAILED: $*"; cat "$work"/*.out 2>/dev/null || true; exit 1; }
 
-# Value of a number in the device's report.
+# A number of the device's report.
 value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
 
 # Is the arithmetic condition true?
@@ -38,7 +38,7 @@ end_server() {
         kill -0 "$pid" 2>/dev/null || break
         sleep 0.1
     done
-    ! kill -0 "$pid" 2>/dev/null || die "the server does not end after $1"
+    ! kill -0 "$pid" 2>/dev/null || die "the server does not stop on $1"
     status=0
     wait "$pid" || status=$?
     pid=
@@ -53,23 +53,23 @@ cat "$work/device.out" "$work/server.out"
 holds "$(value puncture_count) == 2" || die "skin and capsule were not both punctured"
 if [ "${TROCAR_CHECK_TIMING:-yes}" = yes ]; then
     holds "$(value poses_sent) > 2000" || die "the device sent too few poses"
-    holds "$(value wrenches_received) > 2000" || die "too few wrenches came"
+    holds "$(value wrenches_received) > 2000" || die "too few wrenches were received"
     holds "$(value wrenches_lost) == 0" || die "wrenches were lost"
-    holds "$(value round_trip_p50_s) < 1.2e-3" || die "round trip longer than a period and 0.2 ms"
+    holds "$(value round_trip_p50_s) < 1.2e-3" || die "the round trip is longer than a period plus 0.2 ms"
 fi
 
 silent=$(sent)
 start_server --rate 500
 end_server INT
-[ "$(sent)" -gt "$silent" ] || die "no datagram of a server that runs was seen"
+[ "$(sent)" -gt "$silent" ] || die "the running server sent no datagram"
 
-# A command ends with this status and message before anything is sent.
+# The command must exit with this status and message without sending anything.
 ends_with() {
     wanted=$1 text=$2 status=0 before=$(sent)
     shift 2
     "$@" >"$work/bad.out" 2>&1 || status=$?
     [ "$status" = "$wanted" ] || die "exit status $status, not $wanted: $*: $(cat "$work/bad.out")"
-    [ "$(sent)" = "$before" ] || die "something was sent: $*"
+    [ "$(sent)" = "$before" ] || die "datagrams were sent by: $*"
     grep -qF -- "$text" "$work/bad.out" || die "no '$text' in: $(cat "$work/bad.out")"
 }
 refuses() {
@@ -86,11 +86,11 @@ head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
 refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
 
-# Without permission for real time a supervisor does not try again. As a service, with the limits raised but without
-# capabilities, the server gets real time, where this machine lets the limits be raised.
+# Without permission for real time the supervisor does not restart the server. As a service, with raised limits but without
+# capabilities, the server gets real time (if this machine lets the limits be raised).
 without="setpriv --bounding-set -sys_nice,-ipc_lock"
 ends_with 4 "Raise the limit" timeout 10 "$(dirname "$0")/../scripts/keep_alive" prlimit --rtprio=0 --memlock=65536 $without "$server" --scene "$scene"
-[ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was started again: $(cat "$work/bad.out")"
+[ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was restarted: $(cat "$work/bad.out")"
 as_service="prlimit --rtprio=80 --memlock=unlimited"
 if [ "$(id -u)" = 0 ] && $as_service true 2>/dev/null; then
     $as_service $without "$server" --scene "$scene" >"$work/server.out" 2>&1 &

@@ -1,8 +1,8 @@
-/* Every fault that a server must survive, injected into a running one: a child process with all its threads on a real
-   network, a client that sends it poses and checks each wrench, status and timing before, during and after the fault.
-   Run in a private network namespace (end_to_end.cmake).
+/* Injects every fault that a server must survive into a running one. The server is a child process with all its threads on a real
+   network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Run in a private
+   network namespace (end_to_end.cmake).
 
-   Faults that no message can cause come in through functions that the linker puts around the server's own (--wrap). */
+   Faults that no message can cause are injected by functions that the linker wraps around the server's own (--wrap). */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <signal.h>
@@ -17,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* for a bad number in the state, and a slow answer inside the library */
+#include "api/api.h" /* to put a NaN into the state and to delay an answer inside the library */
 #include "virtual_coupling.h"
 #include "server.h"
 
@@ -37,12 +37,12 @@
 typedef struct {
     atomic_bool ready;
     atomic_llong wall_offset;        /* us, added to the wall clock */
-    atomic_int worker_nap;           /* ms, that each request takes longer */
-    atomic_int tick_nap;             /* us, that each tick takes longer */
-    atomic_int pass_nap;             /* us, that each Newton pass takes longer */
-    atomic_int stall;                /* us, that the next tick takes longer */
+    atomic_int worker_nap;           /* ms, added to each request */
+    atomic_int tick_nap;             /* us, added to each tick */
+    atomic_int pass_nap;             /* us, added to each Newton pass */
+    atomic_int stall;                /* us, added to the next tick */
     _Atomic double spike;            /* N along x, added to the model's force */
-    atomic_bool poison;              /* the next tick begins with a number that is none in the state */
+    atomic_bool poison;              /* the next tick starts with a NaN in the state */
     _Atomic double stiffness;        /* N/m, of the virtual coupling; 0: as in the scene */
 } injected;
 
@@ -145,7 +145,7 @@ static int mend(void **state) {
     return 0;
 }
 
-/* The loop was as calm during the fault and after it as before: half of all messages tell of no worse percentiles. */
+/* Loop timing did not degrade during or after the fault: the median of the reported percentiles is about as before. */
 static int mend_in_time(void **state) {
     client *c = *state;
     mend(state);
@@ -161,7 +161,7 @@ static int mend_in_time(void **state) {
     return -1;
 }
 
-/* No flag but these, and NOT_REALTIME, was in any wrench or status. */
+/* No wrench or status had flags other than these and NOT_REALTIME. */
 static void expect_only(const client *c, int flags) {
     assert_int_equal((c->seen | c->told) & ~flags & ~FLAG(NOT_REALTIME), 0);
 }
@@ -174,10 +174,10 @@ static void silence_holds_ramps_and_returns_by_a_ramp(void **state) {
     c->sends = false;
     PASS_UNTIL(c, c->wrench.flags & FLAG(STALE));
     int64_t tick = c->wrench.tick;
-    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* held so far */
+    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* held until now */
     PASS_UNTIL(c, force_of(c) == 0.0);
     assert_in_range(c->wrench.tick - tick, 1, 1e3 * c->limits.ramp_time + 5);
-    assert_true(norm3(c->wrench.raw_force) > 0.5 * force); /* the model's own stays visible */
+    assert_true(norm3(c->wrench.raw_force) > 0.5 * force); /* the model's own force is still reported */
     hear_news(c);
     assert_true(force_of(c) == 0.0 && c->wrench.flags & c->status->flags & FLAG(STALE));
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
@@ -194,7 +194,7 @@ static void spoil(trocar_needle_pose_t *m, int kind) {
     else if (kind == 1) m->orientation[2] = INFINITY;
     else if (kind == 2) m->orientation[0] = 0.5;
     else if (kind == 3) m->position[0] += 1.0; /* a metre in a millisecond */
-    else m->orientation[0] = cos(0.5), m->orientation[1] = sin(0.5); /* an rad */
+    else m->orientation[0] = cos(0.5), m->orientation[1] = sin(0.5); /* one radian */
 }
 
 static void send_spoiled(client *c, int kind) {
@@ -221,7 +221,7 @@ static void impossible_poses_are_refused_and_counted(void **state) {
     assert_int_equal(c->status->poses_jumped - before.poses_jumped, 200);
     assert_non_null(strstr(c->status->message, "faster than the scene's limits"));
 
-    c->sends = false; /* nothing but bad ones: as good as none */
+    c->sends = false; /* only bad poses: the same as none */
     for (int i = 0; i < 1000 && force_of(c) > 0.0; i++) {
         send_spoiled(c, i % 3);
         step(c);
@@ -248,7 +248,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     expect_health(c);
 }
 
-/* The insertion has begun anew without force: with the needle on its way again there is some. */
+/* The insertion restarted without force; force returns once the needle moves on. */
 static void push_on(client *c) {
     for (int i = 0; i < 50; i++) {
         c->base.position.z += 0.1e-3;
@@ -269,7 +269,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     expect_health(c);
 }
 
-/* In the state it would stay; held rigidly and by a coupling, whose stretch it gets into. */
+/* A NaN in the state would persist. Tested with a rigidly held base and with a virtual coupling, whose stretch it reaches. */
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
@@ -300,7 +300,7 @@ static void publish_noise(client *c, const char *channel) {
     lcm_publish(c->lcm, channel, bytes, size);
 }
 
-/* Good, but of another type; of the right length, but of another version of the type; too short; too long; noise. */
+/* By kind: valid but of another type; right length but another version of the type; too short; too long; noise. */
 static void publish_malformed(client *c, const char *channel, int kind) {
     trocar_needle_pose_t m = {.session = c->session, .seq = c->seq + 1, .orientation = {1}};
     uint8_t bytes[256] = {0};
@@ -311,13 +311,13 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     else if (kind == 4) publish_noise(c, channel);
     else {
         if (!for_poses) size = trocar_command_t_encode(bytes, 0, sizeof bytes, &(trocar_command_t){.session = c->session, .command = 1});
-        if (kind == 1) bytes[7] ^= 1; /* of the type's hash */
+        if (kind == 1) bytes[7] ^= 1; /* in the type's hash */
         lcm_publish(c->lcm, channel, bytes, (unsigned)(size - (kind == 2) + (kind == 3)));
     }
 }
 
-/* Datagrams on LCM's port that no LCM library has sent: no magic number, or that of a whole message or a fragment with noise
-   behind it. */
+/* Datagrams on LCM's port that no LCM library sends: without a magic number, or with that of a message or fragment followed by
+   noise. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -369,7 +369,7 @@ static void a_flood_does_not_touch_the_loop(void **state) {
         assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
         assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
     }
-    assert_true(c->most < 1.1 * force); /* poses may be crowded out, no force may come of it */
+    assert_true(c->most < 1.1 * force); /* poses may get lost, but the force must not grow */
     hear_news(c);
     int64_t counted = c->status->poses_malformed - before.poses_malformed;
     assert_true(counted > 100 && counted <= sent);
@@ -418,7 +418,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     }
     hear_news(c);
     assert_int_equal(c->status->poses_old - before, 200);
-    assert_non_null(strstr(c->status->message, "came before"));
+    assert_non_null(strstr(c->status->message, "out of order"));
     expect_health(c);
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
@@ -433,7 +433,7 @@ static void wall_clocks_may_jump(void **state) {
         atomic_store(&fault->wall_offset, 1000000 * jumps[i]);
         pass(c, 0.2);
         double moved = 1e-6 * (double)(c->wrench.utime - utime) - 1e-9 * (double)(monotonic_ns() - now);
-        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* it did jump */
+        assert_true(fabs(moved - (double)jumps[i] + 1e-6 * (double)before) < 1.0); /* the clock did jump */
     }
     hear_news(c);
     assert_int_equal(c->seen & (FLAG(SATURATED) | FLAG(UNSTABLE) | FLAG(OVERRUN)), 0);
@@ -474,7 +474,7 @@ static void overruns_in_a_row_ramp_down(void **state) {
     expect_health(c);
 }
 
-/* A tick that needs more than half of its period: one that took a second step to catch up would be late too, for ever. */
+/* Each tick needs more than half of its period: a loop that ran two steps to catch up would be late for ever. */
 static void a_stall_makes_no_other_tick_late(void **state) {
     client *c = *state;
     atomic_store(&fault->pass_nap, 600);
@@ -503,7 +503,7 @@ static int start(void **state) {
     return atomic_load(&fault->ready) && client_open(&c, SCENE) ? 0 : -1;
 }
 
-/* After all that it still ends as it should, the wrench ramped to zero. */
+/* After all these faults the server still stops cleanly, with the wrench ramped to zero. */
 static int stop(void **state) {
     client *c = *state;
     int status = 0;

@@ -1,4 +1,4 @@
-/* The figure-8 motion played in lockstep, and how far two runs of it are apart. */
+/* The figure-8 motion played in lockstep, and the difference of two runs. */
 #ifndef TROCAR_TESTS_FIGURE8_H
 #define TROCAR_TESTS_FIGURE8_H
 
@@ -12,12 +12,12 @@ static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s 
 typedef struct {
     double rate;
     int ticks, punctures;
-    double worst_jump;       /* of a tick, over max(7 %, 0.05 N), away from punctures */
+    double worst_jump;       /* per tick, over max(7 %, 0.05 N), away from punctures */
     unsigned events;
     double wrench[FIGURE8_MOST_TICKS][6];
 } figure8_record;
 
-/* `every_serve`: the worker answers only each so many ticks. */
+/* `every_serve`: the worker answers only once in this many ticks. */
 static inline figure8_record *figure8_run(const simulation_config *config, double rate, int every_serve) {
     figure8_record *r = calloc(1, sizeof *r);
     lockstep *l = lockstep_create(config, lockstep_start());
@@ -58,8 +58,8 @@ static inline double figure8_peak(const figure8_record *r, int from, int to) {
     return largest;
 }
 
-/* Largest difference of a's components [from, to) to those of b at the same time, or up to `shift` s away (a puncture
-   falls on one tick or the next), over b's peak. */
+/* Largest difference of a's components [from, to) from b's at the same time or up to `shift` s away (punctures may fall on
+   neighbouring ticks), relative to b's peak. */
 static inline double figure8_difference(const figure8_record *a, const figure8_record *b, int from, int to, double shift) {
     double largest = 0.0;
     for (int i = 0; i < a->ticks; i++) {

@@ -1,4 +1,4 @@
-/* A simulation of a scene, as a host of the library has it, for tests. */
+/* A simulation of a scene as a program using the library would create it, for tests. */
 #ifndef TROCAR_TESTS_HOST_H
 #define TROCAR_TESTS_HOST_H
 

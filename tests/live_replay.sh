@@ -1,6 +1,6 @@
 #!/bin/bash
-# A recording played by lcm-logplayer at the speed it was made to the running server, whose wrenches lcm-logger records: they
-# must be those of the lockstep replay. Status 77: no network namespace here.
+# Plays a recording with lcm-logplayer at its original speed to a running server and records the wrenches with lcm-logger: they must
+# match the lockstep replay. Status 77: no network namespace here.
 # usage: live_replay.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -9,12 +9,12 @@ if [ "${3:-}" != --inside ]; then
     exec "$source/scripts/netns" "$0" "$build" "$source" --inside
 fi
 
-# A tick may find two new poses or none, since player and server do not share a clock; viscous friction (100 N s/m^2 over
-# 50 mm: up to a third of the force) takes that for another speed, all the more where the machine stalls. At the end both are at rest.
-at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # the player, as a device would
-common=15   # percent of the peak that 95 % of the wrenches keep to
-largest=100 # that all keep to
-last=1      # that the last one keeps to
+# Player and server do not share a clock, so a tick may see two new poses or none. Viscous friction (100 N s/m^2 over 50 mm: up to a
+# third of the force) sees that as another speed, more so if the machine stalls. At the end both are at rest.
+at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real-time priority for the player, as for a device
+common=15   # limit in percent of the peak for 95 % of the wrenches
+largest=100 # limit for all
+last=1      # limit for the last one
 trace=$source/tests/traces/figure8.log scene=$source/meshes/figure8.yaml
 work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT

@@ -14,7 +14,7 @@ typedef struct {
     compliance_snapshot *snapshot;
     tick_output wrench;
     pose base;
-    double base_compliance;  /* m/N, of the spring that holds the base */
+    double base_compliance;  /* m/N, of the spring to the base */
 } lockstep;
 
 /* Straight over the gland of the figure-8 scene, tip 1 mm before the skin. */

@@ -1,4 +1,4 @@
-/* What Linux permits a thread with regard to real time. */
+/* Changes a thread's real-time privileges. */
 #ifndef TROCAR_TEST_PRIVILEGES_H
 #define TROCAR_TEST_PRIVILEGES_H
 
@@ -11,13 +11,13 @@
 
 #include "realtime.h"
 
-/* Takes CAP_SYS_NICE from the calling thread and from those that it starts, for good. Capabilities belong to threads, and
-   the system call, unlike a library, leaves the other threads theirs. */
+/* Drops CAP_SYS_NICE for good from the calling thread and the threads that it starts. Capabilities are per thread; the bare system
+   call, unlike libcap, does not change the other threads. */
 static inline bool drop_sys_nice(void) {
     struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
     struct __user_cap_data_struct sets[_LINUX_CAPABILITY_U32S_3];
     if (syscall(SYS_capget, &header, sets) != 0) return false;
-    const __u32 bit = 1u << CAP_SYS_NICE; /* below 32: in the first element */
+    const __u32 bit = 1u << CAP_SYS_NICE; /* below 32: in the first word */
     sets[0].effective &= ~bit;
     sets[0].permitted &= ~bit;
     sets[0].inheritable &= ~bit;
@@ -28,14 +28,15 @@ static inline bool use_fifo(int flag) {
     return sched_setscheduler(0, SCHED_FIFO | flag, &(struct sched_param){.sched_priority = PRIORITY_HAPTIC}) == 0;
 }
 
-/* Puts the calling thread where the packaged service is: SCHED_FIFO 80 is permitted, but not to clear the flag
-   SCHED_RESET_ON_FORK, which is set. There the limit of real-time priority permits it, here that the thread has it already:
-   not every machine lets root raise the limit. False if this machine does not permit SCHED_FIFO at all. */
+/* Gives the calling thread the privileges of the packaged service: SCHED_FIFO 80 is permitted, but SCHED_RESET_ON_FORK is set and
+   can't be cleared. The service has a raised limit of real-time priority; here the thread gets the priority beforehand, because not
+   every machine lets root raise the limit. False if this machine does not permit SCHED_FIFO at all. */
 static inline bool become_a_service(void) {
     return use_fifo(SCHED_RESET_ON_FORK) && drop_sys_nice();
 }
 
-/* Takes the right to real-time priority from the calling thread and, as far as the limit goes, from the process. */
+/* Drops the calling thread's permission for real-time priority and sets the process's limit to zero; false if SCHED_FIFO is still
+   possible. */
 static inline bool lose_realtime(void) {
     return drop_sys_nice() && setrlimit(RLIMIT_RTPRIO, &(struct rlimit){0}) == 0 && !use_fifo(0);
 }

@@ -1,5 +1,5 @@
-/* Finite elements the plain way, to check the core against: stiffness as B^T D B, assembled dense, solved by LAPACK.
-   Shares nothing with core but the mesh's nodes and tets. */
+/* Textbook finite elements to check the core against: stiffness as B^T D B, assembled densely, solved by LAPACK. Shares only the
+   mesh's nodes and tets with the core. */
 #ifndef TROCAR_TESTS_REFERENCE_H
 #define TROCAR_TESTS_REFERENCE_H
 
@@ -14,10 +14,10 @@ typedef struct {
     int node_count, tet_count;
     vec3 *nodes;                     /* m */
     int (*tets)[4];
-    int *parent;                     /* nominal tet of each */
+    int *parent;                     /* nominal tet of each element */
     const region_material **material;
     bool *fixed;
-    double *matrix;                  /* 3 node_count square: stiffness or its inverse; fixed rows and columns zero */
+    double *matrix;                  /* 3 node_count square: stiffness or its inverse; rows and columns of fixed dofs are zero */
 } reference;
 
 /* Rows of the inverse of [1 x y z] are the shape functions' coefficients. Returns the volume, positive. */
@@ -60,7 +60,7 @@ static inline void reference_element(const vec3 x[4], double e, double nu, doubl
         }
 }
 
-static const double REFERENCE_ON_FACE = 1e-10; /* a weight below this is that of a point on the face */
+static const double REFERENCE_ON_FACE = 1e-10; /* weights below this mean that the point is on the face */
 
 static inline void reference_weights(const vec3 corners[4], vec3 x, double weights[4]) {
     double g[4][3];
@@ -80,7 +80,7 @@ static inline double reference_least_weight(const reference *r, int tet, vec3 x)
     return least;
 }
 
-/* Puts the node in the place of each corner of the element in turn whose opposite face it is not on. */
+/* Splits the element at the node: one child for each face that the node is not on. */
 static inline void reference_split_one(reference *r, int tet, int node) {
     int corners[4], next = tet;
     double weights[4];
@@ -99,7 +99,7 @@ static inline void reference_split_one(reference *r, int tet, int node) {
     r->tet_count--;
 }
 
-/* Splits the elements that hold x, one or the two at a face, found by search among all. */
+/* Splits the elements that contain x (two if it is on a face), found by linear search. */
 static inline void reference_split(reference *r, vec3 x) {
     int node = r->node_count++, tets = r->tet_count;
     r->nodes[node] = x;
@@ -108,7 +108,7 @@ static inline void reference_split(reference *r, vec3 x) {
         if (reference_least_weight(r, t, x) > -REFERENCE_ON_FACE) reference_split_one(r, t, node);
 }
 
-/* Moves a node; its entry among the added ones belongs to no element. */
+/* Moves a node of the mesh; the entry for the added node then belongs to no element. */
 static inline void reference_move(reference *r, int node, vec3 x) {
     r->nodes[node] = r->nodes[r->node_count] = x;
     r->fixed[r->node_count++] = true;
@@ -133,7 +133,7 @@ static inline void reference_assemble(reference *r, bool deviatoric) {
     }
 }
 
-/* Fixed dofs get rows and columns of the unit matrix for the inversion, and zeros after it. */
+/* Rows and columns of fixed dofs become zero except for `diagonal`: 1 for the inversion, 0 after it. */
 static inline void reference_isolate(reference *r, double diagonal) {
     for (int n = 0; n < r->node_count; n++) {
         if (!r->fixed[n]) continue;
@@ -175,7 +175,7 @@ static inline void reference_add_mean(reference *r, const tissue *t, int node, i
     free(b);
 }
 
-/* The nominal mesh of this tissue with these contact nodes one after the other, and its stiffness. */
+/* The nominal mesh of this tissue refined by these contact nodes in order, and its stiffness. */
 static inline void reference_build(const tissue *t, const refinement *added, reference *r) {
     size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 4 * added->count + 1);
     *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
@@ -201,7 +201,7 @@ static inline void reference_build(const tissue *t, const refinement *added, ref
             if (t->mesh->groups[g].dimension == 3) reference_add_mean(r, t, n, g);
 }
 
-/* And its inverse. */
+/* The same, with the stiffness inverted. */
 static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
     reference_build(t, added, r);
     reference_invert(r);

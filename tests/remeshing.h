@@ -1,5 +1,5 @@
-/* Snapshots of a remeshing method against the modified mesh assembled and inverted from scratch: what the tests of all methods
-   share. Include in place of cmocka. */
+/* Compares a remeshing method's snapshots with the modified mesh, assembled and inverted from scratch. Shared by the tests of all
+   methods. Include in place of cmocka. */
 #ifndef TROCAR_TESTS_REMESHING_H
 #define TROCAR_TESTS_REMESHING_H
 
@@ -88,7 +88,7 @@ static vec3 point_in(int tet, double margin) {
     return mesh_point(tested->mesh, tet, w);
 }
 
-/* Elements are few, so that several nodes share one. */
+/* Few elements are used, so that several nodes share one. */
 static inline void add_nodes(kind wanted, int count) {
     for (int i = 0; i < count; i++) {
         int tet = (61 * (rand() % 6) + 3) % tested->mesh->tet_count;
@@ -96,7 +96,7 @@ static inline void add_nodes(kind wanted, int count) {
     }
 }
 
-/* Of every kind that the method takes, some close to vertices and edges. */
+/* Nodes of every kind that the method supports, some close to vertices and edges. */
 static inline void add_mixed(remesh_method method, int count) {
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0.001, 0.999, 0}};
     for (int i = 0; i < count; i++) {
@@ -147,7 +147,7 @@ static void assert_blocks_right(double tolerance) {
 
 /* ---- tests ---- */
 
-static remesh_method method; /* that is tested now */
+static remesh_method method; /* under test */
 
 static void check(remesher *r) {
     serve(r);
@@ -155,7 +155,7 @@ static void check(remesher *r) {
     assert_blocks_right(1e-8);
 }
 
-/* Nodes come and go at random, and so does the window. */
+/* Nodes are added and removed at random, and the window changes at random. */
 static void snapshots_equal_an_inversion_from_scratch(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -188,7 +188,7 @@ static void check_averaged(void) {
     remesher_free(r);
 }
 
-/* Added nodes leave the mean strains to the nominal nodes. */
+/* The averaged strain uses the nominal nodes only, not the added ones. */
 static void averaged_strain_is_the_nominal_mesh_s(void **state) {
     (void)state;
     tissue t;
@@ -215,7 +215,7 @@ static void check_among_fixed(void) {
     remesher_free(r);
 }
 
-/* Elements of which no corner can move. */
+/* Elements whose corners are all fixed. */
 static void nodes_among_fixed_ones(void **state) {
     (void)state;
     tissue t;
@@ -230,7 +230,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Nodes of one kind in the elements along a line, half way through each. */
+/* Nodes of one kind in the elements along a line, each at the middle of the line's path through the element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -248,7 +248,7 @@ static void add_track(vec3 from, vec3 to) {
     }
 }
 
-/* Two needles' tracks that cross in the gland, so that they share elements. */
+/* The tracks of two needles cross in the gland, so that they share elements. */
 static void check_tracks(void) {
     remesher *r = start(method);
     choose_window(60);
@@ -291,7 +291,7 @@ static void full_window_and_all_contacts(void **state) {
         add_nodes(kinds[k], MAX_CONTACTS);
         choose_window(MAX_WINDOW);
         check(r);
-        choose_window(MAX_WINDOW); /* another one, all at once */
+        choose_window(MAX_WINDOW); /* an entirely new window */
         request.wanted.count = 0;
         add_nodes(kinds[k], MAX_CONTACTS);
         check(r);
@@ -299,7 +299,7 @@ static void full_window_and_all_contacts(void **state) {
     }
 }
 
-/* A node that was asked for at a point on the tissue's own nodes, edges and faces. */
+/* Nodes requested at points on the mesh's own nodes, edges and faces. */
 static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     (void)state;
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0, 0, 1}};
@@ -312,7 +312,8 @@ static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     }
 }
 
-/* In and out again, as often as one likes, behind some nodes that stay; what stays is compared, and what is left in the end. */
+/* Nodes are added and removed many times while others stay; the remaining ones are compared each time, and the original mesh at the
+   end. */
 static void removal_restores_the_original(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -344,7 +345,7 @@ static void removal_restores_the_original(void **state) {
     remesher_free(r);
 }
 
-/* All of this with each of some methods. */
+/* Runs all of these tests with each of the given methods. */
 static inline int run_remeshing_tests(const remesh_method *methods, int count) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(snapshots_equal_an_inversion_from_scratch),

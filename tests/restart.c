@@ -1,4 +1,4 @@
-/* A server that is killed in the middle of an insertion or finds no network, under the loop that starts it again.
+/* A server that is killed in the middle of an insertion or finds no network, run by the script that restarts it.
    usage: restart KEEP_ALIVE SERVER; in a private network namespace. */
 #define _GNU_SOURCE
 #include <fcntl.h>
@@ -54,7 +54,7 @@ static int stop(void **state) {
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
 }
 
-/* Kills the server; returns how long the next one was in coming, s from the kill to its first wrench. */
+/* Kills the server; returns the time, s, from the kill to the next server's first wrench. */
 static double kill_server(client *c) {
     pid_t killed = server_of(supervisor);
     assert_true(killed > 0);
@@ -63,15 +63,15 @@ static double kill_server(client *c) {
     pass(c, 0.02);
     int64_t wrenches = c->wrenches;
     pass(c, 0.05);
-    assert_int_equal(c->wrenches, wrenches); /* it stops: the device's own watchdog lets go */
+    assert_int_equal(c->wrenches, wrenches); /* no more wrenches: the device's own watchdog releases the force */
 
-    c->wrenches = 0; /* another server: no step from the last wrench of the first one is meant */
+    c->wrenches = 0; /* a new server: steps are not counted from the first one's last wrench */
     PASS_UNTIL(c, c->wrenches > 0);
     assert_true(server_of(supervisor) != killed && c->wrench.tick < 1000);
     return 1e-9 * (double)(monotonic_ns() - died);
 }
 
-/* A start takes seconds where a dozen others want each processor. */
+/* On an overloaded machine a start takes seconds. */
 static bool machine_has_room(void) {
     double load;
     return getloadavg(&load, 1) == 1 && load < 2.0 * (double)sysconf(_SC_NPROCESSORS_ONLN);
@@ -80,23 +80,23 @@ static bool machine_has_room(void) {
 static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
     client *c = *state;
     PASS_UNTIL(c, c->wrenches > 0);
-    double first = 1e-9 * (double)(monotonic_ns() - started), shortest = INFINITY; /* of three: others use the machine too */
+    double first = 1e-9 * (double)(monotonic_ns() - started), shortest = INFINITY; /* the best of three: the machine may be busy */
     for (int attempts = in_time() ? 3 : 1; attempts > 0 && !(shortest < BACK); attempts--) {
         client_insert(c);
         double force = force_of(c), away = kill_server(c);
         print_message("back after %.2f s; the first start took %.2f s\n", away, first);
         shortest = fmin(shortest, away);
-        assert_true(force_of(c) < 0.2 * force); /* safe: nothing at once */
+        assert_true(force_of(c) < 0.2 * force); /* no sudden force */
 
         watch(c);
         PASS_UNTIL(c, force_of(c) > 0.0 && c->wrench.pose_seq > 0);
         assert_true(c->seen & FLAG(RAMPING));
         assert_true(force_of(c) < 0.2 * force);
         pass(c, 0.3);
-        assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue, where it was */
+        assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue as before */
     }
-    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* no longer than any start */
-    client_insert(c); /* drawn back, it goes in again as ever */
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* no longer than an ordinary start */
+    client_insert(c); /* a withdrawn needle can be inserted again */
 }
 
 static int start_without_route(void **state) {
@@ -105,7 +105,7 @@ static int start_without_route(void **state) {
     return system("ip route del 224.0.0.0/4 dev lo") == 0 && start_supervisor() ? 0 : -1;
 }
 
-/* As at boot: the server is tried again until the network is there. */
+/* As at boot: the server is restarted until the network is up. */
 static void a_server_without_a_route_comes_up_once_there_is_one(void **state) {
     int64_t end = monotonic_ns() + 20000000000;
     pid_t first = 0, now = 0;

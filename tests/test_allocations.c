@@ -1,4 +1,4 @@
-/* The counter against calls made by hand, here and in a shared library, thread by thread. */
+/* The allocation counter against a known number of calls, made here and in a shared library, per thread. */
 #include <malloc.h>
 #include <pthread.h>
 #include <stdlib.h>
@@ -37,8 +37,8 @@ static void calls_from_shared_libraries_are_counted(void **unused) {
     (void)unused;
     if (!ALLOCATIONS_ARE_COUNTED) skip();
     int64_t before = allocations_now();
-    g_free(g_strdup("text")); /* GLib's */
-    free(strdup("text"));     /* the C library's own */
+    g_free(g_strdup("text")); /* in GLib */
+    free(strdup("text"));     /* in the C library */
     assert_int_equal(allocations_now() - before, 4);
 }
 

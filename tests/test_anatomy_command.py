@@ -22,7 +22,7 @@ SHIPPED = os.path.join(SOURCE, "meshes/synthetic.dcm")
 
 
 def anatomy(*arguments):
-    """Exit status, what was printed, what was complained: in this process, since starting one takes seconds."""
+    """Exit status, stdout and stderr; run in this process, since starting another takes seconds."""
     printed, complained = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(complained), unittest.mock.patch.object(sys, "argv", ["anatomy", *arguments]):
         try:
@@ -87,7 +87,7 @@ class Command(unittest.TestCase):
             self.assertAlmostEqual(mesh.region_volume(region) * 1e9 / stress.planimetry(rings[rois[region]]), 1, delta=0.03, msg=region)
         urethra = mesh.points[np.unique(mesh.tets[mesh.region == mesh.regions.index("urethra")])]
         inside = shells.distances(mesh.surfaces["capsule"], urethra) < 0
-        self.assertTrue(inside.any() and not inside.all())      # a part in the gland, others outside
+        self.assertTrue(inside.any() and not inside.all())      # partly inside the gland
         whole = mesh.region_volume("prostate") + mesh.volumes()[self.within(mesh, "urethra", "capsule")].sum()
         self.assertAlmostEqual(whole * 1e9 / stress.planimetry(rings["Prostate"]), 1, delta=0.02)
         self.assertIn("# surfaces without resistance: bladder_wall, rectum_wall, urethra_wall", content("a/five.yaml").decode())
@@ -103,7 +103,7 @@ class Command(unittest.TestCase):
         with unittest.mock.patch.object(meshing, "TRIES", 3):    # its search for better angles takes long
             status, _, complained = anatomy("gland.stl", "--nodes", "900", "--corridor", "10", "0", "4", "--output", "x", "--picture", "x.svg")
         self.assertEqual(status, 0, complained)
-        self.assertIn("surfaces have no outlines: there is none", complained)
+        self.assertIn("--picture shows outlines, which surfaces do not have", complained)
         self.assertIn("puncture:capsule", self.replay("x.yaml", "--shift", "shift.csv"))
         self.assertIn(b"coronal", content("shift.csv"))
         self.assertLess(float(content("x-quality.md").decode().split("surface of gland, mm | mean ")[1].split(",")[0]), 0.5)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Outlines in every state in which they come."""
+"""Outlines with every kind of defect."""
 import math
 import unittest
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Stages that do not end, or bring their process down."""
+"""Stages that do not end or crash their process."""
 import os
 import signal
 import subprocess

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The synthetic patients: their own measures, and one of the stress test's through the pipeline."""
+"""The synthetic patients: their dimensions, and one patient of the stress test through the pipeline."""
 import tempfile
 import unittest
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Names of regions, their materials, and what becomes of surfaces that cannot be meshed."""
+"""Names and materials of regions, and the handling of surfaces that cannot be meshed."""
 import math
 import os
 import re
@@ -97,7 +97,7 @@ class Crossing(unittest.TestCase):
 
     @staticmethod
     def search(mesh):
-        """Every search for a mesh ends with this one."""
+        """Makes every search for a mesh return this one."""
         def found(_domain, _nodes, path):
             with open(path, "w", encoding="ascii"):
                 return meshing.Attempt(mesh, [], {})
@@ -144,7 +144,7 @@ class Crossing(unittest.TestCase):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
         with unittest.mock.patch.object(meshing, "TRIES", 2), \
-                self.assertRaisesRegex(contours.Unusable, r'"urethra": the nearest to 200 nodes that is reached is \d+: its surface alone has \d+'):
+                self.assertRaisesRegex(contours.Unusable, r'"urethra": no mesh has 200 nodes; the closest has \d+: its surface alone has \d+'):
             pipeline.mesh_of(organs, 200, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Lofts, distance fields and what keeps regions apart, on shapes of known volume."""
+"""Lofts, distance fields and the separation of regions, on shapes of known volume."""
 import collections
 import unittest
 
@@ -20,7 +20,7 @@ class Surfaces(unittest.TestCase):
 
     @staticmethod
     def coarse_sphere():
-        """Of few triangles: crossings are looked for edge by edge."""
+        """Few triangles, because crossings are searched edge by edge."""
         return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
 
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
@@ -80,9 +80,9 @@ class Surfaces(unittest.TestCase):
         sphere = self.coarse_sphere()
         crossed = shells.Shell(sphere.points.copy(), sphere.triangles)
         top = crossed.points[:, 2] > 14
-        crossed.points[top, 2] -= 44     # the cap comes out at the bottom, turned inside out
+        crossed.points[top, 2] -= 44     # the cap passes through the bottom and is inverted
         organ = pipeline.organ_of_surface("x", "x", False, crossed)
-        self.assertRegex(organ.notes[-1], r"crosses itself at \d+ edges, first at \(.*\) mm: taken is all that it encloses")
+        self.assertRegex(organ.notes[-1], r"crosses itself at \d+ edges, first at \(.*\) mm: replaced by the surface of everything that it encloses")
         self.assertGreater(organ.volume, 1.02 * crossed.volume())
 
     def test_a_displaced_part_is_told(self):
@@ -107,7 +107,7 @@ def shared(found, a, b):
 
 
 def is_watertight(shell):
-    """Each edge is passed in both directions equally often."""
+    """True if each edge is traversed equally often in both directions."""
     ways = collections.Counter(tuple(way) for pair in ((0, 1), (1, 2), (2, 0)) for way in shell.triangles[:, pair].tolist())
     return all(ways[b, a] == count for (a, b), count in list(ways.items()))
 
@@ -164,7 +164,7 @@ class Shared(unittest.TestCase):
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = labels.Image(np.zeros(3), 1.0, np.zeros((36, 36, 40), np.uint8))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # beside the body of the second region one voxel of it covers the first
+        image.labels[4:32, 4:32, 10] = 2        # next to the body of the second region one voxel of it covers the first
         image.labels[4:32, 12:32, 10:34] = 2
         labels.drop_thin(image, 2, 1.0)
         self.assertFalse(np.any(image.labels[6:30, 5:9, 10] == 2))
@@ -176,7 +176,7 @@ class Shared(unittest.TestCase):
         image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
         labels.separate(image)
         self.assertEqual(len(labels.parts_of(image.labels == 1)[1]), 2)
-        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # beside the larger one
+        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # next to the larger one
         self.assertGreaterEqual(np.argmin(empty) + 1, labels.CLEAR)
 
     def test_a_thin_bone_beside_a_large_organ_is_not_lost(self):
@@ -195,7 +195,7 @@ class Shared(unittest.TestCase):
             self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
 
     def test_corners_of_triangles_lie_on_the_region(self):
-        """Not on the border of the image, which CGAL takes for a surface too."""
+        """The surface must not include the border of the image, which CGAL would treat as a surface."""
         ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
         image, lost = labels.image_for([[ball]], 20.0)
         found, _ = labels.shared_surfaces(image, lost, [[ball]], [None], 20.0)

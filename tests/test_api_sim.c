@@ -1,4 +1,4 @@
-/* The split between ticks and worker, with a mesh update that fails when it is told to (put in its place by the linker). */
+/* The division of work between ticks and worker, with a mesh update that fails on demand (the linker wraps the real one). */
 #include "api/api.h"
 
 #include <setjmp.h>
@@ -18,7 +18,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
-    snapshot->serial = request->serial; /* half done */
+    snapshot->serial = request->serial; /* incomplete */
     memset(snapshot->compliance, 0xff, sizeof snapshot->compliance);
     snprintf(why->text, sizeof why->text, "no good");
     return TROCAR_NUMERIC;
@@ -57,7 +57,7 @@ static void only_the_newest_request_is_served(void **unused) {
     }
     assert_int_equal(served, 1);
     tick_on(&h, 500);
-    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted); /* but for what this tick has asked */
+    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted); /* except for this tick's own request */
     host_close(&h);
 }
 
@@ -77,7 +77,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     assert_true(failures > 0 && isfinite(h.output.force[2]) && h.output.force[2] < 0.0);
     assert_string_equal(why.text, "no good");
     assert_true(h.sim->needles[0].answered <= answered + 1 && h.sim->needles[0].answered < h.sim->needles[0].posted);
-    fails = false; /* and it goes on */
+    fails = false; /* recovers */
     for (int t = 400; t < 500; t++) {
         tick_on(&h, t);
         assert_int_equal(trocar_sim_work(h.sim, &done, &why), TROCAR_OK);
@@ -86,7 +86,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     host_close(&h);
 }
 
-/* A number that is none in the state: told by the status, and the insertion starts over where the base is. */
+/* A NaN in the state is reported by the status, and the insertion restarts at the base's position. */
 static void a_tick_that_is_not_finite_starts_over(void **unused) {
     (void)unused;
     host h = inserted(300);

@@ -1,4 +1,4 @@
-/* The yardstick: it multiplies, every time, in one thread. */
+/* The baseline of timings: a matrix product, really computed each time, in one thread. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,7 +9,7 @@
 
 #include "baseline.h"
 
-/* No core does more than 64 floating-point operations a cycle, nor 6e9 cycles a second: faster would be no product. */
+/* No core exceeds 64 floating-point operations per cycle or 6e9 cycles per second: anything faster did not compute the product. */
 static void measures_the_time_of_a_matrix_product(void **state) {
     (void)state;
     histogram time;
@@ -27,7 +27,7 @@ static void restores_one_thread(void **state) {
     assert_int_equal(openblas_get_num_threads(), 1);
 }
 
-/* Half of the products took the median or longer, all within the time that passed. */
+/* Half of the products took at least the median time, and all of them fit into the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     histogram time;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What scripts/bench_server reads, on made-up results: nothing is run.
+"""The parsing of scripts/bench_server, on made-up results: nothing is run.
 
 usage: test_bench_server.py SOURCE_DIR
 """
@@ -39,4 +39,4 @@ try:
 except bench.soak.Failed:
     print("passed")
 else:
-    sys.exit("what is missing is not noticed")
+    sys.exit("missing results are not detected")

@@ -1,4 +1,4 @@
-/* The cache of blocks: symmetric, and old ones forgotten. */
+/* The block cache: symmetric access, and eviction of the least recently used blocks. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -44,7 +44,7 @@ static void least_recently_used_nodes_are_evicted(void **state) {
     assert_true(block_cache_take(&c, 1, many + BLOCK_CACHE_NODES, 0, NULL));
     assert_int_equal(c.nodes.slot[0], -1);
     assert_true(block_cache_knows(&c, 2, 1));
-    assert_false(block_cache_knows(&c, BLOCK_CACHE_NODES, 1)); /* has 0's place, not its blocks */
+    assert_false(block_cache_knows(&c, BLOCK_CACHE_NODES, 1)); /* reuses 0's slot, but not its blocks */
     assert_true(block_cache_take(&c, 1, many, 0, NULL));
     assert_false(block_cache_knows(&c, 0, 1));
     assert_false(block_cache_take(&c, BLOCK_CACHE_NODES, many, 1, many));

@@ -15,7 +15,7 @@ typedef struct { int size; double a[MOST][MOST]; } dense;
 
 static double uniform(void) { return 2.0 * rand() / RAND_MAX - 1.0; }
 
-/* Random symmetric blocks, some with zeros on the diagonal: indefinite, and not to be factored without exchanges. */
+/* Random symmetric blocks, some with zeros on the diagonal: indefinite, so that factorisation needs pivoting. */
 static void fill(int count, block_tridiagonal *chain, dense *whole) {
     memset(chain, 0, sizeof *chain);
     memset(whole, 0, sizeof *whole);
@@ -33,7 +33,7 @@ static void fill(int count, block_tridiagonal *chain, dense *whole) {
             }
 }
 
-/* Solves in place of x, with exchanges of rows over the whole matrix. */
+/* Solves in place, with row pivoting over the whole matrix. */
 static void solve_dense(dense m, double *x) {
     for (int p = 0; p < m.size; p++) {
         int best = p;

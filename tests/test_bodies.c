@@ -1,4 +1,4 @@
-/* Needles through several bodies and several materials: out of one into the next, and out of tissue that is far stiffer. */
+/* Needles through several bodies and materials: from one body into the next, and out of much stiffer tissue. */
 #include "blocks.h"
 
 #include <setjmp.h>
@@ -28,7 +28,7 @@ static pose start_at(double x, double y) { return (pose){v3(x, y, -0.201), {1, 0
 enum { STEPS = 95 }; /* of 1 mm */
 static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* N and N/m at 50 mm/s */
 
-/* In by 95 mm and out again at 50 mm/s: what each millimetre of the base has brought, and force and depth at its end. */
+/* In by 95 mm and out again at 50 mm/s: events during each millimetre of base travel, and force and depth at its end. */
 typedef struct { unsigned events[2 * STEPS]; double force[2 * STEPS], depth[2 * STEPS]; } passage;
 
 static void pass(lockstep *l, passage *p) {
@@ -48,7 +48,7 @@ static int first(const passage *p, unsigned event, int from) {
     return from;
 }
 
-/* Two bodies, meshed apart, the first one 40 mm thick, the second one `gap` behind it, or beginning before it ends. */
+/* Two separately meshed bodies: the first is 40 mm thick, the second begins `gap` behind it (negative: they overlap). */
 static lockstep *two_bodies(double gap) {
     block blocks[2] = {{v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.04), {8, 6, 3}, 3, 1, 1, true},
                        {v3(-0.05, -0.04, 0.04 + gap), v3(0.05, 0.04, 0.1 + gap), {7, 5, 4}, 4, 2, 2, false}};
@@ -58,8 +58,8 @@ static lockstep *two_bodies(double gap) {
     return lockstep_create(&c, start_at(0.0031, -0.0027));
 }
 
-/* Cutting and friction of what lies in tissue are felt, and nothing of the gap. A gap that the first body's bulging surface closes
-   is as none. */
+/* The part of the needle in tissue has cutting and friction forces; the part in the gap has none. A gap closed by the first body's
+   bulging surface does not count. */
 static void second_body_exerts_force(void **unused) {
     (void)unused;
     static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
@@ -83,7 +83,7 @@ static void second_body_exerts_force(void **unused) {
     }
 }
 
-/* A needle that a start finds in both bodies is in both: the friction of both holds it. */
+/* A needle that is already in both bodies at the start feels the friction of both. */
 static void engaging_inside_two_bodies(void **unused) {
     (void)unused;
     lockstep *l = two_bodies(0.005);
@@ -99,7 +99,7 @@ static void engaging_inside_two_bodies(void **unused) {
     lockstep_free(l);
 }
 
-/* Two bodies of one mesh each, whose faces match, are one. */
+/* Two separately meshed bodies whose faces match are joined into one. */
 static void matching_faces_are_joined(void **unused) {
     (void)unused;
     block whole = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.1), {6, 5, 5}, 2, 1, 2, true};
@@ -148,7 +148,7 @@ static void mesh_unit_is_applied(void **unused) {
         assert_non_null(strstr(l->simulation.mesh.remarks.text, "mesh_unit"));
         lockstep_free(l);
     }
-    simulation_config c = blocks_config(path, 2); /* right unit, but a needle of 20 um */
+    simulation_config c = blocks_config(path, 2); /* the unit is right, but the needle is 20 um thick */
     c.mesh_unit = 1e-3;
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
@@ -159,8 +159,8 @@ static void mesh_unit_is_applied(void **unused) {
 
 /* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
 
-/* Largest step of force in a tick, in max(7 %, 0.05 N), while the needle goes through a layer of the given stiffness, its base is
-   moved sideways, and it is drawn out. */
+/* Largest change of force per tick, relative to max(7 %, 0.05 N), while the needle is pushed through a layer of the given
+   stiffness, moved sideways at the base, and pulled out. */
 static double worst_step(double stiffness, unsigned *seen) {
     enum { TICKS = 1200 };
     simulation_config c = blocks_config(path, 2);
@@ -192,18 +192,19 @@ static void force_is_continuous_when_leaving_stiff_tissue(void **unused) {
         double worst = worst_step(20e3 * contrast, &seen);
         print_message("%g times stiffer: largest step %.2f of max(7 %%, 0.05 N)\n", contrast, worst);
         assert_false(seen & (EVENT_UNSTABLE | EVENT_FULL));
-        /* 1000 times: 1.02 where a contact begins to take part; its node yields otherwise than the mean that is taken off for it. */
+        /* 1000 times: 1.02 where a contact becomes active, because its node's compliance differs from the mean that was subtracted
+           for it. */
         assert_true(worst <= (contrast < 1000 ? 1.0 : 1.1));
     }
 }
 
 /* ---- along a side face ---------------------------------------------------------------------------------------------------- */
 
-/* What a needle met that was pushed down along a side face and drawn out again. */
+/* Results for a needle pushed down along a side face and pulled out again. */
 typedef struct {
     int exits, returns, withdrawals;
-    int jumps;               /* steps of force beyond max(7 %, 0.05 N) in a tick, but for punctures and exits */
-    int drops;               /* ticks in which it fell to nothing, but for the last */
+    int jumps;               /* ticks whose force changed by more than max(7 %, 0.05 N), except at punctures and exits */
+    int drops;               /* ticks in which the force fell to zero, except the last */
 } side_passage;
 
 /* `inside` is how far inside the face y = -40 mm the needle is set on the skin, m. */
@@ -230,8 +231,8 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     return p;
 }
 
-/* On the face itself, or a little inside it, the tip is not in and out by turns. It may leave the tissue once, and come back once as the
-   needle is drawn out; one that steers into the tissue does not leave it. */
+/* On the face, or slightly inside it, the tip must not alternate between in and out. It may leave the tissue once, and come back
+   once as the needle is pulled out; a needle that steers into the tissue does not leave it. */
 static void force_is_constant_along_a_side_face(void **unused) {
     (void)unused;
     static const double insides[] = {0.0, 1e-7, 1e-6, 1e-5, 1e-4}, slopes[] = {0.0, 0.1, -0.1};
@@ -249,7 +250,7 @@ static void force_is_constant_along_a_side_face(void **unused) {
         }
 }
 
-/* A needle that slides over the skin's edge is off, and is not caught again by the corner that its axis still cuts. */
+/* A needle that slides over the skin's edge is free, and is not caught again by the corner that its axis still crosses. */
 static void edge_is_crossed_once(void **unused) {
     (void)unused;
     enum { TICKS = 800 };

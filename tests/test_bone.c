@@ -1,5 +1,5 @@
-/* The pubic arch of the default scene: it stops the tip, is felt, holds the tissue if the scene says so, and a bevelled
-   needle gets round it. */
+/* The pubic arch of the default scene: it stops the tip, is felt, fixes the tissue if the scene says so, and can be avoided by
+   steering a bevelled needle around it. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const double WAY = 0.066;         /* m, of the base; the arch is met some 25 mm deep */
+static const double WAY = 0.066;         /* m, travel of the base; the arch is about 25 mm deep */
 
 static const vec3 BEHIND = {0.014, 0.014, 0};   /* a line along z that the arch crosses */
 
@@ -24,14 +24,14 @@ static pose start_at(const simulation_config *c, vec3 line, double roll) {
 
 typedef struct {
     double depth, force;     /* m, N: at the end, and the greatest along the needle */
-    double beyond;           /* m, furthest that the tip came past the point of the bone that stops it, along z */
+    double beyond;           /* m, largest distance of the tip along z past the point of the bone that stops it */
     bool stopped;
     unsigned events;
 } outcome;
 
 static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->simulation.needle.given.segments]; }
 
-/* Where the point of the tissue is now that the tip has come to. */
+/* Current position of the point of the tissue that the tip has reached. */
 static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
     const needle_tip *tip = &l->state.tip;
     double weights[4];
@@ -65,9 +65,9 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
     return o;
 }
 
-/* Until the needle buckles (free outside over some 177 mm; clamped and hinged, Euler's load 20.2 EI / L^2 is 13.3 N) the hand feels
-   the bone, and the tip is in front of it, but for 0.1 mm a newton; whether the bone holds the tissue or moves with it, and whether the
-   needle meets it slowly or within one tick. */
+/* Until the needle buckles (Euler's load 20.2 EI / L^2 of the free 177 mm, clamped and hinged, is 13.3 N) the hand feels the bone,
+   and the tip passes its surface by at most 0.1 mm/N. This holds whether the bone fixes the tissue or moves with it, and whether
+   the needle meets it slowly or within one tick. */
 static void arch_stops_the_tip_at_any_speed(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.2, 1.0};
@@ -93,7 +93,7 @@ static void tip_passes_beside_the_arch(void **unused) {
     assert_true(o.depth > 0.05 && o.force < 4.0);
 }
 
-/* A straight line to the place that the steered tip comes to is barred. */
+/* The steered tip reaches a place that no straight line reaches. */
 static void bevelled_needle_steers_around_the_arch(void **unused) {
     (void)unused;
     simulation_config c = arch_scene(true);

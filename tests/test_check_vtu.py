@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""check_vtu.py on a case solved by hand: it accepts the solution and refuses each spoilt copy.
+"""check_vtu.py on a case solved by hand: it accepts the solution and refuses each damaged copy.
 
-A block of two materials, held at z = 0, has the displacement u = a(z) with a constant slope in each layer and a
+A block of two materials, fixed at z = 0, has the displacement u = a(z) with a constant slope in each layer and a
 continuous traction from layer to layer; all other sides carry the traction of that stress.
 """
 import contextlib

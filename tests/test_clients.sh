@@ -1,5 +1,6 @@
 #!/bin/bash
-# The clients as a user runs them: bad input, the replay's files, the balance of its exports, a hand on the needle.
+# The clients as a user runs them: bad input, the replay's files, the balance of forces in its exports, a simulated hand on the
+# needle.
 # usage: test_clients.sh PROGRAMS_DIR SOURCE_DIR CASE
 set -euo pipefail
 programs=$1 source=$2    # absolute
@@ -10,7 +11,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Exit status 2, a message with this text, and no file left behind.
+# The command must exit with status 2 and a message with this text, and leave no file behind.
 refuses() {
     local text=$1 status=0
     shift
@@ -73,7 +74,7 @@ bad_input() {
     done
 }
 
-# Twice the same bits; the log's wrenches are the table's rows.
+# Two runs give the same bits; the log's wrenches equal the table's rows.
 replay() {
     "$programs/trocar-device" --write-log poses.log
     for run in a b; do
@@ -83,10 +84,10 @@ replay() {
         cmp "a$part" "b$part"
     done
     [ "$(wc -l <a.csv)" -eq 2402 ] || fail "rows: $(wc -l <a.csv)"
-    # the log's own poses replay to the same table: wrenches in it are passed over
+    # the log's own poses replay to the same table; its wrenches are ignored
     "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
-    # the gland is pushed along the needle, drawn back beyond its place, and at rest again when the needle is out
+    # the gland is pushed along the needle, pulled back beyond its initial place, and at rest again when the needle is out
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
@@ -94,7 +95,7 @@ replay() {
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
 }
 
-# ParaView's time series: each file of the list is there, in order, and one of them is what --vtu writes at that time.
+# ParaView's time series: all listed files exist, in order, and one of them equals what --vtu writes for that time.
 series() {
     local run=("$programs/trocar-replay" --scene "$scene" --poses "$source/tests/traces/figure8.log" --quiet)
     mkdir part
@@ -113,8 +114,8 @@ EOF
     "$source/tests/check_vtu.py" part/series-0039
 }
 
-# Recordings kept with their wrenches: the same bits twice, and what they were within a tolerance that a change of the
-# mechanics does not pass.
+# Golden recordings with their wrenches: two replays are bit-identical, and match within a tolerance that a change of the mechanics
+# exceeds.
 golden() {
     local traces=$source/tests/traces trace status=0
     for trace in figure8 again hand lossy; do
@@ -125,7 +126,7 @@ golden() {
     sed "s|^mesh: |mesh: $source/meshes/|; /^inverse:/d" "$scene" >sparse.yaml
     echo 'inverse: sparse' >>sparse.yaml
     "$programs/trocar-replay" --scene sparse.yaml --poses figure8.log --compare figure8.log 2>difference || fail "$(cat difference)"
-    grep -qF 'figure8.log: made with the dense inverse, this replay with the sparse one' difference || fail "another owner is not named: $(cat difference)"
+    grep -qF 'figure8.log: made with the dense inverse, this replay with the sparse one' difference || fail "the other inverse is not named: $(cat difference)"
     sed "s|^mesh: |mesh: $source/meshes/|; s/kinetic: 9 /kinetic: 10 /" "$scene" >other.yaml
     "$programs/trocar-replay" --scene other.yaml --poses figure8.log --compare "$traces/figure8-golden.log" 2>difference || status=$?
     cat difference
@@ -133,7 +134,7 @@ golden() {
     grep -qE '^  first: .*fz off by .* N, .* of its peak, at [0-9.]+ s, pose [0-9]+$' difference || fail "the first difference is not explained"
 }
 
-# Short: what it writes, not how fast this machine is.
+# Short runs: checks the output, not the speed of this machine.
 bench() {
     "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
     cat bench.txt
@@ -153,7 +154,7 @@ bench() {
     grep -q '10 contacts' tick.svg && grep -q 'dense, 20 mm/s' worker.svg || fail "no figures of scale"
 }
 
-# Deep in the tissue, while the base is moved up, while pulled, and with the tip still near the skin.
+# Deep in the tissue, with the base moved up, during retraction, and with the tip still near the skin.
 balance() {
     "$programs/trocar-device" --write-log poses.log
     for at in 0.3 1.0 1.38 1.8; do
@@ -162,7 +163,7 @@ balance() {
     done
 }
 
-# A hand at rest is where its spring balances the needle: z = target + force / stiffness. Status 77: no namespace here.
+# At rest, the hand's spring balances the needle's force: z = target + force / stiffness. Status 77: no namespace here.
 hand() {
     "$source/scripts/netns" true || exit 77
     "$source/scripts/netns" "$source/tests/test_clients.sh" "$programs" "$source" hand_inside
@@ -183,16 +184,16 @@ hand_inside() {
              $1 > 1.5 && $1 < 1.6 { rows++; force = $column["fz"]; off = $column["z"] + 0.135 - force / 400
                                     if (off < 0) off = -off; if (off > worst) worst = off }
              END { printf "%d rows, force %.3f N, off balance by %.1e m\n", rows, force, worst
-                   exit !(rows > 50 && force < -0.2 && worst < 5e-5) }' hand.csv || fail "the hand is not in balance"
+                   exit !(rows > 50 && force < -0.2 && worst < 5e-5) }' hand.csv || fail "the hand is not in equilibrium"
     /usr/bin/python3 -m json.tool hand.json >/dev/null || fail "the report is not JSON"
 }
 
-# The figure is drawn from the table and labels what happened.
+# The figure is drawn from the table and labels the events.
 figure() {
     "$programs/trocar-device" --write-log poses.log
     "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv forces.csv --quiet
     "$source/scripts/plot_forces" forces.csv forces.svg
-    grep -q "</svg>" forces.svg || fail "the figure is cut short"
+    grep -q "</svg>" forces.svg || fail "the figure is truncated"
     for label in axial sagittal coronal skin capsule; do
         grep -q "$label" forces.svg || fail "no '$label' in the figure"
     done

@@ -61,7 +61,7 @@ static void equal_wrenches_match_exactly(void **state) {
     assert_true(c.largest.share == 0);
 }
 
-/* fz rises by 0.1 N from one wrench to the next: 0.15 N off are 0.05 N outside of what lies beside it. */
+/* fz changes by 0.1 N per wrench: an error of 0.15 N is 0.05 N outside the range of the neighbouring wrenches. */
 static void first_difference_is_kept(void **state) {
     fixture *f = *state;
     f->golden.wrenches[4].raw_force[2] -= 0.09;
@@ -79,7 +79,7 @@ static void first_difference_is_kept(void **state) {
     assert_int_equal(compare(f, 0.02).differing, 0);
 }
 
-/* Of 20 golden wrenches the third is off by more than its peak, the last by 2 % of it. */
+/* Of 20 golden wrenches the third differs by more than the peak, the last by 2 % of it. */
 static void quantiles_and_end_are_reported(void **state) {
     fixture *f = *state;
     f->golden.wrenches[2].raw_torque[0] += 5e-3;
@@ -89,12 +89,12 @@ static void quantiles_and_end_are_reported(void **state) {
     assert_int_equal(c.last.golden, 19);
     assert_int_equal(c.last.component, 3);
     assert_close(c.last.share, 0.02, 1e-12);
-    assert_close(comparison_quantile(&c, 0.90), 0.001, 1e-12); /* 18 are off by nothing */
+    assert_close(comparison_quantile(&c, 0.90), 0.001, 1e-12); /* 18 are equal */
     assert_close(comparison_quantile(&c, 0.95), 0.02, 1.1e-3);
     assert_close(comparison_quantile(&c, 1.0), 5.0 / 6.0, 1.1e-3);
 }
 
-/* Components that are nearly zero are held to a share of 0.1 N and 2 mN m. */
+/* Components that are nearly zero are compared relative to 0.1 N and 2 mN m. */
 static void small_components_use_a_minimum_peak(void **state) {
     fixture *f = *state;
     f->golden.wrenches[3].raw_force[0] = 0.9e-3;

@@ -1,4 +1,4 @@
-/* The directory of condensed inverses does not grow without end. What is in the files: test_inverse_condensed.c. */
+/* The cache directory of condensed inverses has a limited size. The files' contents are tested in test_inverse_condensed.c. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,7 +17,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Used at these times, s; another program's file, and a half that was left over. */
+/* Files with their times of last use, s; among them an unfinished one and another program's. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
     {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};

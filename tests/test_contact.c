@@ -1,4 +1,4 @@
-/* The contact problem: conditions checked by substitution in a copy of the data, solutions against projected Gauss-Seidel. */
+/* The contact problem: the solution is substituted into a copy of the data and compared with projected Gauss-Seidel. */
 #include <lapacke.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,7 +39,7 @@ static void make_compliance(contact_problem *p, int count, int axial_count, doub
         }
 }
 
-/* Bounds of either sign, some infinite, some of width zero; viscosity in half of the contacts. */
+/* Bounds of both signs, some infinite, some equal; viscosity in half of the contacts. */
 static void make_friction(contact_problem *p) {
     for (int i = 0; i < unknowns(p); i++) p->gap[i] = uniform(-2, 2);
     for (int i = 0; i < p->axial_count; i++) {
@@ -88,7 +88,7 @@ static void assert_solution(double tolerance) {
     }
 }
 
-/* Force that satisfies one axial contact's own law when it would take `gap` to close at unit cost `a` a newton. */
+/* Force that satisfies the law of one axial contact whose remaining gap is `gap` and closes by `a` per newton. */
 static double own_force(int i, double gap, double a) {
     double stick = gap / a, upper = given.upper[i], lower = given.lower[i];
     if (stick > upper) return (upper + given.viscosity[i][1] * gap) / (1.0 + given.viscosity[i][1] * a);
@@ -158,7 +158,7 @@ static void solution_does_not_depend_on_the_start(void **state) {
             if (start == 0) memcpy(first, solved.force, sizeof first);
             for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], first[i], 1e-9);
         }
-        memcpy(given.state, solved.state, sizeof given.state); /* from the solution itself: nothing to switch */
+        memcpy(given.state, solved.state, sizeof given.state); /* starting from the solution: no state changes */
         solve();
         assert_int_equal(solved.switches, 0);
     }
@@ -193,8 +193,8 @@ static void no_axial_force_without_friction(void **state) {
     for (int i = 0; i < 20; i++) assert_true(solved.force[40 + i] == 0.0);
 }
 
-/* One contact, all by hand: A = [2 0 1; 0 4 0; 1 0 3], sideways gaps 2 and 4, so that closing them leaves along the
-   needle the compliance 3 - 1/2 and the gap g - 1. */
+/* One contact, solved by hand: A = [2 0 1; 0 4 0; 1 0 3] with sideways gaps 2 and 4. Eliminating them leaves an axial compliance of
+   3 - 1/2 and an axial gap of g - 1. */
 static void single_contact_matches_closed_form(void **state) {
     (void)state;
     static const double a[3][3] = {{2, 0, 1}, {0, 4, 0}, {1, 0, 3}};
@@ -229,8 +229,8 @@ static int negative_eigenvalues(int size) {
     return negative;
 }
 
-/* A needle alone past its buckling load: its stiffness is negative in one sideways mode v, its compliance
-   (1 - v v^T) - v v^T / 0.3 there; the tissue is stiff enough to hold both together. */
+/* A needle beyond its own buckling load: its stiffness is negative in one sideways mode v, so its compliance is (1 - v v^T) - v v^T
+   / 0.3; the tissue is stiff enough to stabilise both together. */
 static void buckled_needle_supported_by_tissue(void **state) {
     (void)state;
     for (int n = 0; n < 40; n++) {
@@ -254,7 +254,7 @@ static void buckled_needle_supported_by_tissue(void **state) {
     }
 }
 
-/* On the way to buckling a contact's own sideways block passes through zero while the whole stays regular. */
+/* As the needle approaches buckling, a contact's own sideways block becomes singular while the whole matrix stays regular. */
 static void contact_with_singular_diagonal_block(void **state) {
     (void)state;
     for (int n = 0; n < 400; n++) {
@@ -282,7 +282,7 @@ static void assert_refused(void) {
 
 static void singular_and_unstable_problems_are_refused(void **state) {
     (void)state;
-    for (int value = -1; value <= 0; value++) { /* along the needle: it runs away, or nothing yields */
+    for (int value = -1; value <= 0; value++) { /* axial compliance negative or zero */
         make_compliance(&given, 3, 3, 0.05);
         make_friction(&given);
         for (int i = 0; i < 3; i++) {

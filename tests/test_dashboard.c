@@ -32,7 +32,7 @@ static dashboard sample(void) {
     return d;
 }
 
-/* The line that begins with this word, as it is drawn at 10.1 s; fails if there is none. */
+/* The line that begins with this word, as drawn at 10.1 s; fails if there is none. */
 static const dashboard_line *line_of(const dashboard *d, const char *word) {
     int count = dashboard_draw(d, 10.1, 30, lines);
     for (int i = 0; i < count; i++)
@@ -57,7 +57,7 @@ static void numbers_have_readable_units(void **state) {
     expect(&d, "poses", "taken 123", false);
 }
 
-/* Misses from before it looked are told, without an alarm; new ones and all that must be zero alarm. */
+/* Misses from before the dashboard started are shown without an alarm; new misses and nonzero fault counters raise one. */
 static void faults_raise_alarms(void **state) {
     (void)state;
     dashboard d = sample();
@@ -117,7 +117,8 @@ static void silence_and_invalid_messages_are_reported(void **state) {
     assert_true(lines[2].alarm && strcmp(lines[2].text, "server      silent for 5 s") == 0);
 }
 
-/* 99 and 100 stand full height, 1 a third of it; bin 10 is at column 11 behind the axis, compute's bin 4 at 42. */
+/* Counts of 99 and 100 have the full height, 1 a third of it; bin 10 is in column 11 after the axis, compute's bin 4 in column 42.
+   */
 static void histograms_accumulate_on_logarithmic_axes(void **state) {
     (void)state;
     dashboard d = sample();

@@ -1,5 +1,5 @@
 #!/bin/bash
-# scripts/demo as a newcomer may meet it, in a folder whose name has a space. 77: no network namespace here.
+# scripts/demo as a newcomer may run it, in a folder whose name has a space. Status 77: no network namespace here.
 # usage: test_demo.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2
@@ -8,7 +8,7 @@ work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$work"' EXIT
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# A tree with the demo and what is built already.
+# A source tree with the demo and the programs already built.
 mkdir "$work/a tree"
 cd "$work/a tree"
 cp -r "$source/scripts" scripts
@@ -18,7 +18,7 @@ ln -s "$build" build
 
 says() { grep -qF -- "$1" "$work/said" || fail "no '$1' in: $(cat "$work/said")"; }
 
-# It ends with this status.
+# The command must exit with this status.
 ends_with() {
     local wanted=$1 status=0
     shift
@@ -31,7 +31,7 @@ echo "without HOME"
 ends_with 0 env -u HOME -u XDG_CACHE_HOME scripts/demo
 says "Figure: out/forces.svg"
 has_results || fail "no results"
-tail -n1 out/forces.svg | grep -qx "</svg>" || fail "half a figure"
+tail -n1 out/forces.svg | grep -qx "</svg>" || fail "the figure is truncated"
 
 echo "another one in the same folder"
 exec 8<scripts/demo
@@ -61,11 +61,11 @@ kill $!
 status=0
 wait $! || status=$?
 [ $status -eq 143 ] || fail "status $status after SIGTERM: $(cat "$work/said")"
-timeout 5 flock scripts/demo true || fail "it goes on"
+timeout 5 flock scripts/demo true || fail "the demo is still running"
 ! has_results || fail "results of half a motion"
 rm -f out/forces.csv.part
 
-# As a container's root: without these rights and without user namespaces; in a network that has no interface but loopback.
+# As root in a container: without these capabilities and user namespaces, in a network with the loopback interface only.
 rights=-sys_admin,-net_admin
 # shellcheck disable=SC2016
 as_in_a_container() {
@@ -80,5 +80,5 @@ has_results || fail "no results"
 echo "nor a multicast route"
 ends_with 1 as_in_a_container true scripts/demo
 says "ip route add 239.255.76.67/32 dev lo"
-! has_results || fail "old results as if they were new"
+! has_results || fail "old results were left as if they were new"
 echo passed

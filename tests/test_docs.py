@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The documentation: the site builds without a warning, every link and anchor leads somewhere, and every code block of README.md and
-docs/ runs, unless a comment before it says why not (see docs/source.md).
+"""The documentation: the site builds without a warning, every link and anchor has a target, and every code block of README.md and
+docs/ runs, unless a comment before it gives a reason (see docs/source.md).
 
 usage: test_docs.py BUILD_DIR SOURCE_DIR
 """
@@ -35,9 +35,9 @@ class Block:
 
     def fault(self):
         if self.language not in SHELL | CODE | TEXT:
-            return f"{self.place}: a block needs a language that this test knows, not '{self.language}'"
+            return f"{self.place}: language '{self.language}' is not tested: use one of {', '.join(sorted(SHELL | CODE | TEXT))}"
         if "not run" in self.marks and len(self.marks["not run"]) < 10:
-            return f"{self.place}: why is it not run?"
+            return f"{self.place}: 'not run' needs a reason of at least 10 characters"
         return None
 
 
@@ -67,7 +67,7 @@ for request in sys.stdin:
 
 
 class Page:
-    """The folder in which a page's blocks run: that of the sources, but with files of its own; the programs are the installed ones."""
+    """The folder in which a page's blocks run: like the source folder, but with its own files; programs are the installed ones."""
 
     def __init__(self, build, source, prefix, folder):
         self.source, self.prefix, self.folder = source, prefix, folder
@@ -106,11 +106,11 @@ class Page:
             done = subprocess.run(command, cwd=self.folder, env=self.environment, text=True, timeout=50, stdin=subprocess.DEVNULL,
                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         except subprocess.TimeoutExpired as late:
-            return f"not done in 50 s: mark it as background?\n{(late.stdout or b'').decode()}"
+            return f"not done in 50 s: mark the block as background if it should go on\n{(late.stdout or b'').decode()}"
         return f"status {done.returncode}\n{done.stdout}" if done.returncode != 0 else None
 
     def start(self, code):
-        """Until it says that it is ready."""
+        """Runs the block in the background and waits until it prints `ready`."""
         output = open(self.folder / f".output{len(self.running)}", "w+")
         process = subprocess.Popen(["bash", "-c", code], cwd=self.folder, env=self.environment, start_new_session=True, stdin=subprocess.DEVNULL,
                                    stdout=output, stderr=subprocess.STDOUT)
@@ -134,12 +134,12 @@ class Page:
                              *(["-o", f"block{block.line}"] if whole else ["-fsyntax-only"]), path.name, *flags.stdout.split()])
 
     def declare(self):
-        """The declarations of a page, together."""
+        """Compiles all declarations of a page together."""
         (self.folder / "declarations.c").write_text("#include <stddef.h>\n#include <stdint.h>\n" + self.declarations)
         return self.command(["cc", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "declarations.c"])
 
     def interpret(self, block, code):
-        """In one interpreter for the page, as a reader would type it."""
+        """Runs the block in the page's interpreter, as a reader would type it."""
         if self.python is None:
             self.python = subprocess.Popen(["/usr/bin/python3", "-c", PYTHON_HOST], cwd=self.folder, env=self.environment, text=True,
                                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -154,7 +154,7 @@ class Page:
         return "the interpreter died\n" + "".join(said)
 
     def load(self, block, code):
-        """A scene makes a model; other YAML is read."""
+        """Creates a model from a scene; parses other YAML."""
         if not re.search("^mesh:", code, re.MULTILINE):
             return self.command(["/usr/bin/python3", "-c", "import sys, yaml; yaml.safe_load(sys.argv[1])", code])
         mesh = re.search(r"^mesh: *(\S+)", code, re.MULTILINE)[1]
@@ -237,7 +237,7 @@ def check_site(source, out):
             file = Path(os.path.normpath(path.parent / urllib.parse.unquote(target.path))) if target.path else path
             file = file / "index.html" if file.is_dir() else file
             if not file.is_file():
-                faults.append(f"{path.relative_to(out)} links to {link}, which is not there")
+                faults.append(f"{path.relative_to(out)} links to {link}, which does not exist")
             elif target.fragment and file in pages and urllib.parse.unquote(target.fragment) not in pages[file].anchors:
                 faults.append(f"{path.relative_to(out)} links to {link}: no such anchor")
     print(f"site: {len(pages)} pages, {count} links")
@@ -252,7 +252,7 @@ def github_anchors(text):
 
 
 def check_links(source, docs):
-    """Links between the documents as they lie in the repository: files and anchors. Returns faults."""
+    """Checks links between the documents in the repository: files and anchors. Returns faults."""
     faults, count = [], 0
     for page in docs.documents():
         if page.suffix != ".md":
@@ -264,7 +264,7 @@ def check_links(source, docs):
             count += 1
             file = Path(os.path.normpath(source / page.parent / target)) if target else source / page
             if not file.is_file():
-                faults.append(f"{page} links to {link}, which is no file")
+                faults.append(f"{page} links to {link}, which is not a file")
             elif anchor and file.suffix == ".md" and anchor not in github_anchors(file.read_text()):
                 faults.append(f"{page} links to {link}: no such heading")
     print(f"documents: {count} links")
@@ -272,7 +272,7 @@ def check_links(source, docs):
 
 
 def check_blocks(source):
-    """Marks and languages. Returns faults, and the counts of blocks to run and not to run."""
+    """Checks marks and languages. Returns faults, and the counts of blocks to run and not to run."""
     faults, run, excused = [], 0, 0
     for page in pages_of(source):
         blocks = blocks_of(source, page)
@@ -283,12 +283,12 @@ def check_blocks(source):
         text = BLOCK.sub("\n", (source / page).read_text())
         for match in re.finditer(r"(?:\A|\n)(?P<before>[^\n]*)\n\n    (?P<code>\S[^\n]*)", text):
             if not re.match(r" *([-*+]|\d+\.) |  ", match["before"]):
-                faults.append(f"{page}: an indented block, which no test runs: {match['code']}")
+                faults.append(f"{page}: an indented block is not tested, use ``` instead: {match['code']}")
     return faults, run, excused
 
 
 def check_examples(source):
-    """The bridges for devices compile against small headers of our own. Returns faults."""
+    """Compiles the device bridges against the replacement headers in tests/standins. Returns faults."""
     faults = []
     for path in sorted((source / "docs/examples").glob("bridge*.c*")):
         compiler = ["c++", "-std=c++17"] if path.suffix == ".cpp" else ["cc", "-std=gnu17"]
@@ -300,21 +300,21 @@ def check_examples(source):
 
 
 def check_made(source, docs_figures):
-    """What is made by scripts is up to date. Returns faults."""
+    """Checks that generated files are up to date. Returns faults."""
     faults = []
     if subprocess.run([source / "scripts/docs_library", "--check"]).returncode != 0:
         faults.append("docs/reference/: see above")
     if (source / "docs/figures/stability.svg").read_text() != docs_figures.stability():
-        faults.append("docs/figures/stability.svg is not what scripts/docs_figures draws")
+        faults.append("docs/figures/stability.svg is out of date: run scripts/docs_figures")
     return faults
 
 
 def check_readme(source):
-    """One screen, and the bridge that it shows is the one of the examples. Returns faults."""
+    """Checks the length of README.md and that it shows docs/examples/bridge.c. Returns faults."""
     text = (source / "README.md").read_text()
-    faults = [] if len(text.split()) < 700 else [f"README.md has {len(text.split())} words; 700 are too many"]
+    faults = [] if len(text.split()) < 700 else [f"README.md has {len(text.split())} words; keep it below 700"]
     if (source / "docs/examples/bridge.c").read_text() not in [block.code for block in blocks_of(source, Path("README.md"))]:
-        faults.append("README.md shows another bridge than docs/examples/bridge.c")
+        faults.append("README.md does not show docs/examples/bridge.c")
     return faults
 
 
@@ -353,7 +353,7 @@ def main(arguments):
     for fault in faults:
         print(f"FAILED: {fault}", file=sys.stderr)
     if not faults and not private:
-        print("but for the blocks: no network namespace here")
+        print("code blocks not run: no network namespace here")
         return 77
     return 1 if faults else 0
 

@@ -1,4 +1,5 @@
-/* The solve: tissue in equilibrium by an assembled K, the needle by its bending, a base on a spring by a rigid one. */
+/* The solution of a tick: the tissue's equilibrium is checked with an assembled K, the needle's by its bending moments, a base on a
+   spring against a rigid one. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -6,12 +7,12 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* K u = f on the refined mesh, assembled here element by element; the sum of forces on the tissue is minus the base's. */
+/* K u = f on the refined mesh, assembled here element by element; the forces on the tissue add up to minus the base's force. */
 static void check_equilibrium(contact_placement placement, remesh_method method) {
     simulation_config c = lockstep_config();
     c.insertion.placement = placement;
     c.remeshing = method;
-    c.volumetric = STRAIN_BY_ELEMENT; /* the averaged one is checked by check_vtu.py */
+    c.volumetric = STRAIN_BY_ELEMENT; /* STRAIN_BY_NODE is checked by check_vtu.py */
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0.004, 0.008, 0), 0.2, 1e-3);
@@ -37,7 +38,7 @@ static void check_equilibrium(contact_placement placement, remesh_method method)
             for (int b = 0; b < 12; b++) ((double *)&residual[whole.tets[e][a / 3]])[a % 3] += k[a][b] * ((double *)&u[whole.tets[e][b / 3]])[b % 3];
     }
     for (int q = 0; q < refined.count; q++) {
-        if (refined.nodes[q].moved < 0) continue; /* its force acts on the node that was moved */
+        if (refined.nodes[q].moved < 0) continue; /* its force acts on the moved node of the mesh */
         vec3 *entry = &residual[m->node_count + q], *node = &residual[refined.nodes[q].moved];
         *node = v3_add(*node, *entry);
         *entry = v3(0, 0, 0);
@@ -46,7 +47,7 @@ static void check_equilibrium(contact_placement placement, remesh_method method)
         if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.damping); /* what the base bears, and the damper at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.damping); /* the force on the base, without the damper at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -62,7 +63,7 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     check_equilibrium(PLACE_MOVED, REMESH_IMPLICIT);
 }
 
-/* The bending at the root, from the needle's shape alone, carries the contacts' moment about the base. */
+/* The bending moment at the root, computed from the needle's shape alone, balances the contacts' moment about the base. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -79,8 +80,8 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     lockstep_free(l);
 }
 
-/* A base on a spring is where a rigid one would feel the same wrench: held there, tick by tick, it does, but for the
-   tick in which a contact takes part, which finds one base where it was, the other where it will be. */
+/* A rigid base moved tick by tick to where the base on the spring was feels the same wrench, except in the tick in which a contact
+   becomes active: the rigid base has then already moved, the other one not yet. */
 static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
@@ -103,8 +104,8 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
     lockstep_free(rigid);
 }
 
-/* Pushed against skin that never gives way, 2 mm aside, until the load is Euler's: the needle bows. Each wrench on the way is one that
-   its bending carries, and none jumps. Once it has let go, there is no wrench. */
+/* Pushed 2 mm off the axis against skin that is never punctured, up to Euler's load: the needle bows. Every wrench balances the
+   needle's bending moment and none jumps. There is no wrench after the needle has slipped off. */
 static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

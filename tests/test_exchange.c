@@ -1,4 +1,4 @@
-/* The shared buffers exist, are empty at first, and a wake is never lost. */
+/* The shared buffers are created empty, and wake-ups are never lost. */
 #include <poll.h>
 
 #include "exchange.h"
@@ -28,7 +28,7 @@ static void initially_empty(void **unused) {
     assert_false(fresh);
     assert_false(spsc_ring_pop(&x.latencies, &latency));
     exchange_free(&x);
-    exchange_free(&x); /* twice does no harm */
+    exchange_free(&x); /* freeing twice is harmless */
 }
 
 static void wakes_before_the_wait_are_kept(void **unused) {

@@ -1,6 +1,5 @@
 #!/usr/bin/python3
-"""scripts/fit_friction gives back the parameters of simulated insertions, with noise and outliers on them, and refuses
-nonsense.
+"""scripts/fit_friction recovers the parameters of simulated insertions from data with noise and outliers, and refuses bad input.
 
 usage: test_fit_friction.py BUILD_DIR SOURCE_DIR
 """
@@ -22,17 +21,17 @@ BUILD, SOURCE = (os.path.abspath(path) for path in sys.argv[1:3])
 FIT = os.path.join(SOURCE, "scripts/fit_friction")
 os.environ["TROCAR_LIBRARY"] = os.path.join(BUILD, "core/libtrocar.so")
 sys.path.insert(0, os.path.join(BUILD, "clients/python"))
-sys.dont_write_bytecode = True  # beside the script
+sys.dont_write_bytecode = True  # next to the script
 import trocar
 
 RATE = 1000          # Hz
 NOISE = 0.02         # N, standard deviation
 OUTLIERS = 0.01      # share of samples that are off by up to 2 N
 START = -0.201       # m, base of the needle with its tip 1 mm in front of the skin
-CAPSULE = 36.8       # mm, where this track crosses it
+CAPSULE = 36.8       # mm, depth at which this track crosses it
 REGIONS = ["--region", "surrounding=0", "--region", f"prostate={CAPSULE}"]
 PUNCTURES = ["--puncture", "skin=0", "--puncture", f"capsule={CAPSULE}"]
-FAST = ["fast1.csv", "fast2.csv", "fast3.csv", "fast4.csv"]   # a fast way has few samples: repeated
+FAST = ["fast1.csv", "fast2.csv", "fast3.csv", "fast4.csv"]   # several, because fast insertions have few samples
 TRUTH = {"surrounding": {"cutting_force": 0.4, "cutting_viscosity": 1.0, "static": 12.0, "kinetic": 7.0, "viscous": 100.0},
          "prostate": {"cutting_force": 0.5, "cutting_viscosity": 1.0, "static": 15.0, "kinetic": 9.0, "viscous": 100.0},
          "skin": {"puncture_force": 1.0}, "capsule": {"puncture_force": 1.3}}
@@ -49,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """The script's main in this process, which spares each run the start of Python and NumPy. An exception passes through."""
+    """The script's main in this process, to avoid starting Python and NumPy for each run. Exceptions pass through."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -71,7 +70,7 @@ def in_and_out(speed, depth=0.072, rest=0.3):
 
 
 def insertion(model, positions):
-    """Output of each tick, structured, for a needle that is at these z, one after the other."""
+    """Outputs of all ticks, as a structured array, for a needle at these successive z."""
     poses = np.zeros((1, len(positions), 7))
     poses[..., :4] = [0.005, 0.003, 0, 1]
     poses[0, :, 2] = positions
@@ -79,7 +78,7 @@ def insertion(model, positions):
 
 
 def write_scene(path, youngs_modulus):
-    """TRUTH in the mesh of the figure-8 scene."""
+    """Writes a scene with the parameters TRUTH and the mesh of figure 8."""
     lines = [f"mesh: {SOURCE}/meshes/prostate-570.msh", "fixed: [fixed]", "regions:"]
     for name in ("surrounding", "prostate"):
         t = TRUTH[name]
@@ -93,7 +92,7 @@ def write_scene(path, youngs_modulus):
 
 
 def measure(model, speed, *paths):
-    """Measurements of depth in mm and force in N, as a laboratory would hand them over: each with its own noise."""
+    """Writes measurements of depth in mm and force in N as a laboratory would, each with its own noise."""
     out = insertion(model, in_and_out(speed))
     for path in paths:
         random = np.random.default_rng(len(path) + ord(path[-5]))
@@ -141,7 +140,7 @@ def assert_truth(values, keys, limit=0.05):
 
 
 def parameters_come_back():
-    """In soft tissue: all but static friction, which is announced as a lower bound there."""
+    """Soft tissue: all parameters but static friction, which is reported as a lower bound."""
     write_scene("soft.yaml", 40e3)
     soft = model_of("soft.yaml")
     measure(soft, 0.005, "slow.csv")
@@ -156,7 +155,7 @@ def parameters_come_back():
 
 
 def static_friction_comes_back_in_stiff_tissue():
-    """Where the tissue gives less than the weakening distance."""
+    """Stiff tissue, which deforms by less than the weakening distance."""
     write_scene("stiff.yaml", 1e6)
     stiff = model_of("stiff.yaml")
     measure(stiff, 0.005, "stiff-slow.csv")
@@ -174,7 +173,7 @@ def punctures_are_found():
 
 
 def other_records_of_the_same_do():
-    """Sampled ten times more coarsely, with noise on the depth, without time, written by another program."""
+    """Data with a tenth of the samples, with noise on the depth, without time, or written by another program."""
     random = np.random.default_rng(1)
     changed("coarse.csv", lambda text: "\n".join(text.splitlines()[::10]))
     changed("noisy.csv", of_each_row(lambda t, d, f: f"{t},{float(d) + 0.01 * random.standard_normal():.5f},{f}"))
@@ -197,7 +196,7 @@ def one_speed_is_announced():
 
 
 def the_output_makes_a_scene():
-    """The fragment with a mesh and what is fixed; the needle goes in, once the skin has given 20 mm."""
+    """With a mesh and a fixed surface added, the fragment is a scene in which a needle can be inserted (the skin yields by 20 mm first)."""
     text, _ = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES, "--figure", "fit.svg")
     with open("fitted.yaml", "w", encoding="utf-8") as file:
         file.write(f"mesh: {SOURCE}/meshes/prostate-570.msh\nfixed: [fixed]\n{text}")
@@ -228,7 +227,7 @@ def changed(path, change):
 
 
 def of_each_row(change):
-    """A change of a whole text from one of time, depth and force."""
+    """Applies a change of time, depth and force to each row of a text."""
     def of_text(text):
         head, *lines = text.splitlines()
         return "\n".join([head] + [change(*line.split(",")) for line in lines]) + "\n"

@@ -1,9 +1,9 @@
-/* The server's tick by hand: one pose in, one wrench out, no threads, a clock made by the test. */
+/* The server's tick called directly: one pose in, one wrench out, no threads, and a simulated clock. */
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h" /* for bad numbers in the state */
+#include "api/api.h" /* to put bad numbers into the state */
 #include "haptic.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -66,7 +66,7 @@ static int end(void **state) {
     return 0;
 }
 
-/* Answers a quarter of a tick after it was asked. */
+/* The worker answers a quarter of a tick after the request. */
 static void serve_worker(fixture *f) {
     report why;
     trocar_work done = {0};
@@ -84,7 +84,7 @@ static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
     triple_buffer_publish(&f->exchange.poses);
 }
 
-/* The pose that waits was sent after this wrench. */
+/* Marks the waiting pose as sent after this wrench. */
 static void name_wrench(fixture *f, int64_t tick) {
     pose_sample sample = *(const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL);
     sample.wrench_tick = tick;
@@ -125,7 +125,7 @@ static void wrench_echoes_its_pose(void **state) {
     assert_int_equal(w.tick, 0);
 }
 
-/* Moves the tip on from `from` to `to` (mm) behind where it started, 1 mm in 20 ticks; serves the requests in between. */
+/* Moves the tip from `from` to `to` (mm from its start), 1 mm in 20 ticks; serves the requests in between. */
 static trocar_needle_wrench_t move(fixture *f, uint64_t engagement, double from, double to) {
     trocar_needle_wrench_t w = {0};
     for (int i = 0; i < 20 * fabs(to - from); i++) {
@@ -142,7 +142,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
     assert_true(w.force[2] < -0.3);                        /* against the push */
-    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: untouched */
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: unchanged */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
     assert_true(f->host.sim->needles[0].posted > 1);
     bool fresh;
@@ -172,12 +172,12 @@ static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
 static void silence_ramps_to_zero_and_is_flagged(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
-    for (int i = 0; i < 9; i++) tick(f, &w); /* held: as the model gives it, for the needle rests */
+    for (int i = 0; i < 9; i++) tick(f, &w); /* hold time: the model's force at rest */
     assert_false(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12);
     for (int i = 0; i < 105; i++) tick(f, &w);
     assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
-    assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's stays visible */
+    assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's force is still reported */
 }
 
 static void wrenches_dropped_by_a_full_ring_are_counted(void **state) {
@@ -197,7 +197,7 @@ static void winding_down_ends_the_loop_at_zero(void **state) {
     assert_true(w.force[0] == 0 && w.force[1] == 0 && w.force[2] == 0 && w.torque[0] == 0);
 }
 
-/* A new engagement far away: no needle is dragged there, no force jumps. */
+/* A new engagement far away: the needle is not dragged there, and the force does not jump. */
 static void new_engagement_starts_outside(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
@@ -208,8 +208,8 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* Pushed 20 mm in, the needle waits until the tissue has sprung back, and a value that is not finite gets into its state. It waits,
-   comes 5 mm back, goes on to 25 mm; as soon as the value counts, the insertion begins anew by a ramp, and the needle works as before. */
+/* The needle is pushed 20 mm in and rests until the tissue has relaxed; then a bad value is put into its state. It rests, retracts
+   by 5 mm and goes on to 25 mm. Once the value has an effect, the insertion restarts with a ramp and the needle works as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
@@ -218,7 +218,7 @@ static void survive(fixture *f, const char *name, size_t place, double bad, doub
         put_pose(f, engagement, f->tick, -0.185 + 0.05e-3 * (i < 50 ? 0 : i < 150 ? 50 - i : i - 250));
         tick(f, &w);
         serve_worker(f);
-        if (!isfinite(norm(w.force) + norm(w.torque) + norm(w.raw_force) + norm(w.raw_torque))) fail_msg("%s = %g: a number that is none goes out", name, bad);
+        if (!isfinite(norm(w.force) + norm(w.torque) + norm(w.raw_force) + norm(w.raw_torque))) fail_msg("%s = %g: a wrench is not finite", name, bad);
     }
     bool healthy = (w.flags & ~TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME) == 0 && fabs(norm(w.force) / force - 1) < 0.2;
     if (!healthy) fail_msg("%s = %g: %g N, undisturbed %g N, flags %d", name, bad, norm(w.force), force, w.flags);
@@ -249,8 +249,8 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     for (int i = 0; i < 5; i++) tick(f, NULL);
     put_pose(f, 1, 1, -0.205);
     tick(f, NULL);
-    assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip)); /* it named none */
-    static const int64_t named[] = {3, 3, 2, 900, -4};             /* again, an older one, one to come, nonsense */
+    assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip)); /* the pose named no wrench */
+    static const int64_t named[] = {3, 3, 2, 900, -4};             /* repeated, older, future, invalid */
     for (size_t i = 0; i < sizeof named / sizeof *named; i++) {
         put_pose(f, 1, 2 + (int64_t)i, -0.205);
         name_wrench(f, named[i]);
@@ -261,7 +261,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
 }
 
-/* The stages are the parts of a tick: together they last no longer than it does. */
+/* The stages are parts of a tick: together they take no longer than the tick. */
 static void stage_times_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Server, device and monitor on three hosts (network namespaces on one switch) whose clocks disagree by hours: the figure-8
-# motion is felt and watched; then the device's cable is pulled for a moment. Status 77: no namespaces here.
+# Server, device and monitor on three hosts (network namespaces on one switch) whose clocks differ by hours: the figure-8 motion
+# works and is monitored; then the device's cable is unplugged for a moment. Status 77: no namespaces here.
 # usage: test_hosts.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -15,7 +15,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; cat server top report.json 2>/dev/null || true; exit 1; }
 
-declare -A hosts    # name: process that keeps the namespace
+declare -A hosts    # name: process that keeps the namespace alive
 ip link add switch type bridge mcast_snooping 0
 ip link set switch up
 
@@ -56,9 +56,9 @@ play +3h
 holds "$(value puncture_count) == 2"
 holds "$(value wrenches_lost) == 0"
 on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
-grep -E 'poses +taken [0-9]{4}' top || fail "the monitor does not see the poses"
+grep -E 'poses +taken [0-9]{4}' top || fail "the monitor shows no poses"
 
-# 60 ms without a cable: longer than the server holds the wrench, shorter than a new engagement.
+# 60 ms without a cable: longer than the hold time of the wrench, shorter than the time to a new engagement.
 (sleep 1.5; ip link set to-device down; sleep 0.06; ip link set to-device up) &
 play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""The mechanics have no include circles: neither between files, a .c with its .h counting as one, nor between folders."""
+"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders."""
 import pathlib
 import re
 import sys
 
 
 def includes(root):
-    """What each unit (a path without its suffix) includes of the others."""
+    """The units (paths without suffix) that each unit includes."""
     files = {path.relative_to(root).as_posix(): path for path in root.rglob('*.[ch]')}
     graph = {}
     for name, path in files.items():
@@ -25,7 +25,7 @@ def by_folder(graph):
 
 
 def circles(graph):
-    """Depth first; a circle is a way back to a node that is still open."""
+    """Depth-first search; a circle is an edge to a node that is still open."""
     found, state, way = [], {}, []
 
     def visit(node):

@@ -1,5 +1,5 @@
-/* The tick as a whole: forces against what friction and cutting add up to, independence of the rate, the passes and the
-   worker, and every way in and out of the tissue. */
+/* The whole tick: forces against the sum of friction and cutting, independence of rate, passes and worker, and every way into and
+   out of the tissue. */
 #include "figure8.h"
 #include "insertion/prefetch.h"
 
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* Without viscous terms and with friction at its kinetic value from the start, so that the exact curve is known. */
+/* Without viscous terms and with static friction equal to kinetic, so that the exact curve is known. */
 static simulation_config dry_config(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -38,7 +38,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     lockstep_free(l);
 }
 
-/* Puncture at the forces of the scene: the base feels them on top of the shaft's friction. */
+/* Membranes are punctured at the scene's forces; the base feels them in addition to the shaft's friction. */
 static void membranes_puncture_at_their_forces(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -63,7 +63,7 @@ static void push_through_skin(lockstep *l) {
     assert_true(l->wrench.events & EVENT_PUNCTURED);
 }
 
-/* The base is held from the puncture on. Without friction of the shaft nothing can make the force rise, however deep the dent was. */
+/* The base stops at the puncture. Without shaft friction the force must not rise after it, however deep the dent was. */
 static void force_drops_after_the_skin(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -80,14 +80,14 @@ static void force_drops_after_the_skin(void **unused) {
             lockstep_tick(l, l->base, 1e-3);
             rise = fmax(rise, -l->wrench.force.z - last);
         }
-        print_message("skin of %.1f N: rises by %.2g N in a tick at most, from %.3f to %.3f N\n", c.membranes[0].puncture_force, rise, before, last);
+        print_message("skin of %.1f N: largest rise per tick %.2g N, from %.3f to %.3f N\n", c.membranes[0].puncture_force, rise, before, last);
         assert_true(rise < 1e-5);
-        assert_true(fabs(last - 0.4) < 0.02); /* what cutting takes */
+        assert_true(fabs(last - 0.4) < 0.02); /* the cutting force */
         lockstep_free(l);
     }
 }
 
-/* Without any viscosity the tip leaps as fast as the tissue springs back: slower than a shear wave, whatever the tick. */
+/* Without viscosity the tip leaps as fast as the tissue springs back: slower than a shear wave, whatever the tick's length. */
 static void tissue_springs_back_slower_than_waves(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -108,7 +108,7 @@ static void tissue_springs_back_slower_than_waves(void **unused) {
     }
 }
 
-/* Pressed on the skin at an angle to its normal: within the cone of friction the tip stays where it is, outside it slides. */
+/* Pressed on the skin at an angle to its normal, the tip sticks inside the friction cone and slides outside it. */
 static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
     (void)unused;
     simulation_config c = dry_config();
@@ -191,7 +191,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     free(woodbury);
 }
 
-/* Contact nodes on faces, as in the paper: other places, so that forces are near those inside elements, but not the same. */
+/* Contact nodes on faces, as in the paper, are at other places than nodes inside elements: forces are similar, not equal. */
 static void contacts_on_faces_give_similar_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -217,7 +217,8 @@ static int count_moved(const refinement *r) {
     return moved;
 }
 
-/* Nodes of the mesh are moved to the needle, but not those of the anatomy, where one is added; all are back when it is out. */
+/* Mesh nodes are moved to the needle, except those on surfaces of the anatomy, where a node is added; all are restored after
+   withdrawal. */
 static void moved_nodes_are_restored(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -234,7 +235,7 @@ static void moved_nodes_are_restored(void **unused) {
         for (int k = 0; k < l->state.refined.count; k++) {
             const added_node *node = &l->state.refined.nodes[k];
             if (node->moved >= 0) assert_false(m->anatomical[node->moved] || l->simulation.tissue.fixed[node->moved]);
-            if (k >= l->state.active) continue; /* on the shaft's way through the tissue */
+            if (k >= l->state.active) continue; /* only contacts on the shaft in tissue */
             assert_true(v3_norm(v3_sub(v3(node->position.x, node->position.y, 0), v3(0.005, 0.003, 0))) < 1e-3);
         }
         if (count_moved(&l->state.refined) > most) most = count_moved(&l->state.refined);
@@ -250,7 +251,7 @@ static void moved_nodes_are_restored(void **unused) {
         if (l->snapshot->window[k] >= 0) rows[count++] = k;
     assert_true(count > 3);
     double largest = compliance_between(l->snapshot, MAX_CONTACTS + rows[0], MAX_CONTACTS + rows[0]).m[2][2];
-    for (int i = 0; i < count; i++) { /* the nominal inverse again */
+    for (int i = 0; i < count; i++) { /* the nominal inverse is restored */
         double block[9];
         report why;
         assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3}, &why), TROCAR_OK);
@@ -261,7 +262,7 @@ static void moved_nodes_are_restored(void **unused) {
     lockstep_free(l);
 }
 
-/* Whoever updates the inverse; and near those of nodes added on the same faces: other meshes. */
+/* Equal for every method of updating the inverse, and similar to nodes added on the same faces, which give another mesh. */
 static void moved_nodes_give_similar_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -296,13 +297,13 @@ static void moved_nodes_need_suitable_method_and_strain(void **unused) {
     assert_non_null(strstr(why.text, "volumetric_strain: element"));
 }
 
-/* A worker that answers only every 20th tick: contacts come later, forces stay close, nothing waits. */
+/* A worker that answers only every 20th tick: contacts are added later, forces stay close, and no tick waits. */
 static void late_worker_has_little_effect(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *prompt = figure8_run(&c, 1000, 1), *late = figure8_run(&c, 1000, 20);
     assert_false(late->events & EVENT_UNSTABLE);
-    assert_alike("ticks late at most", 20, late, prompt, 20e-3, 0.07);
+    assert_alike("ticks of delay at most", 20, late, prompt, 20e-3, 0.07);
     free(prompt);
     free(late);
 }
@@ -405,7 +406,7 @@ static void degenerate_paths_are_handled(void **unused) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Hands do anything: the forces stay finite and bounded, and the needle always comes out clean. */
+/* A hand may move in any way: the forces stay finite and bounded, and withdrawal always restores the initial state. */
 static void random_motions_are_handled(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -431,7 +432,7 @@ static void random_motions_are_handled(void **unused) {
     lockstep_free(l);
 }
 
-/* Pushed against what never gives way until the needle buckles: it says so, and comes out as any other needle. */
+/* Pushed against an impenetrable membrane until it buckles: the needle reports this and can be withdrawn like any other. */
 static void buckled_needle_recovers(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -454,7 +455,7 @@ static void buckled_needle_recovers(void **unused) {
     lockstep_free(l);
 }
 
-/* Pressed on the skin, dragged over it, lifted, at a tilt: however it comes free, going in is felt. */
+/* Pressed on the skin, dragged over it, lifted, tilted: however the needle came free, the next insertion gives force. */
 static void every_insertion_gives_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -477,7 +478,7 @@ static void every_insertion_gives_force(void **unused) {
     lockstep_free(l);
 }
 
-/* A tick after a long stall is one tick, not a burst: bounded effort. */
+/* The tick after a long stall is a single tick with bounded effort, not a burst. */
 static void long_tick_needs_few_steps(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -494,8 +495,8 @@ static void long_tick_needs_few_steps(void **unused) {
     lockstep_free(l);
 }
 
-/* A server restarted while the needle is in: it counts as inserted, without force (also where nodes were kept off faces, beside the
-   track), and comes out as usual. */
+/* A server restarted while the needle is in the tissue: the needle counts as inserted, without force (also where nodes were kept
+   off faces, beside the track), and can be withdrawn as usual. */
 static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -512,7 +513,7 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     lockstep_free(l);
 }
 
-/* State and snapshot are plain data: saved, gone on, restored, gone on again: the same bits. */
+/* State and snapshot are plain data: a run continued from a restored copy gives the same bits. */
 static void restored_state_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

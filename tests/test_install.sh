@@ -1,6 +1,6 @@
 #!/bin/bash
-# What is installed, unpacked from the Debian packages into a folder of its own: programs, pages, completion, the Python package;
-# and bridges and planners built against it, outside of the tree.
+# The installed files, unpacked from the Debian packages into a separate folder: programs, man pages, completion and the Python
+# package; bridges and planners are built against them outside the source tree.
 # usage: test_install.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -16,7 +16,7 @@ dpkg-deb --extract "$package" root
 dpkg-deb --extract "$python_package" root
 prefix=$work/root/usr
 
-# Each library that a program names comes with a package that is depended on, and apt agrees.
+# Every library that a program needs comes with a package in Depends, and apt can install them.
 depends=$(dpkg-deb --field "$package" Depends)
 for path in "$prefix"/bin/*; do
     for library in $(objdump -p "$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
@@ -25,44 +25,44 @@ for path in "$prefix"/bin/*; do
     done
 done >needed
 [ -s needed ] || fail "no program needs a library"
-# Once for all, which takes half a second; packages may know /usr/lib as /lib.
+# One call for all, since each takes half a second; packages may list /usr/lib as /lib.
 dpkg -S $(awk '{ print $3; sub("^/usr/", "/", $3); print $3 }' needed | sort -u) >owners 2>/dev/null || true
 while read -r path library file; do
     grep -qwFf <(sed -nE "s|:.* (/usr)?${file#/usr}\$||p" owners) <<<"$depends" ||
         fail "$path needs $library of $(grep "${file##*/}\$" owners), which is missing from: $depends"
 done <needed
-[[ $depends == *libopenblas0-pthread* ]] || fail "another OpenBLAS would do: $depends"
+[[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
 apt-get install --simulate "$package" "$python_package" >apt.txt 2>&1 || fail "$(cat apt.txt)"
 for name in trocar python3-trocar; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
 grep -qF "trocar (= $(dpkg-deb --field "$package" Version))" <<<"$(dpkg-deb --field "$python_package" Depends)" ||
-    fail "$python_package goes with another library: $(dpkg-deb --field "$python_package" Depends)"
+    fail "$python_package depends on another version of the library: $(dpkg-deb --field "$python_package" Depends)"
 for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
     [ -f "$prefix/$file" ] || fail "no $file"
 done
-! grep -rlFe "$build" -e "$source" "$prefix" || fail "a path of the build is left"
+! grep -rlFe "$build" -e "$source" "$prefix" || fail "an installed file contains a path of the build"
 libraries=$prefix/lib/$(cc -print-multiarch)
 for library in "$libraries"/libtrocar{_types,}.a; do
-    objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library has what debuggers read, paths of the build among it"
+    objdump -h "$library" >sections && ! grep -F .debug sections || fail "$library contains debug information and with it paths of the build"
 done
-# The page holds libraries of others, whose licence asks for their notice.
+# The page contains third-party libraries, whose licences require a notice.
 for library in three.js uPlot; do
     [ ! -d "$prefix/share/trocar/page" ] || grep -qx "Files: $library" "$prefix/share/doc/trocar/copyright" || fail "no notice of $library"
 done
 
-# Links within the documents lead somewhere.
+# Links within the documents have a target.
 find "$prefix" -name '*.md' >documents
 grep -q /core/README.md documents || fail "documents that README.md links to are missing: $(cat documents)"
 while read -r document; do
     { grep -oE '\]\([^)]+' "$document" || true; } | sed 's/^](//; s/#.*//' | while read -r link; do
         case $link in '' | *://*) continue ;; esac
-        [ -e "${document%/*}/$link" ] || fail "$document links to $link, which is not there"
+        [ -e "${document%/*}/$link" ] || fail "$document links to $link, which does not exist"
     done
 done <documents
 
-# The unit names what is installed, whatever the prefix, and a group that is created.
+# The unit refers to installed files, whatever the prefix, and to a group that is created.
 names_what_is_there() {
     local unit=$1$2/lib/systemd/system/trocar-server.service file
-    grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another: $(cat "$unit")"
+    grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another program: $(cat "$unit")"
     for file in $(grep -oE "$2/[a-z0-9/._-]+" "$unit"); do
         [ -e "$1$file" ] || fail "the unit names $file, which is not installed"
     done
@@ -75,19 +75,19 @@ cmake --install "$build" --prefix "$work/local" >cmake.txt || fail "$(cat cmake.
 names_what_is_there "" "$work/local"
 "$work/local/bin/trocar-server" --version >version
 
-# Every program says its version, and has a page with its options and a list of completions.
+# Every program prints its version and has a man page with its options and a completion file.
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
     grep -qE "^$program [0-9.]+$" <<<"$("$path" --version)" || fail "$program --version"
     man -l "$prefix/share/man/man1/$program.1.gz" | col -b >page
-    grep -qE "^ +$program - " page || fail "no name in the page of $program"
+    grep -qE "^ +$program - " page || fail "no name in the man page of $program"
     for option in $("$path" --help | grep -oE '^ .*--[a-z-]+' | grep -oE -- '--[a-z-]+'); do
-        grep -qF -- "$option" page || fail "$program $option is not in its page"
+        grep -qF -- "$option" page || fail "$program $option is not in its man page"
     done
     [ -f "$prefix/share/bash-completion/completions/$program" ] || fail "no completion of $program"
 done
 
-# What bash would offer after this line.
+# The completions that bash offers after this line.
 offers() {
     PATH=$prefix/bin:$PATH bash -c '
         source /usr/share/bash-completion/bash_completion
@@ -107,7 +107,7 @@ touch scene.yaml scene.csv
 
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"
 
-# Outside of the tree: the example of the documentation with CMake and with pkg-config, and the mechanics.
+# Outside the source tree: the documentation's bridge with CMake and with pkg-config, and the library.
 export PKG_CONFIG_PATH=$libraries/pkgconfig
 cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
@@ -130,15 +130,15 @@ PYTHONPATH=$prefix/lib/python3/dist-packages /usr/bin/python3 "$prefix/share/doc
 unset LD_LIBRARY_PATH
 
 # The README shows this bridge; with another device.h it drives a device.
-sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge.c - || fail "the README shows another bridge"
+sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge.c - || fail "README.md does not show bridge.c"
 mkdir filled_in && cp bridge/bridge.c filled_in
 cc -I "$source/tests/install" filled_in/bridge.c -o filled $(pkg-config --cflags --libs trocar-client) -lm || fail "the bridge with a device"
 
-# The installed server answers the bridge: a recording of both holds wrenches for the bridge's poses. When the server dies in
-# the middle of an insertion the device gets no force within 50 ms, and from the next server it gets one again.
+# The installed server answers the bridge: a recording contains wrenches for the bridge's poses. When the server dies in the middle
+# of an insertion, the device's force is zero within 50 ms; the next server gives force again.
 netns=$source/scripts/netns
-"$netns" true || { echo "passed, but for the bridge at work: no network namespace here"; exit 0; }
-at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # as a bridge would run
+"$netns" true || { echo "passed, except the running bridge: no network namespace here"; exit 0; }
+at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # real-time priority as for a bridge
 cat >session <<END
 trap 'kill \$(jobs -p); wait' EXIT
 start_server() {
@@ -146,8 +146,8 @@ start_server() {
     $prefix/bin/trocar-server --scene $prefix/share/trocar/scenes/figure8.yaml --allow-non-rt >ready & server=\$!
     until grep -qsx ready ready; do sleep 0.05; kill -0 \$server || exit 1; done
 }
-wait_for() { for _ in {1..100}; do "\$@" && return; sleep 0.05; done; echo "not in 5 s: \$*"; return 1; }
-felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found }'; } # since that line, more than that
+wait_for() { for _ in {1..100}; do "\$@" && return; sleep 0.05; done; echo "timed out after 5 s: \$*"; return 1; }
+felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found }'; } # true if a force since line \$1 exceeds \$2
 
 start_server
 lcm-logger --quiet --force session.log >logger.txt & logger=\$!
@@ -168,5 +168,5 @@ END
 "$prefix/bin/trocar-replay" --scene "$prefix/share/trocar/scenes/figure8.yaml" --poses session.log --compare session.log
 head -n "$(cat dead)" forces | awk -v killed="$(cat killed)" '
     $2 > 0 { last = $1 - killed } END { printf "after the server\047s death the device had force for %.0f ms\n", 1e3 * last; exit !(last < 0.05) }' ||
-    fail "the bridge holds the last force"
+    fail "the bridge kept the last force"
 echo passed

@@ -63,7 +63,7 @@ static void force_and_displacement_may_alias(void **state) {
 
 static void gathered_blocks_are_responses_to_unit_forces(void **state) {
     (void)state;
-    int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* 7 and 3 are fixed; in any order, twice as well */
+    int rows[6] = {30, 124, 7, 62, 124, 99}, columns[3] = {62, 3, 88}; /* 7 and 3 are fixed; any order, with repetitions */
     enum { LD = 11 };
     double blocks[18 * LD];
     report why;
@@ -110,7 +110,7 @@ static void dense_matrix_uses_the_numbering_of_the_tissue(void **state) {
     assert_ptr_equal(inverse_tissue(body.inverse), &body.tissue);
 }
 
-/* Rows on demand against the whole matrix: one by one, together, and through whole fields. */
+/* Rows on demand against the whole matrix: one by one, together, and by displacement fields. */
 static void sparse_rows_match_dense_rows(void **state) {
     (void)state;
     report why;
@@ -135,7 +135,7 @@ static void sparse_rows_match_dense_rows(void **state) {
     inverse_free(sparse);
 }
 
-/* A cache of the least size, on a mesh of some times as many nodes: gathers throw out what earlier ones have solved for. */
+/* A cache of minimum size on a mesh with several times as many nodes: gathers evict the results of earlier ones. */
 static void full_cache_gives_correct_results(void **state) {
     (void)state;
     enum { SIDE = 40, LD = 3 * SIDE };
@@ -155,7 +155,7 @@ static void full_cache_gives_correct_results(void **state) {
     for (int n = 0; n < 30; n++) {
         int rows[SIDE], columns[SIDE];
         static double expected[LD * LD], found[LD * LD];
-        for (int i = 0; i < SIDE; i++) rows[i] = rand() % m.node_count, columns[i] = rand() % m.node_count; /* twice, and fixed, as well */
+        for (int i = 0; i < SIDE; i++) rows[i] = rand() % m.node_count, columns[i] = rand() % m.node_count; /* also repeated and fixed nodes */
         assert_int_equal(inverse_gather(dense, &(inverse_blocks){SIDE, rows, SIDE, columns, expected, LD}, &why), TROCAR_OK);
         assert_int_equal(inverse_gather(sparse, &(inverse_blocks){SIDE, rows, SIDE, columns, found, LD}, &why), TROCAR_OK);
         for (int i = 0; i < LD * LD; i++) largest = fmax(largest, fabs(expected[i]));
@@ -172,7 +172,7 @@ static int allocations_left;
 
 static void *scarce_malloc(size_t size) { return allocations_left-- > 0 ? malloc(size) : NULL; }
 
-/* CHOLMOD gets no more memory after so many allocations: the owner is refused, or works. */
+/* CHOLMOD's allocations fail after a given number: creating the inverse fails cleanly, or it works. */
 static void sparse_inverse_reports_lack_of_memory(void **state) {
     (void)state;
     struct SuiteSparse_config_struct *config = dlsym(RTLD_DEFAULT, "SuiteSparse_config");

@@ -1,4 +1,4 @@
-/* Who owns the inverse, and the reason given: every way to choose. */
+/* The choice of the inverse and the reason given, in every case. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

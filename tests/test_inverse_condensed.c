@@ -1,5 +1,5 @@
-/* The condensed inverse against the dense one, in the region, across its edge and outside; computed, read back, and computed
-   again where the file on disk is no good. */
+/* The condensed inverse against the dense one in the region, across its edge and outside; computed, read from the cache, and
+   recomputed if the file is damaged. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +19,7 @@ enum { N = 3 * CUBE_NODES, REGION = 30 };
 static char directory[] = "/tmp/test_condensed.XXXXXX";
 static cube body;
 static double dense[N * N], largest;
-static int all[CUBE_NODES], region[REGION]; /* some of it fixed */
+static int all[CUBE_NODES], region[REGION]; /* some are fixed */
 
 static int create(void **state) {
     (void)state;
@@ -42,10 +42,10 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     report notice;
-    char path[1200];         /* of its file */
+    char path[1200];         /* of the cache file */
 } condensed;
 
-/* By a start of its own: only the file remains of the last one. */
+/* As a new process would: only the file is left of the previous start. */
 static void start(condensed *c, double stiffness) {
     report why;
     static region_material materials[2];
@@ -98,7 +98,7 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* From the file, without a factor; one is made for what lies outside and for whole fields. */
+/* Read from the file without factorising; nodes outside and displacement fields need a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -121,7 +121,7 @@ static void second_start_needs_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Outside, a factor is needed. Where none can be made, nobody is told of a body that does not move there. */
+/* Nodes outside need a factor. If the factorisation fails, this is reported instead of returning zero displacements. */
 static void failed_factorisation_is_reported(void **state) {
     (void)state;
     condensed c;
@@ -168,7 +168,7 @@ static void factorisation_can_be_prepared(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* The file with one byte changed at this place, or cut off there. */
+/* Changes one byte of the file at this place, or truncates it there. */
 static void damage(const char *path, double place, bool cut) {
     struct stat s;
     assert_int_equal(stat(path, &s), 0);
@@ -214,7 +214,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_true(says(&stiff, "written to"));
     stop(&stiff);
     assert_string_not_equal(soft.path, stiff.path);
-    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: in the right place, of the wrong tissue */
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the right name, but of another tissue */
     start(&soft, 1.0);
     assert_true(says(&soft, "damaged"));
     assert_blocks(&soft, REGION, region);

@@ -1,5 +1,5 @@
-/* The IO side through a real LCM object (memq, no network): what goes in as messages comes out in the hand-over
-   buffers, and the other way round. */
+/* The IO side with a real LCM object (memq, no network): messages arrive in the shared buffers, and the buffers' contents are
+   published. */
 #include <poll.h>
 #include <string.h>
 #include <sys/eventfd.h>

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Which ends of a command are final: 0, 2, 4 and a stop from outside; all else starts it again, without a busy loop.
+# Exit statuses 0, 2 and 4 and a stop from outside are final; after any other the command is restarted, without a busy loop.
 # usage: test_keep_alive.sh KEEP_ALIVE
 set -euo pipefail
 work=$(mktemp -d)
@@ -8,7 +8,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# The command ends in these ways, one after the other; they must all have been reached at the end, and no more.
+# The command ends in these ways, one after the other; at the end all of them must have been used, and no more.
 ends_after() {
     local wanted=$1 status=0
     printf '%s\n' "${@:2}" >ends
@@ -18,7 +18,7 @@ ends_after() {
 }
 keep_alive=$1
 ends_after 0 'exit 1' 'kill -KILL $$' 'exit 0' never
-grep -q 'status 137' said || fail "the kill is not told: $(cat said)"
+grep -q 'status 137' said || fail "the kill is not reported: $(cat said)"
 ends_after 2 'exit 1' 'kill -SEGV $$' 'exit 2' never
 ends_after 4 'exit 1' 'exit 4' never
 

@@ -1,4 +1,4 @@
-/* Packets: what LCM sends passes, what would make liblcm leave its buffers does not; only LCM's datagrams are judged. */
+/* Packets sent by LCM pass; packets that would make liblcm overrun its buffers do not. Only LCM's datagrams are checked. */
 #include "lcm_filter.h"
 
 #include <arpa/inet.h>
@@ -89,11 +89,11 @@ static void inconsistent_fragments_are_malformed(void **unused) {
     expect_fragment((fragment){1000, 0xffffff00, 0, 2, c, 0x200}, PACKET_MALFORMED);
     expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* third of two */
     expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* second at the start */
-    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* of none */
+    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* first of none */
     expect_fragment((fragment){1000, 500, 1, 2, NULL, 0}, PACKET_MALFORMED);     /* empty */
     expect_fragment((fragment){0, 0, 0, 2, c, 0}, PACKET_MALFORMED);
     expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* no end of the channel name */
-    expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few for so much */
+    expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the size */
     expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* 256 MB, which liblcm would allocate */
     packet p = packet_of(good);
     for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than its header */
@@ -108,12 +108,12 @@ static void program_receives_its_channels_only(void **unused) {
     expect(packet_of((fragment){1000, 500, 1, 2, NULL, 500}), &poses, PACKET_UNWANTED);
 }
 
-/* liblcm 1.3.1's own arithmetic: whatever passes must keep its copy within the packet and the message. */
+/* The arithmetic of liblcm 1.3.1: for every packet that passes, its copy must stay within the packet and the message. */
 static void liblcm_would_stay_within_its_buffers(const packet *p) {
     uint32_t word[5];
     memcpy(word, p->bytes, sizeof word);
     uint32_t message = ntohl(word[2]), offset = ntohl(word[3]), part = (uint32_t)p->size - 20, name = 0;
-    if (ntohl(word[4]) >> 16 == 0) name = (uint32_t)strlen((const char *)p->bytes + 20) + 1; /* reads to the next zero */
+    if (ntohl(word[4]) >> 16 == 0) name = (uint32_t)strlen((const char *)p->bytes + 20) + 1; /* liblcm reads up to the next zero */
     assert_true(name <= 64 && 20 + name <= p->size);
     part -= name;
     assert_true(part <= p->size && (uint64_t)offset + part <= message && message <= 1 << 24);
@@ -126,7 +126,7 @@ static uint32_t draw(void) {
     return state ^= state << 5;
 }
 
-/* Numbers near the limits, and any. */
+/* Numbers near the limits, and arbitrary ones. */
 static uint32_t draw_number(void) {
     static const uint32_t edges[] = {0, 1, 2, 19, 20, 63, 64, 500, 1000, 65487, 1 << 24, 1 << 28, UINT32_MAX};
     uint32_t edge = edges[draw() % (sizeof edges / sizeof *edges)];
@@ -143,7 +143,7 @@ static void random_fragments(void **unused) {
     for (int i = 0; i < 1000000; i++) {
         packet p;
         p.size = 4 + draw() % 116;
-        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* the buffer as the packet before left it */
+        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* leftovers of the previous packet */
         p.bytes[299] = 0;
         memcpy(p.bytes, "LC03", 4);
         put_32(p.bytes + 8, draw_number());

@@ -1,4 +1,4 @@
-/* Local compliance: Kelvin's formulas on a uniform mesh, continuity across faces, edges and nodes of an uneven one. */
+/* Local compliance: Kelvin's formulas on a uniform mesh, continuity across faces, edges and nodes of an irregular one. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -55,7 +55,7 @@ static void uniform_tissue_matches_kelvin(void **state) {
     destroy();
 }
 
-/* Where the mesh resolves the needle's surface by itself, little is left; never a negative value. */
+/* Where the mesh itself resolves the needle's surface, the correction is small, and it is never negative. */
 static void correction_is_small_on_fine_meshes(void **state) {
     (void)state;
     create(0.0, true);
@@ -108,7 +108,7 @@ static bool has_corner(int tet, int node) {
     return false;
 }
 
-/* Every tet around an edge says the same at a point of the edge, and every tet around a node at the node. */
+/* All tets around an edge give the same value at a point of the edge, and all tets around a node at the node. */
 static void unique_values_at_edges_and_nodes(void **state) {
     (void)state;
     create(0.1, false);

@@ -1,5 +1,5 @@
-/* The loop's shell against the clock, and the whole haptic thread, real model and all, against its promises: no
-   allocation, no page fault, and no wait for a worker that takes its time. */
+/* The bare loop against the clock, and the complete haptic thread with the real model: it does not allocate, cause page faults or
+   wait for a slow worker. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <sched.h>
@@ -22,13 +22,13 @@
 
 #include "host.h"
 
-/* --- the shell alone -------------------------------------------------------------------------------------------- */
+/* --- the bare loop ---------------------------------------------------------------------------------------------- */
 
 enum { TICKS = 200, SLOW_TICK = 50 };
 
 typedef struct { loop_wake wakes[TICKS]; } diary;
 
-/* Sleeps through some periods once. */
+/* Oversleeps a few periods once. */
 static bool keep_diary(void *context, const loop_wake *wake) {
     diary *d = context;
     d->wakes[wake->tick] = *wake;
@@ -51,7 +51,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     assert_true(d.wakes[SLOW_TICK + 1].late);
     assert_true(d.wakes[SLOW_TICK + 1].elapsed > 0.0109);
 
-    /* Model time keeps up with the clock: deadlines stay on the grid of periods, nothing is replayed. */
+    /* Model time follows the clock: deadlines stay on the grid of periods, and no tick is repeated. */
     double model = 0.0, missed = 0.0;
     for (int i = 1; i < TICKS; i++) {
         model += d.wakes[i].elapsed;
@@ -59,7 +59,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
         assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
     }
     double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
-    assert_true(fabs(model - clock) < 0.05); /* both ends as late as a busy virtual machine wakes */
+    assert_true(fabs(model - clock) < 0.05); /* either end as late as a wake-up on a busy virtual machine */
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
@@ -72,7 +72,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     triple_buffer_free(&records);
 }
 
-/* --- the haptic thread with model, worker and a device of its own ------------------------------------------------ */
+/* --- the haptic thread with model, worker and simulated device --------------------------------------------------- */
 
 enum { RATE = 1000 };
 
@@ -84,13 +84,13 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts;
-    thread_usage start, used;    /* of the haptic thread: at the first tick, and from there on */
+    thread_usage start, used;    /* of the haptic thread: at the first tick, and since then */
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* that each answer of the worker takes longer */
+static int nap_ms;               /* added to each of the worker's answers */
 
-/* Put around the library's own by the linker. */
+/* The linker wraps this around the library's own function. */
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -98,7 +98,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-/* The haptic tick between a mock IO thread's work: a pose that comes, a wrench that is taken. */
+/* The haptic tick between the work of a mock IO thread: a pose arrives before it, the wrench is taken after it. */
 static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
@@ -125,7 +125,7 @@ static void *haptic_thread(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* as far as the machine allows it */
+    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored where it is not permitted */
     loop_run(&r->loop);
     return NULL;
 }
@@ -165,7 +165,7 @@ static void no_allocations_and_no_page_faults(void **unused) {
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
     assert_int_equal(r->wrenches, 2 * RATE);
-    assert_true(r->most_contacts >= 5); /* the model was really at work */
+    assert_true(r->most_contacts >= 5); /* the needle really was in contact */
     assert_true(r->worker.served > 10);
     assert_int_equal(r->loop.usage.allocations, 0);
     if (locked && ALLOCATIONS_ARE_COUNTED) {
@@ -180,7 +180,7 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     nap_ms = 50;
     rig *r = rig_create(2 * RATE);
     rig_run(r);
-    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: the newest request, no queue */
+    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: only the newest request, no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
     if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* stalls of the machine, not of the worker */
     rig_free(r);

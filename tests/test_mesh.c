@@ -1,4 +1,4 @@
-/* The mesh against a box whose answers are known, and against plain search over all elements. */
+/* The mesh functions against a box with known answers and against linear search over all elements. */
 #include <float.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -230,7 +230,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* Inside by the signs of the four volumes that x spans with the faces: shares nothing with barycentric weights. */
+/* Inside by the signs of the four volumes that x spans with the faces; independent of barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -250,14 +250,14 @@ static void locate_finds_the_containing_tet(void **state) {
         assert_int_equal(t >= 0, in_box(x));
         if (t >= 0) assert_true(holds(&m, t, x));
     }
-    for (int n = 0; n < m.node_count; n++) { /* nodes are in the closed box, whatever the rounding */
+    for (int n = 0; n < m.node_count; n++) { /* nodes are in the closed box despite rounding */
         int t = mesh_locate(&m, m.nodes[n], rand() % m.tet_count);
         assert_true(t >= 0 && holds(&m, t, m.nodes[n]));
     }
     mesh_free(&m);
 }
 
-/* A body with a slot: the straight walk meets it, and the point behind it is found all the same. */
+/* A body with a slot: the straight walk ends at the slot, but the point behind it is found. */
 static void locate_finds_the_far_side_of_a_slot(void **state) {
     (void)state;
     mesh m;
@@ -281,7 +281,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from the slot into the far leg */
     assert_true(hit.hit);
     assert_close(hit.point.x, 0.75 * BOX.x, 1e-14);
-    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs on the way: the nearer */
+    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the way: the nearer one is hit */
     assert_close(mesh_enter(&m, before, behind).point.x, 0, 1e-14);
     assert_close(mesh_enter(&m, behind, before).point.x, BOX.x, 1e-14);
     mesh_free(&m);
@@ -289,7 +289,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
 
 /* ---- rays ---- */
 
-/* A walk from face to face through the box: the parts add up to where the line leaves the box. */
+/* A walk from face to face through the box: the parts add up to the point where the line leaves it. */
 static void exit_walk_traverses_the_box(void **state) {
     (void)state;
     mesh m;
@@ -351,7 +351,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
         hits++;
         assert_close(hit.fraction, expected, 1e-12);
         assert_int_equal(m.neighbours[hit.tet][hit.face], -1);
-        double w[4]; /* the hit lies on the face that it names */
+        double w[4]; /* the hit is on the reported face */
         mesh_barycentric(&m, hit.tet, hit.point, w);
         for (int v = 0; v < 4; v++) assert_true(v == hit.face ? fabs(w[v]) < 1e-12 : w[v] > -1e-12);
     }
@@ -359,7 +359,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
     mesh_free(&m);
 }
 
-/* Straight at every node, edge and diagonal of the skin: shared by several triangles, and yet no ray slips through. */
+/* Aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray slips through. */
 static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
@@ -389,7 +389,7 @@ static void tip_resting_on_the_skin_enters_in_the_next_step(void **state) {
     mesh_free(&m);
 }
 
-/* ---- what a mesh must not be ---- */
+/* ---- invalid meshes ---- */
 
 static void assert_refused(mesh *m, const char *words) {
     report why = {""};

@@ -1,4 +1,4 @@
-/* Reading: two tetrahedra written by hand in several formats, the prostate, and files that are none. */
+/* Reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
 #include "tissue/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <float.h>
@@ -13,7 +13,7 @@
 
 #include <cmocka.h>
 
-/* Nodes 1 2 3 5 and 2 3 5 7; node 4 is used by no tetrahedron, and the second one is turned inside out. */
+/* Nodes 1 2 3 5 and 2 3 5 7; no tetrahedron uses node 4, and the second tetrahedron is inverted. */
 #define NAMES "$PhysicalNames\n5\n0 1 \"anchor\"\n2 2 \"skin\"\n2 3 \"capsule\"\n3 4 \"gland\"\n3 5 \"around\"\n$EndPhysicalNames\n"
 #define POINTS "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 9 9 9\n5 0 0 1\n7 1 1 1\n"
 
@@ -31,7 +31,7 @@ static const char VTK[] =
     "# vtk DataFile Version 2.0\ntwo tets\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n";
 
-/* Gmsh itself leaks when it gives up in the middle of a file; read by LeakSanitizer, unused elsewhere. */
+/* Gmsh leaks when it gives up in the middle of a file. Called by LeakSanitizer only. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\n"; }
 
@@ -68,7 +68,7 @@ static void read_good(const char *name, const char *text, mesh *m) {
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Refused with a message that holds the file's name and `words`, and nothing is left allocated. */
+/* Refused with a message that contains the file's name and `words`; nothing is left allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
     report why = {""};
     mesh m;
@@ -203,7 +203,7 @@ static void non_mesh_files_are_refused(void **state) {
     for (size_t length = 1; length < sizeof MSH4 - 14; length += 7) assert_refused("cut4.msh", MSH4, length, "cut4.msh");
 }
 
-/* The box of meshes/prostate.py. The ellipsoid's volume is a little less when it has flat faces. */
+/* The box of meshes/prostate.py. Flat facets make the ellipsoid's volume a little smaller. */
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;
@@ -215,7 +215,7 @@ static void the_prostate_has_its_regions_and_surfaces(void **state) {
     for (int t = 0; t < m.tet_count; t++) {
         total += mesh_volume(&m, t);
         if (m.region[t] == prostate) gland += mesh_volume(&m, t);
-        for (int i = 0; i < 4; i++) { /* the capsule is just where the regions meet */
+        for (int i = 0; i < 4; i++) { /* the capsule is exactly where the regions meet */
             int other = m.neighbours[t][i];
             assert_int_equal(other >= 0 && m.region[other] != m.region[t], m.face_groups[t][i] >> capsule & 1);
         }

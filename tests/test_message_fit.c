@@ -1,4 +1,4 @@
-/* Only a whole message of its type fits: not every length but the right one, nor any other count or string in it. */
+/* Only a complete message of its type fits: any other length, array count or string length is refused. */
 #include "message_fit.h"
 
 #include <stdlib.h>
@@ -56,7 +56,7 @@ static void deformation_must_match_the_mesh(void **unused) {
     assert_false(deformation_fits(bytes, size - 1, NODES) || deformation_fits(bytes, size, NODES + 1) || deformation_fits(bytes, 3, NODES));
 }
 
-/* LCM's own decoder would read on behind a string that nothing closes. */
+/* LCM's own decoder would read beyond a string that is not terminated. */
 static void strings_must_be_terminated(void **unused) {
     (void)unused;
     trocar_status_t m = {.host = "lab", .scene = "a.yaml", .inverse = "", .message = "late"};

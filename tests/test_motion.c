@@ -24,7 +24,7 @@ static void figure8_follows_the_paper(void **state) {
     assert_near(at("figure8", 2.4), v3(0.005, 0.013, -0.201));
 }
 
-/* The needle, 200 mm long, is at the skin at z = 0 after 1 mm: between 0.1 and 0.2 s, near the 0.1 s reported. */
+/* The 200 mm long needle reaches the skin at z = 0 after 1 mm: between 0.1 and 0.2 s, close to the 0.1 s reported. */
 static void figure8_reaches_the_skin_early(void **state) {
     (void)state;
     assert_true(at("figure8", 0.10).z + 0.2 < 0);
@@ -39,7 +39,7 @@ static void leg_fraction_is_symmetric(void **state) {
     assert_true(fabs(motion_fraction(0, 2, 0.5) - 53.0 / 512.0) < 1e-12);  /* 10/64 - 15/256 + 6/1024 */
 }
 
-/* Second differences stay below the accelerations of the legs, 5.8 way / time^2, summed: no step in position or velocity. */
+/* Second differences stay below the sum of the legs' accelerations, 5.8 distance / time^2: no step in position or velocity. */
 static void all_scripts_are_smooth_and_return(void **state) {
     (void)state;
     static const double dt = 1e-3, fastest = 0.2, most_acceleration = 4;  /* m/s, m/s^2 */

@@ -1,4 +1,4 @@
-/* What both models of the needle share: the choice of one, its limits, and the centreline. */
+/* Common to both needle models: selection, limits and centreline. */
 #include "bending.h"
 #include "needle/needle_kind.h"
 
@@ -32,7 +32,7 @@ static void centreline_is_smooth(void **unused) {
     check_centreline(NEEDLE_TETRAHEDRA);
 }
 
-/* Position and frame of a point move with the base, whichever model. */
+/* Position and frame of a point move with the base in both models. */
 static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
     (void)unused;
     pose base = {v3(0.3, -0.2, 0.1), q_exp(v3(0.7, -1.1, 2.0))};

@@ -72,7 +72,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
     free(tangent);
 }
 
-/* As the rod's test: below Euler's load, close to it and beyond, where the tangent is indefinite. */
+/* As in the rod's test: below Euler's load, close to it and beyond, where the tangent is indefinite. */
 static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
     needle_model model = make(40);
@@ -96,7 +96,7 @@ static void rigid_motions_give_no_force(void **unused) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    double stiffness = model.bending / pow(0.2, 2); /* N: a load that bends it visibly */
+    double stiffness = model.bending / pow(0.2, 2); /* N, a load that bends it clearly */
     for (int i = 0; i < 20; i++) {
         needle_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
         needle_linearise(&model, &state, load, 0, tangent);
@@ -168,7 +168,7 @@ static void newton_converges_quadratically(void **unused) {
     }
     assert_true(passes <= 8 && change[passes - 1] < 1e-10);
     assert_true(change[passes - 1] < fmax(1e-10, 10 * change[passes - 2] * change[passes - 2]));
-    /* the loads' moment about the base is the one that the held section bears */
+    /* the clamped section carries the loads' moment about the base */
     vec3 base = state.base.position, moment = v3_cross(v3_sub(state.joints[40], base), load[40]);
     moment = v3_add(moment, v3_cross(v3_sub(state.joints[22], base), load[22]));
     assert_true(v3_norm(v3_sub(needle_root_moment(&model, &state), moment)) < 1e-8 * v3_norm(moment));
@@ -191,7 +191,7 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     free(tangent);
 }
 
-/* Rolled and shifted, as by a hand within a tick or two, the free needle follows and is straight again. */
+/* Rolled and shifted as far as a hand does in a tick or two, the free needle follows and is straight again. */
 static void free_needle_follows_its_base(void **unused) {
     (void)unused;
     needle_model model = make(20);

@@ -1,4 +1,4 @@
-/* A server tells another one's status from its own and from what is no status. */
+/* A server distinguishes another server's status from its own and from other messages. */
 #include "other_server.h"
 
 #include <string.h>

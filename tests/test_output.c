@@ -52,7 +52,7 @@ static void leaves_nothing_when_abandoned(void **state) {
     assert_int_not_equal(access(o.temporary, F_OK), 0);
 }
 
-/* Run as root with --csv /dev/null, a rename would replace the machine's device by a file. */
+/* With --csv /dev/null as root, a rename would replace the device by a regular file. */
 static void special_files_are_written_in_place(void **state) {
     (void)state;
     report why;

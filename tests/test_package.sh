@@ -1,11 +1,11 @@
 #!/bin/bash
-# The Debian packages in a root of their own: installed, upgraded, removed and purged by dpkg while the server runs; and checked by
-# lintian. A stand-in plays systemctl's part for the one unit.
+# The Debian packages in a separate root: installed, upgraded, removed and purged by dpkg while the server runs, and checked by
+# lintian. A script replaces systemctl for the server's unit.
 # usage: test_package.sh BUILD_DIR SOURCE_DIR     the packages are in BUILD_DIR/packages
 set -euo pipefail
 build=$1 source=$2 # absolute
 if [ "$(id -u)" -ne 0 ]; then
-    unshare --map-root-user true 2>/dev/null || { echo "no user namespace here, in which dpkg would be root"; exit 77; }
+    unshare --map-root-user true 2>/dev/null || { echo "skipped: no user namespace here, in which dpkg would be root"; exit 77; }
     exec unshare --map-root-user "$0" "$@"
 fi
 work=$(mktemp -d)
@@ -17,10 +17,10 @@ fail() { echo "FAILED: $*" >&2; cat dpkg.txt calls 2>/dev/null >&2; exit 1; }
 
 package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb)
 [ "$(dpkg-deb --field "$package" Version)" = "$(dpkg-parsechangelog -l "$source/scripts/packaging/changelog" -S Version)" ] ||
-    fail "scripts/packaging/changelog is of another version: $package"
+    fail "scripts/packaging/changelog has another version than $package"
 lintian --allow-root --fail-on error,warning "$package" "$python_package" || fail "lintian"
 
-# systemctl: start, stop and try-restart are done to the server in the root, and noted.
+# systemctl: applies start, stop and try-restart to the server in the root, and logs the calls.
 mkdir -p bin root/run/systemd/system root/etc root/var/lib/dpkg/{info,updates} root/var/cache/private
 touch root/var/lib/dpkg/{status,available} calls
 cat >bin/systemctl <<END
@@ -45,15 +45,15 @@ server() { readlink "/proc/$(cat pid)/exe" 2>/dev/null || true; }
 links() { find "$root/etc/systemd" -name 'trocar*' 2>/dev/null || true; }
 
 package --install "$package"
-! grep -q 'start' calls || fail "the server is started unasked"
-[ -z "$(links)" ] || fail "the server is enabled unasked: $(links)"
+! grep -q 'start' calls || fail "the installation starts the server"
+[ -z "$(links)" ] || fail "the installation enables the server: $(links)"
 package --install "$package"
 ! [ -e pid ] || fail "an upgrade starts the server"
 
 package --install "$python_package"
 [ -n "$(find root/usr/lib/python3 -name '__init__.*.pyc')" ] || fail "the Python package is not compiled"
 package --purge python3-trocar
-[ -z "$(find root -path '*python3*trocar*')" ] || fail "left of the Python package: $(find root -path '*python3*trocar*')"
+[ -z "$(find root -path '*python3*trocar*')" ] || fail "files left of the Python package: $(find root -path '*python3*trocar*')"
 
 /usr/bin/systemctl --root="$root" enable trocar-server 2>systemctl.txt || fail "$(cat systemctl.txt)"
 [ -n "$(links)" ] || fail "not enabled"
@@ -65,15 +65,15 @@ ln -s private/trocar root/var/cache/trocar
 touch root/var/cache/private/trocar/inverse.h5
 package --install "$package"
 sleep 0.3
-[ "$(server)" = "$root/usr/bin/trocar-server" ] || fail "after an upgrade this runs: $(server)"
+[ "$(server)" = "$root/usr/bin/trocar-server" ] || fail "running after the upgrade: $(server)"
 [ -n "$(links)" ] || fail "an upgrade disables the server"
 
 package --remove trocar
-[ -z "$(server)" ] || fail "after removal this runs: $(server)"
-[ -z "$(links)" ] || fail "left after removal: $(links)"
-[ -f root/var/cache/private/trocar/inverse.h5 ] || fail "a removal empties the cache"
+[ -z "$(server)" ] || fail "running after the removal: $(server)"
+[ -z "$(links)" ] || fail "links left after removal: $(links)"
+[ -f root/var/cache/private/trocar/inverse.h5 ] || fail "removal deletes the cache"
 package --purge trocar
-[ -d root/var/cache/private ] || fail "a purge removes what is others'"
+[ -d root/var/cache/private ] || fail "purge deletes files of others"
 left=$(find root -name '*trocar*')
-[ -z "$left" ] || fail "left after purge: $left"
+[ -z "$left" ] || fail "files left after purge: $left"
 echo passed

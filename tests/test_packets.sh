@@ -1,5 +1,5 @@
 #!/bin/bash
-# Server, device, bridge, monitor and viewer under crafted packets and a stream of fuzzed fragments: all live and keep working.
+# Server, device, bridge, monitor and viewer under crafted packets and a stream of fuzzed fragments: all survive and keep working.
 # Status 77: no network namespace.
 # usage: test_packets.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
@@ -11,7 +11,7 @@ fi
 work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
 cd "$work"
-touch server view # looked into before their programs may have begun
+touch server view # read before their programs may have started
 
 fail() { echo "FAILED: $*" >&2; tail -n 5 server device top view report.json 2>/dev/null || true; exit 1; }
 declare -A programs # name: process
@@ -19,7 +19,7 @@ declare -A programs # name: process
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 & programs[server]=$!
 until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
 "$build/clients/trocar-device" --script figure8 --duration 4 --report report.json >device 2>&1 & programs[device]=$!
-sleep 0.5 # the device owns the needle, not the bridge
+sleep 0.5 # so that the device owns the needle, not the bridge
 "$build/clients/bridge" >bridge 2>&1 & programs[bridge]=$!
 TERM=dumb "$build/clients/trocar-top" --plain >top 2>&1 & programs[top]=$!
 mkdir page && touch page/index.html
@@ -37,7 +37,7 @@ done
 [ -z "$dead" ] || fail "dead:$dead"
 wait ${programs[device]} || fail "the device: status $?"
 grep -q '"puncture_count": [2-9]' report.json || fail "the device did not feel both punctures"
-rm -f top # a new page tells of now
+rm -f top # so that the new page is current
 "$build/clients/trocar-top" --once >top || fail "the server is silent"
 /usr/bin/python3 - <<'END_OF_REQUEST' || fail "the viewer does not answer"
 import socket

@@ -1,5 +1,5 @@
-/* The change of stiffness that a contact node brings against the whole mesh assembled with it and without it, and the linear fields that
-   the sum of all must reproduce. */
+/* The stiffness change due to a contact node, against the mesh assembled with and without it, and the linear fields that the sum of
+   all changes must reproduce. */
 #include "remeshing.h"
 
 #include "remesh/patch.h"
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* Every entry of the difference, where none is fixed, is in the patch or zero. */
+/* Every entry of the difference between free nodes is in the patch or zero. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -44,7 +44,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
         kind wanted = (kind)(index % 3);
         if (add_node(wanted, tet, point_in(tet, 0.02)) < 0) continue;
         bool inner = request.wanted.nodes[index].across_tet >= 0;
-        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* in turns inside the body and on its surface */
+        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* alternately inside the body and on its surface */
             request.wanted.count--;
             continue;
         }
@@ -55,7 +55,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
 /* ---- linear fields ---- */
 
 enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
-static double stiffness[3 * MOST][3 * MOST]; /* of all nodes; zero for the one that is held, the last of the mesh */
+static double stiffness[3 * MOST][3 * MOST]; /* of all nodes; zero for the fixed one, the last of the mesh */
 
 static void add_nominal(const tissue *t) {
     const int *starts = t->stiffness->p, *rows = t->stiffness->i;
@@ -77,7 +77,8 @@ static bool within(vec3 x) {
     return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
 }
 
-/* The largest force at any node, or at any within the body, under a linear displacement that is zero at the one held, in units of E (1 m)^2. */
+/* The largest force at any node (`all`) or any inner node under a linear displacement that is zero at the fixed node, in units of E
+   (1 m)^2. */
 static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     vec3 at[MOST];
     int count = CUBE_NODES + request.wanted.count;
@@ -85,7 +86,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
     for (int i = 0; i < request.wanted.count; i++) {
         const added_node *node = &request.wanted.nodes[i];
-        at[CUBE_NODES + i] = node->position; /* no element has it, where it is that of a moved node */
+        at[CUBE_NODES + i] = node->position; /* used by no element if it is a moved node's */
         if (node->moved >= 0) at[node->moved] = node->position;
     }
     for (int i = 0; i < count; i++) {
@@ -97,7 +98,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     return largest / t->materials->youngs_modulus;
 }
 
-/* A body that is turned bears no force anywhere; one that is strained evenly, none within. */
+/* A rotated body has no force at any node; a uniformly strained one has none at inner nodes. */
 static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
@@ -123,7 +124,7 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
 static void linear_fields_match_the_refined_mesh(void **state) {
     (void)state;
     check_linear_fields(STRAIN_BY_ELEMENT, 3);
-    check_linear_fields(STRAIN_BY_NODE, 2); /* nothing moves there */
+    check_linear_fields(STRAIN_BY_NODE, 2); /* no nodes are moved there */
 }
 
 int main(void) {

@@ -1,4 +1,4 @@
-/* A log played again shows what trocar-replay computes. */
+/* Playing a log shows the same results as trocar-replay. */
 #include "playback.h"
 
 #include <stdlib.h>
@@ -50,7 +50,7 @@ static double time_of_picture(const byte_buffer *encoded) {
     return time;
 }
 
-/* The wrench kept of that tick, not of a neighbour a picture or a sample away. */
+/* The wrench of exactly that tick, not of a neighbouring picture or sample. */
 static void moment_matches_its_tick(void **unused) {
     (void)unused;
     trocar_scene *s;
@@ -87,7 +87,7 @@ static void moment_after_the_end_is_refused(void **unused) {
     trocar_scene_free(s);
 }
 
-/* A recording of which a quarter is there, the last event in part. */
+/* A quarter of a recording, whose last event is incomplete. */
 static void truncated_log_plays_to_its_last_event(void **unused) {
     (void)unused;
     static unsigned char bytes[1 << 18];
@@ -108,7 +108,7 @@ static void truncated_log_plays_to_its_last_event(void **unused) {
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
     assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
     assert_int_equal(playback_run(s, path, &t, &cut, &why), TROCAR_OK);
-    assert_non_null(strstr(cut.text, "cut short"));
+    assert_non_null(strstr(cut.text, "truncated"));
     assert_true(end > 0.3 && t.now == end && time_of_picture(&t.pictures[t.picture_end - 1]) == end);
     timeline_free(&t);
     unlink(path);

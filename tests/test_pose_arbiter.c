@@ -1,4 +1,4 @@
-/* What the arbiter accepts and refuses, byte by byte and session by session. */
+/* Poses that the arbiter accepts and refuses, by their bytes and by session. */
 #include <string.h>
 
 #include "pose_arbiter.h"
@@ -60,7 +60,7 @@ static void valid_pose_arrives_unchanged(void **unused) {
     assert_int_equal(in.newest.received, 9 * MS);
     assert_true(in.newest.base.position.y == 2);
     quat q = in.newest.base.orientation;
-    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* made exactly unit */
+    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* normalised */
     assert_int_equal(in.record.owner, -5);
     assert_int_equal(in.record.counts[POSE_ACCEPTED], 1);
 }
@@ -89,7 +89,7 @@ static void invalid_pose_messages_are_counted(void **unused) {
     assert_non_null(strstr(in.record.message, "needle_pose_t"));
 }
 
-/* Random payloads behind a valid fingerprint: none may get through that is not finite and unit. */
+/* Random payloads after a valid fingerprint: only finite poses with unit quaternions may pass. */
 static void random_payloads_never_pass_unchecked(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -119,7 +119,7 @@ static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
     assert_int_equal(take(&in, &m, MS), POSE_NOT_UNIT);
     assert_int_equal(in.newest.seq, 1);
     assert_int_equal(in.newest.received, 0);
-    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* its number was not used up */
+    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* the refused pose did not use up its number */
 }
 
 static void sequence_numbers_must_increase(void **unused) {
@@ -128,7 +128,7 @@ static void sequence_numbers_must_increase(void **unused) {
     assert_int_equal(take_pose(&in, 1, 10, 0, 0), POSE_ACCEPTED);
     assert_int_equal(take_pose(&in, 1, 10, 0, MS), POSE_OLD);
     assert_int_equal(take_pose(&in, 1, 9, 0, MS), POSE_OLD);
-    assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* lost ones do not matter */
+    assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* gaps do not matter */
 }
 
 static void second_session_is_refused_until_the_first_is_silent(void **unused) {
@@ -139,7 +139,7 @@ static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     assert_int_equal(take_pose(&in, 2, 1, 0, 1999 * MS), POSE_REFUSED);
     assert_non_null(strstr(in.record.message, "session 2"));
     assert_int_equal(in.record.owner, 1);
-    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* anywhere: it begins anew */
+    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* at any place: a new insertion */
     assert_int_equal(in.record.owner, 2);
     assert_true(in.newest.engagement > engagement);
     assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
@@ -151,12 +151,12 @@ static void a_release_frees_the_needle_at_once(void **unused) {
     pose_arbiter in = fresh();
     take_pose(&in, 1, 5, 0, 0);
     command(&in, 2, TROCAR_COMMAND_T_RELEASE);
-    assert_true(in.newest.held); /* not the owner's to give up */
+    assert_true(in.newest.held); /* only the owner may release */
     assert_int_equal(in.record.commands_refused, 1);
     command(&in, 1, TROCAR_COMMAND_T_RELEASE);
     assert_false(in.newest.held);
     assert_int_equal(in.record.owner, 0);
-    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a straggler does not take it back */
+    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a late pose does not take the needle back */
     assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
 }
 
@@ -193,7 +193,7 @@ static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
     assert_int_equal(take_pose(&in, 1, 201, 0.191, 102 * MS), POSE_ACCEPTED);
 }
 
-/* Counted where a later pose of the owner comes, also one that is refused; not twice, and not from one client to the next. */
+/* Counted when a later pose of the owner arrives, even a refused one; never twice, and not across clients. */
 static void lost_poses_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -213,7 +213,7 @@ static void lost_poses_are_counted(void **unused) {
     assert_int_equal(in.record.poses_lost, 3);
 }
 
-/* The network may hold poses back and deliver them together; the mean speed counts. */
+/* The network may delay poses and deliver them together; the mean speed counts. */
 static void bunched_poses_are_accepted_but_fast_motion_is_a_jump(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -224,12 +224,12 @@ static void bunched_poses_are_accepted_but_fast_motion_is_a_jump(void **unused) 
         assert_int_equal(take_pose(&in, 1, ++seq, 0.0015 * i, arrival), POSE_ACCEPTED);
     }
     int rejected = 0;
-    for (int i = 1; i <= 20; i++) /* 4 m/s: the credit of the jitter is soon used up */
+    for (int i = 1; i <= 20; i++) /* 4 m/s: soon exceeds the allowance for jitter */
         rejected += take_pose(&in, 1, ++seq, 0.15 + 0.004 * i, (100 + i) * MS) == POSE_JUMPED;
     assert_true(rejected > 5);
 }
 
-/* After hold and ramp the wrench is zero: wherever the device is now, it is heard again. */
+/* After hold and ramp the wrench is zero: a pose at any place is accepted again. */
 static void jump_is_accepted_after_the_wrench_has_ramped_out(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();

@@ -1,4 +1,4 @@
-/* What the pose_publisher publishes, on its own clock (memq, no network). */
+/* The messages of the pose_publisher, on its own clock (memq, no network). */
 #include "pose_publisher.h"
 
 #include <pthread.h>
@@ -89,14 +89,14 @@ static void sends_nothing_before_taking_the_needle(void **unused) {
     tell(f, ORDER_TAKE, 0);
     run(f, 50);
     assert_int_equal(f->poses, 50);
-    assert_true(f->pose.session > 0 && f->pose.position[0] == 0.01 && f->pose.position[2] == -0.19); /* where it was told to begin */
+    assert_true(f->pose.session > 0 && f->pose.position[0] == 0.01 && f->pose.position[2] == -0.19); /* the requested start */
     tell(f, ORDER_STEER, 1);
     run(f, 50);
     assert_true(f->pose.position[2] > -0.19);
     close_fixture(f);
 }
 
-/* A browser that hangs sends nothing more: the needle stops within 0.25 s and its ramp, and is held there. */
+/* When the browser hangs, the needle stops after 0.25 s and a ramp, and stays there. */
 static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -112,8 +112,8 @@ static void needle_stops_without_orders(void **unused) {
     close_fixture(f);
 }
 
-/* Nobody feels where the needle goes: after 0.1 s without a wrench it rests and no pose is sent. A server that is heard again
-   gets the needle where it was when the poses ended; one that is not, never. */
+/* Without a wrench for 0.1 s nobody feels the needle, so it stops and no more poses are sent. When the server is heard again, poses
+   resume where they ended. */
 static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -147,7 +147,7 @@ static void releases_the_needle(void **unused) {
     fixture *f = open_fixture();
     tell(f, ORDER_RELEASE, 0);
     run(f, 1);
-    assert_int_equal(f->commands, 0); /* it holds nothing */
+    assert_int_equal(f->commands, 0); /* it owns no needle */
     tell(f, ORDER_TAKE, 0);
     run(f, 5);
     tell(f, ORDER_RELEASE, 0);

@@ -29,7 +29,7 @@ static trocar_needle_pose_t sample(int64_t k) {
     return message_of_pose(p, 1000000 + 1000 * k, 7, k);
 }
 
-/* `count` poses, wrenches of another channel between them; `change` may spoil the one at `where`. */
+/* Writes `count` poses with wrenches of another channel between them; `change` may damage the pose at `where`. */
 static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
     report why;
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
@@ -74,7 +74,7 @@ static void reads_what_was_written(void **state) {
 
 enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 176, PAIR = POSE_EVENT + WRENCH_EVENT };
 
-/* Every length but whole events is refused; none may crash or allocate wildly. */
+/* Lengths that do not end at an event are refused; none may crash or allocate too much. */
 static void refuses_truncated_logs(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -84,12 +84,12 @@ static void refuses_truncated_logs(void **state) {
         pose_log log;
         bool whole = length == PAIR + POSE_EVENT || length == PAIR || length == POSE_EVENT;
         assert_int_equal(pose_log_read(path, &log, &why), whole ? TROCAR_OK : TROCAR_BAD_INPUT);
-        if (!whole) assert_non_null(strstr(why.text, "cut short"));
+        if (!whole) assert_non_null(strstr(why.text, "truncated"));
         pose_log_free(&log);
     }
 }
 
-/* Of a recording that was cut short, or is still being written, all whole events are read. */
+/* All complete events are read from a recording that is truncated or still being written. */
 static void reads_truncated_logs_up_to_the_last_event(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -104,11 +104,11 @@ static void reads_truncated_logs_up_to_the_last_event(void **state) {
         snprintf(place, sizeof place, "byte %ld: ", end);
         assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), poses ? TROCAR_OK : TROCAR_BAD_INPUT);
         assert_int_equal(log.count, poses);
-        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "cut short"));
+        assert_true(length == end ? *cut.text == '\0' : strstr(cut.text, place) && strstr(cut.text, "truncated"));
         pose_log_free(&log);
     }
     write_log(3, -1, NULL);
-    overwrite(PAIR, "XXXX", 4); /* damage is no cut */
+    overwrite(PAIR, "XXXX", 4); /* damaged, not truncated */
     report why, cut;
     pose_log log;
     assert_int_equal(pose_log_read_to_cut(path, &log, &cut, &why), TROCAR_BAD_INPUT);
@@ -124,10 +124,10 @@ static void refuses_damage_and_names_the_place(void **state) {
     expect_bad(place, "damaged");
     write_log(3, -1, NULL);
     overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* data of 2 GiB */
-    expect_bad(place, "cut short");
+    expect_bad(place, "truncated");
     write_log(3, -1, NULL);
-    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* negative, were it signed */
-    expect_bad(place, "cut short");
+    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* negative as a signed number */
+    expect_bad(place, "truncated");
     write_log(3, -1, NULL);
     overwrite(PAIR + 20, "\0\0\0\0", 4);
     expect_bad(place, "channel name");
@@ -168,7 +168,7 @@ static void refuses_a_log_without_poses(void **state) {
 static void repeat_number(trocar_needle_pose_t *p) { p->seq -= 1; }
 static void change_number_and_time(trocar_needle_pose_t *p) { p->seq -= 2, p->utime -= 2000; }
 
-/* Datagrams that the network repeats or delivers late are refused by the server; so are they here. */
+/* Repeated and late datagrams are refused here as in the server. */
 static void ignores_duplicate_and_late_poses(void **state) {
     (void)state;
     void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
@@ -190,7 +190,7 @@ static void distinguishes_other_types_from_damage(void **state) {
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
     expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
     expect_bad("fingerprint", "0102030405060708");
-    char short_data[] = {0, 0, 0, 80};              /* one number less than a pose; the next event then seems to be damaged */
+    char short_data[] = {0, 0, 0, 80};              /* one number less than a pose; the next event then looks damaged */
     write_log(1, -1, NULL);
     overwrite(24, short_data, 4);
     expect_bad("event 0", "damaged");
@@ -246,7 +246,7 @@ static void status_names_the_inverse(void **state) {
     wrench_log_free(&log);
 }
 
-/* Recorded before wrenches named their server: same numbers, no owner of the inverse. */
+/* Recorded before wrenches named their server: the same numbers, without the kind of inverse. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
     report why;

@@ -1,4 +1,4 @@
-/* What the tick reads from a snapshot, against the inverse itself; what it asks for, against where the tip goes. */
+/* The tick's reads from a snapshot against the inverse itself, and its requests against the tip's path. */
 #include "lockstep.h"
 #include "insertion/prefetch.h"
 
@@ -31,7 +31,7 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
     free(empty);
 }
 
-/* A point between nominal nodes: rows of K^-1 weighted as the displacement is. */
+/* A point between nominal nodes: rows of K^-1 are interpolated with the displacement's weights. */
 static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
@@ -53,7 +53,7 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
             }
     }
     leaf_point elsewhere = point;
-    elsewhere.corners[0] = m->node_count; /* a node that nobody knows */
+    elsewhere.corners[0] = m->node_count; /* an unknown node */
     assert_false(snapshot_covers(l->snapshot, elsewhere.corners, handles));
     lockstep_free(l);
 }
@@ -69,7 +69,7 @@ static void contacts_are_identified_by_their_ids(void **unused) {
     lockstep_free(l);
 }
 
-/* The elements that a straight needle reaches within the prefetch distance are asked for before it is there. */
+/* The elements that a straight needle reaches within the prefetch distance are requested before it arrives. */
 static void path_ahead_is_requested(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);

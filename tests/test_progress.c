@@ -1,4 +1,4 @@
-/* Progress where stderr is no terminal: a line each tenth, none twice. */
+/* Progress when stderr is not a terminal: a line per tenth, none repeated. */
 #include "progress.h"
 
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* A needle driven by hand stays within its limits whatever is asked. */
+/* A needle driven by rate commands stays within its limits whatever the commands. */
 #include "rate_control.h"
 
 #include <setjmp.h>
@@ -22,7 +22,7 @@ static void run(rate_control_state *d, const rate_control_limits *l, rate_contro
     for (int i = 0; i < (int)(seconds / DT + 0.5); i++) rate_control_step(d, l, c, DT);
 }
 
-/* A ramp to the full speed, then speed times time: v (t - ramp / 2), to half a step. */
+/* A ramp to full speed, then constant speed: v (t - ramp / 2), to half a step. */
 static void moves_along_the_axis_as_commanded(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
@@ -78,7 +78,7 @@ static void tilts_about_world_axes_and_rolls_about_its_own(void **unused) {
     assert_true(v3_dot(q_rotate(d.base.orientation, v3(0, 1, 0)), v3(0, 1, 0)) < 0.7);
 }
 
-/* Taken over where another device has left it, beyond the space: it may only come back. */
+/* A needle taken over from another device outside the workspace may only move back. */
 static void from_outside_it_can_only_move_back(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);

@@ -1,4 +1,4 @@
-/* What realtime.c asks of Linux has its effect, or says which limit to raise. */
+/* The requests of realtime.c to Linux take effect, or the error says which limit to raise. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <float.h>
@@ -58,7 +58,7 @@ static void *faults_on_a_touched_stack(void *faults) {
 static void a_touched_stack_does_not_fault(void **unused) {
     (void)unused;
 #if defined(__SANITIZE_ADDRESS__)
-    skip(); /* it keeps large locals elsewhere */
+    skip(); /* the sanitizer keeps large locals elsewhere */
 #endif
     int64_t faults = -1;
     pthread_t thread;
@@ -149,7 +149,7 @@ static long locked_kilobytes(void) {
 static void memory_is_locked_or_the_limit_is_reported(void **unused) {
     (void)unused;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-    skip(); /* they turn mlockall into nothing */
+    skip(); /* sanitizers disable mlockall */
 #endif
     report why = {""};
     if (realtime_lock_memory(&why) == TROCAR_OK) assert_true(locked_kilobytes() > 1000);
@@ -168,7 +168,7 @@ static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     }
     int reader = open("/dev/cpu_dma_latency", O_RDONLY);
     if (reader >= 0) assert_int_equal(read(reader, &allowed, sizeof allowed), sizeof allowed);
-    if (reader >= 0) assert_int_equal(allowed, 0); /* us until a processor is awake */
+    if (reader >= 0) assert_int_equal(allowed, 0); /* us, wake-up latency of a processor */
     if (reader >= 0) close(reader);
     close(descriptor);
 }
@@ -195,7 +195,7 @@ static void timer_slack_is_not_inherited(void **unused) {
     void *policy;
     pthread_create(&thread, NULL, hurry_and_start_a_thread, &hurried);
     pthread_join(thread, &policy);
-    assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* or it is refused */
+    assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* or the kernel refuses */
     assert_int_equal((intptr_t)policy, SCHED_OTHER);
 }
 

@@ -11,7 +11,7 @@
 
 static report why;
 
-/* 200 poses at 1 kHz; the answer to pose k comes (k + 1) us later, so that the percentiles are known. */
+/* 200 poses at 1 kHz; pose k is answered (k + 1) us later, so that the percentiles are known. */
 static recording conversation(void) {
     recording r = {.session = 5};
     pose base = {{0, 0, 0}, {1, 0, 0, 0}};

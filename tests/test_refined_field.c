@@ -45,7 +45,7 @@ static void check_displacement(const refinement *r, const reference *expected) {
 
 static void displacements_match_a_direct_solve(void **state) {
     (void)state;
-    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes in each element, elements; then, in every second case, on faces */
+    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, elements; in every second case, some on faces */
     for (int c = 0; c < 4; c++) {
         refinement r = {0};
         cube_refine(&body, &r, cases[c][0], cases[c][1]);
@@ -57,7 +57,7 @@ static void displacements_match_a_direct_solve(void **state) {
     }
 }
 
-/* The surplus is what a node moves with its leaf's corners held: the inverse of its own stiffness. */
+/* The surplus is a node's compliance with its leaf's corners fixed: the inverse of its own stiffness. */
 static void surplus_is_the_inverse_of_the_nodal_stiffness(void **state) {
     (void)state;
     for (int n = 0; n < 50; n++) {

@@ -1,4 +1,4 @@
-/* The refined mesh against plain search over its elements. */
+/* The refined mesh against linear search over its elements. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,9 +28,9 @@ static vec3 position(const refinement *r, int corner) {
     return corner >= 0 ? body.mesh.nodes[corner] : r->nodes[-1 - corner].position;
 }
 
-/* ---- where points are ---- */
+/* ---- locating points ---- */
 
-/* `slack` of the weights: rounding of x over the height of the leaf, which shrinks fast where nodes crowd. */
+/* `slack` of the weights: rounding of x over the leaf's height, which is small where nodes are dense. */
 static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, double slack) {
     leaf_point p = refinement_locate(&body.mesh, r, active, tet, x);
     vec3 sum = v3(0, 0, 0);
@@ -59,7 +59,7 @@ static void leaf_contains_its_point(void **state) {
     refinement r = {0};
     cube_refine(&body, &r, 12, 4);
     for (int n = 0; n < 4000; n++) {
-        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* the fifth is whole */
+        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* every fifth one is not refined */
         assert_leaf_holds(&r, n % (r.count + 1), tet, cube_point(&body, tet, 0.0), 1e-13);
     }
     for (int q = 0; q < r.count; q++) assert_leaf_holds(&r, r.count, r.nodes[q].tet, r.nodes[q].position, 1e-13);
@@ -70,7 +70,7 @@ static void added_node_is_at_the_requested_point(void **state) {
     refinement r = {0};
     for (int n = 0; n < 20; n++) {
         int tet = 7 * n;
-        vec3 x = cube_point(&body, tet, 0.03); /* not so near a face that it is shifted */
+        vec3 x = cube_point(&body, tet, 0.03); /* far enough from faces not to be shifted */
         refinement_add(&body.mesh, &r, tet, x, 100 + n);
         assert_close_vector(r.nodes[n].position, x, 1e-15);
         assert_int_equal(r.nodes[n].id, 100 + n);
@@ -78,7 +78,7 @@ static void added_node_is_at_the_requested_point(void **state) {
     }
 }
 
-/* On vertices, edges and faces, twice each: shifted inside by a fraction of the leaf, so that nothing is flat. */
+/* Nodes on vertices, edges and faces, twice each: shifted inwards by a fraction of the leaf, so that no element is flat. */
 static void nodes_on_corners_edges_and_faces_are_handled(void **state) {
     (void)state;
     refinement r = {0};
@@ -102,7 +102,7 @@ static void full_refinement_rejects_nodes(void **state) {
     assert_int_equal(r.count, MAX_CONTACTS);
 }
 
-/* ---- written out ---- */
+/* ---- explicit mesh ---- */
 
 static double volume_of(const refined_mesh *m, int tet) {
     const int *c = m->tets[tet];

@@ -1,4 +1,4 @@
-/* The rigid motion of a region: known motions come back, and those of a uniformly strained body are its mean. */
+/* The rigid motion of a region: known motions are recovered, and a uniform strain gives the mean motion. */
 #include "api/api.h"
 #include "region_motion.h"
 
@@ -98,7 +98,7 @@ static trocar_scene *load(const char *path) {
     return scene;
 }
 
-/* Moves the base by `way` (m), in so many ticks of `dt`. */
+/* Moves the base by `way` (m) in `ticks` ticks of `dt`. */
 static void move(followed *f, vec3 way, int ticks, double dt) {
     const double from[3] = {f->base.position[0], f->base.position[1], f->base.position[2]}, to[3] = {way.x, way.y, way.z};
     for (int i = 1; i <= ticks; i++) {
@@ -115,8 +115,8 @@ static rigid_motion motion_now(followed *f) {
     return region_motion_of(&f->motion, f->displacements);
 }
 
-/* By reciprocity (Maxwell, Betti) the gland's mean displacement in a direction is the work of the needle's forces on the field of
-   a unit force spread over the gland's nodes: one static solve that knows nothing of refinement. */
+/* By reciprocity (Maxwell, Betti) the gland's mean displacement in a direction is the work of the needle's forces on the field of a
+   unit force spread over the gland's nodes: one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const simulation *parts = &f->model->parts;
     const insertion_state *state = &f->sim->needles[0].state;
@@ -147,7 +147,7 @@ static vec3 check_shift(followed *f) {
     return shift;
 }
 
-/* Pushed in, the gland goes with the needle; pulled back, it comes back and past its place; swept aside, it follows. */
+/* The gland follows the needle when it is pushed in, pulled back (beyond the initial place) and moved sideways. */
 static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
@@ -166,11 +166,11 @@ static void gland_is_displaced_by_the_needle(void **unused) {
     forget(&f);
 }
 
-/* ---- the loosely bedded gland of twist.yaml ------------------------------------------------------------------------------ */
+/* ---- the loosely embedded gland of twist.yaml ---------------------------------------------------------------------------- */
 
 static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, in patients (Lagerburg et al. 2005) */
 
-typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; the surroundings' modulus and the gland's friction, of the scene's */
+typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; modulus of the surroundings and friction of the gland, scene = 1 */
 
 typedef struct { double low, high, pushed, pulled; } twist; /* deg in the coronal plane; mm of shift along the needle */
 
@@ -224,8 +224,8 @@ static twist insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(twist t) { return fmax(t.high, -t.low); }
 
-/* Within what was seen in patients, one way for a needle on the left and the other way on the right; more for one further out, in
-   softer surroundings, and with more friction. An arch that holds the tissue keeps the gland back. */
+/* Rotations are in the range seen in patients, with opposite signs for needles on the left and right. They grow with the distance
+   from the midplane, softer surroundings and friction. An arch that fixes the tissue restrains the gland. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     twist left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});

@@ -1,4 +1,4 @@
-/* The region of interest: what is given, and what is usual where nothing is. */
+/* The region of interest: given by the scene, and by default. */
 #include "tissue/region_of_interest.h"
 
 #include <math.h>
@@ -87,7 +87,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     free(nodes);
 }
 
-/* A box of more nodes than are usual, the skin at z = 0. */
+/* A box with more nodes than a default region, skin at z = 0. */
 static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };
@@ -107,7 +107,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
         }
     }
     int (*skin)[3] = malloc(2 * CELLS * CELLS * sizeof *skin), skin_group[2 * CELLS * CELLS], skin_count = 0;
-    for (int t = 0; t < m.tet_count; t++) { /* the three nodes at z = 0 of those tets that have so many */
+    for (int t = 0; t < m.tet_count; t++) { /* tets with three nodes at z = 0 */
         int low[4], found = 0;
         for (int c = 0; c < 4; c++)
             if (m.tets[t][c] < SIDE * SIDE) low[found++] = m.tets[t][c];

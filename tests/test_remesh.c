@@ -1,7 +1,7 @@
-/* What the remesher does whatever the method: places, labels and refusals. The methods are tested one by one. */
+/* The remesher's behaviour common to all methods: slots, ids and refusals. Each method has its own test. */
 #include "remeshing.h"
 
-/* A replaced node has the same place in the list but another id: it must be taken out and put in again. */
+/* A replaced node has the same place in the list but another id: it must be removed and added again. */
 static void ids_are_unique(void **state) {
     (void)state;
     for (method = 0; method < REMESH_METHODS; method++) {
@@ -23,7 +23,7 @@ static void remaining_nodes_keep_their_index(void **state) {
     serve(r);
     before = snapshot;
     request.window_count = 50;
-    memmove(request.window, request.window + 20, 20 * sizeof *request.window); /* the first 20 leave */
+    memmove(request.window, request.window + 20, 20 * sizeof *request.window); /* drops the first 20 */
     for (int node = 0, n = 20; n < 50; node++) {
         bool old = false;
         for (int k = 0; k < MAX_WINDOW; k++) old = old || before.window[k] == node;
@@ -76,7 +76,7 @@ static void sparse_inverse_gives_the_same_results(void **state) {
     inverse_free(sparse);
 }
 
-/* The blocks are right after it, with contact nodes there, and more of them later. */
+/* Blocks are correct after looking ahead, with contact nodes present and after adding more. */
 static void looking_ahead_changes_no_answer(void) {
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
         remesher *r = start(method);
@@ -84,7 +84,7 @@ static void looking_ahead_changes_no_answer(void) {
         add_mixed(method, 6);
         request.tip = v3(-0.1 * CUBE_EDGE, -0.2 * CUBE_EDGE, -0.15 * CUBE_EDGE);
         request.direction = v3_unit(v3(1, 1.1, 1.05));
-        assert_false(remesher_look_ahead(r)); /* nothing has been asked for */
+        assert_false(remesher_look_ahead(r)); /* no request yet */
         serve(r);
         while (remesher_look_ahead(r)) continue;
         choose_window(60);
@@ -105,7 +105,7 @@ static void sparse_inverse_prefetches(void **state) {
 
 enum { HELD = CUBE_NODES / 2 };
 
-/* An owner that holds the lower half, in `t`, which it has not factored: its file was there. */
+/* A condensed inverse of the lower half of `t`, read from its file, so that nothing has been factorised. */
 static inverse *lower_half(tissue *t) {
     inverse *condensed = NULL;
     report notice, why = {""};
@@ -125,7 +125,7 @@ static inverse *lower_half(tissue *t) {
     return condensed;
 }
 
-/* What a condensed owner does not hold would need a factor of the whole: only what the tick needs is worth that. */
+/* Nodes outside the condensed region need a factor of the whole matrix: only the tick's own needs justify it. */
 static void check_costly_nodes(void) {
     remesher *r = start(REMESH_NESTED);
     int outside = CUBE_NODES - 1;
@@ -154,7 +154,7 @@ static void costly_nodes_are_skipped_unless_needed(void **state) {
     tissue_free(&t);
 }
 
-/* An element whose nodes are all held, or none of them. */
+/* An element whose nodes are all in the region, or none of them. */
 static int element_of(bool held) {
     for (int tet = 0;; tet++) {
         int found = 0;
@@ -163,7 +163,7 @@ static int element_of(bool held) {
     }
 }
 
-/* No node is put in whose rows can't be had, and what comes after it is right. */
+/* A node whose rows can't be computed is not added, and later answers are correct. */
 static void check_refusals(void) {
     static const kind kinds[] = {INSIDE, ON_FACE};
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++)

@@ -1,4 +1,4 @@
-/* Boundary-condition switches on the full inverse, one by one and in blocks; what a switch that fails leaves behind. */
+/* Boundary-condition switches on the full inverse, one by one and in blocks, and the state after a failed switch. */
 #include "remeshing.h"
 
 #include "remesh/remesh_dense.h"
@@ -18,7 +18,7 @@ static remesher *start_with_nodes(remesh_method wanted, int count) {
     return r;
 }
 
-/* A node that was moved out of its elements turns them inside out: no pivot. As long as it is asked for, there is no answer. */
+/* A node moved out of its elements inverts them, so there is no pivot. Requests that contain it fail. */
 static void check_inverted(remesh_method wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;
@@ -34,7 +34,7 @@ static void check_inverted(remesh_method wanted) {
     remesher_free(r);
 }
 
-/* A switch that fails on the way out, here as the matrix has been spoilt, is made good by adding anew what stays. */
+/* If removing a node fails (here because the matrix was damaged), the remaining nodes are added again from scratch. */
 static void check_spoilt(remesh_method wanted) {
     remesher *r = start_with_nodes(wanted, 8);
     dense_remesher *dense = (dense_remesher *)r;

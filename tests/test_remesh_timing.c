@@ -1,4 +1,4 @@
-/* The remeshing benchmark's measuring: it counts what it does and leaves the inverse as it was. Times themselves are not judged. */
+/* The measurements of the remeshing benchmark: operations are counted and the inverse is restored. Times are not checked. */
 #include "remeshing.h"
 
 #include "remesh_timing.h"
@@ -37,7 +37,7 @@ static void valences_match_the_mesh(void **state) {
     int counts[MAX_PATCH + 1], sum = 0;
     remesh_timing_valences(tested, counts);
     for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
-    assert_int_equal(sum, 2 * 9); /* inner nodes, but for those between the regions */
+    assert_int_equal(sum, 2 * 9); /* inner nodes, except those between the regions */
     assert_int_equal(counts[15], sum); /* Kuhn's elements: 14 neighbours each */
     report why;
     static remesh_timing result;

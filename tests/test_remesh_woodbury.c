@@ -1,4 +1,4 @@
-/* Woodbury's formula on the full inverse, in one triangle and in the full matrix. */
+/* Woodbury's formula on the full inverse, stored as one triangle and as the full matrix. */
 #include "remeshing.h"
 
 int main(void) {

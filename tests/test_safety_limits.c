@@ -1,4 +1,4 @@
-/* The guard, tick by tick, with a clock made by hand. */
+/* The safety limits, tick by tick, with a simulated clock. */
 #include <stdio.h>
 #include <string.h>
 
@@ -21,14 +21,14 @@ static pose_sample sample(uint64_t engagement, double x, int64_t received) {
     return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
 }
 
-/* One tick with a wrench that the model keeps giving; returns the flags. */
+/* One tick with a constant wrench of the model; returns the flags. */
 static int tick(safety_limits *g, const device_limits *limits, bool wind_down, double model_force, vec3 *force) {
     vec3 torque = v3(0, 0, 0);
     *force = v3(model_force, 0, 0);
     return safety_wrench(g, limits, wind_down, DT, force, &torque);
 }
 
-/* A guard that has followed a pose at x = 0 for a second, full wrench; the last pose came at `now`. */
+/* Limits after one second with a pose at x = 0, at full wrench; the last pose arrived at `now`. */
 static safety_limits engaged(const device_limits *limits, int64_t now, double model_force) {
     safety_limits g = {0};
     vec3 force;
@@ -64,7 +64,7 @@ static void travel_time_is_the_longer_of_translation_and_rotation(void **unused)
     device_limits limits = device_defaults(); /* 2 m/s, 20 rad/s */
     pose a = at(0), b = at(0.5);
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
-    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* half an rad: 25 ms */
+    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* 0.5 rad: 25 ms */
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
     b.position.x = 0;
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.025) < 1e-12);
@@ -114,7 +114,7 @@ static void stale_poses_hold_then_ramp_then_return(void **unused) {
         assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_STALE);
     }
     assert_true(force.x == 0.0);
-    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back, 10 mm on: within the limits */
+    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back after a gap, 10 mm further: within the limits */
     assert_int_equal(safety_pose(&g, &limits, &s, 121 * (int64_t)MILLISECOND), SAFETY_FOLLOW);
     assert_true(g.base.position.x == 0.01);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
@@ -160,7 +160,7 @@ static void limits_preserve_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
-/* Full force takes 3 ms; a device that renders no torque leaves its limits. */
+/* Full force takes 3 ms; the profile of a device without torque leaves the torque limits unchanged. */
 static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
@@ -247,7 +247,7 @@ static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     vec3 force;
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
-    safety_timing(&g, false, DT); /* one in time: the row is broken */
+    safety_timing(&g, false, DT); /* one tick in time ends the run of late ones */
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
     safety_timing(&g, true, DT);

@@ -1,4 +1,4 @@
-/* The worker's lateness on a mesh where it is never late, and on a clock so fast that it always is. */
+/* The worker's lateness on a mesh where it is never late, and on a clock so fast that it is always late. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m: there no element is crossed so near to its edge that one tick does it */
+static const double ASIDE = 1e-3; /* m; at this offset no element is crossed so close to an edge that one tick suffices */
 
 static scale_timing *measured(double aside, const motion *script, double speed, double dt, const char *owner) {
     host h = {NULL};
@@ -25,7 +25,7 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* Every contact node asked for is answered once or counted as unanswered; every one that takes part was answered. */
+/* Each requested contact node is answered once or counted as unanswered; each active one was answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
@@ -38,14 +38,14 @@ static void crossings_are_counted_and_answered(void **unused) {
     assert_int_equal(r->tick.count, 3300);
     check_counts(r);
     assert_true(r->crossings > 5 && r->contacts > 5);
-    assert_true(r->unanswered <= 1); /* the last one may have been asked for in the last tick */
+    assert_true(r->unanswered <= 1); /* the last one may have been requested in the last tick */
     assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all were active before the tip left their elements */
     assert_true(r->serve.count >= r->crossings && r->serve.count < r->ticks);
     assert_true(r->most_contacts > 5);
-    assert_true(r->crossing.max >= 1000000); /* an answer is there one tick after it was asked for, at the earliest */
+    assert_true(r->crossing.max >= 1000000); /* answers arrive one tick after the request at the earliest */
 }
 
-/* In and out again: on the way out contact nodes go, and none of them is late. */
+/* In and out again: contact nodes that are removed during retraction are not counted as late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
     scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, "dense");
@@ -57,7 +57,7 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* Ticks of 0.2 us at 100 m/s: no answer can come in time. At 2 m/s some come. */
+/* Ticks of 0.2 us at 100 m/s: no answer can be in time. At 2 m/s some are. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, "sparse");
@@ -68,7 +68,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
 }
 
-/* 3 mm a tick: some elements are crossed in one, and what is asked for in one is there two ticks later. */
+/* 3 mm per tick: some elements are crossed within one tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
     const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, "dense");

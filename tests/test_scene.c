@@ -1,4 +1,4 @@
-/* Scene files: what a good one says, and the message for each way to be bad. */
+/* Scene files: the values of a valid one, and the message for each error. */
 #include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
@@ -118,7 +118,7 @@ static void every_value_is_read(void **state) {
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
-    assert_true(g->max_stiffness == 400); /* the profile's; its force is overruled */
+    assert_true(g->max_stiffness == 400); /* from the profile, whose force is overridden */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
 }
 
@@ -152,7 +152,7 @@ static void omitted_keys_have_their_defaults(void **state) {
     assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
 }
 
-/* One valid scene with these lines more; the line numbers start at 4. */
+/* A minimal valid scene; lines added to it start at number 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
 static void inverse_and_region_of_interest_are_read(void **state) {
@@ -342,11 +342,11 @@ static void figure_8_scene_is_valid(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
-/* A parameter of PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, alike
-   for what is there but once. */
+/* A parameter of PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, equal if there
+   is only one. */
 typedef struct { const char *key; double values[3]; } parameter;
 
-/* False for a line that is no row of the table of parameters. */
+/* False if the line is not a row of the table of parameters. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
     int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;
@@ -358,7 +358,7 @@ static bool read_parameter(const char *line, char key[64], double values[3]) {
 static void assert_same_values(const parameter *expected, const double values[3]) {
     for (int k = 0; k < 3; k++)
         if (values[k] != expected->values[k] && !(isnan(values[k]) && isnan(expected->values[k])))
-            fail_msg("PARAMETERS.md: %s: %g where %g is true", expected->key, values[k], expected->values[k]);
+            fail_msg("PARAMETERS.md: %s: %g instead of %g", expected->key, values[k], expected->values[k]);
 }
 
 static void documented_parameter_table_is_correct(void **state) {
@@ -401,7 +401,7 @@ static void documented_parameter_table_is_correct(void **state) {
         if (!read_parameter(line, key, values)) continue;
         int row = 0;
         while (row < COUNT && strcmp(expected[row].key, key) != 0) row++;
-        if (row == COUNT || seen[row]) fail_msg("PARAMETERS.md: %s is %s", key, row == COUNT ? "no parameter" : "there twice");
+        if (row == COUNT || seen[row]) fail_msg("PARAMETERS.md: %s is %s", key, row == COUNT ? "not a parameter" : "listed twice");
         seen[row] = true;
         assert_same_values(&expected[row], values);
     }

@@ -1,4 +1,5 @@
-/* The whole server in this process, over memq: starts, says that it listens, stops for each reason, refuses bad input. */
+/* The complete server in this process, over memq: it starts, reports that it listens, stops for each reason, and refuses bad input.
+   */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <stdlib.h>
@@ -47,7 +48,7 @@ static void runs_and_stops_on_request(void **unused) {
     readies = 0;
     stop = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(server_create(&o, &s, &why), TROCAR_OK);
-    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* no flag that its threads' nice values would be lost to */
+    assert_int_equal(sched_getscheduler(0), SCHED_OTHER); /* without SCHED_RESET_ON_FORK, which would reset its threads' nice values */
     char *before = described(s, server_describe);
     assert_non_null(strstr(before, "figure8.yaml"));
     assert_non_null(strstr(before, "1000 Hz"));
@@ -133,7 +134,7 @@ static void *create_without_permission(void *why) {
     return refused ? NULL : "the missing mesh is not reported";
 }
 
-/* A supervisor may try such a server many times: it must not read the mesh, which is missing here, each time. */
+/* A supervisor may restart such a server many times, so it must not read the mesh (missing here) each time. */
 static void missing_permission_is_reported_before_reading_the_mesh(void **unused) {
     (void)unused;
     pthread_t thread;

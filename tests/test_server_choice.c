@@ -1,4 +1,4 @@
-/* A client follows the first of two servers until that one falls silent. */
+/* A client follows the first of two servers until it falls silent. */
 #include "server_choice.h"
 
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-/* Clients that start at the same time are told apart. */
+/* Clients that start at the same time get different sessions. */
 #include "session.h"
 
 #include <setjmp.h>

@@ -1,6 +1,7 @@
 #!/bin/bash
-# What scripts/setup asks apt for, and what it says when apt cannot. Nothing is installed: dpkg-query and apt-get are stand-ins.
-# And that the demo is configured and built without what it does not run, in a folder whose name has a space.
+# The packages that scripts/setup requests from apt, and its messages when apt fails. Nothing is installed: scripts replace
+# dpkg-query and apt-get. Also: the demo is configured and built without libraries that it does not use, in a folder whose name has
+# a space.
 # usage: test_setup.sh SOURCE_DIR
 set -euo pipefail
 source=$1
@@ -11,7 +12,7 @@ mkdir "$work/bin" "$work/a tree"
 cd "$work"
 
 stand_in() { printf '#!/bin/bash\n%s\n' "$2" >"bin/$1"; chmod +x "bin/$1"; }
-setup() { # its status in $status, its words in the file `said`
+setup() { # status in $status, output in the file `said`
     status=0
     PATH=$work/bin:$PATH WORK=$work "$source/scripts/setup" "$@" >said 2>&1 || status=$?
 }
@@ -19,20 +20,20 @@ stand_in dpkg-query 'exit 1'
 stand_in sudo 'exec "$@"'
 stand_in sleep 'echo nap >>"$WORK/naps"'
 
-# The demo needs no browser's page, no tests and no Python beyond Python itself.
+# The demo needs no web page, no tests and no Python packages.
 stand_in apt-get 'echo "$@" >>"$WORK/asked"'
 setup --demo one-more
 [ $status -eq 0 ] || fail "$(cat said)"
-grep -q 'install.* libgmsh-dev .* one-more' asked || fail "asked for: $(cat asked)"
+grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat asked)"
 ! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|ncurses|help2man|chromium' asked || fail "more than the demo needs: $(cat asked)"
 rm asked && setup
 for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016
-for program in man:man-db col:bsdextrautils; do # which the tests call
+for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"
 done
 
-# A lock is waited for, in the end in vain, and named.
+# If apt is locked, the script waits, gives up in the end, and names the process.
 stand_in apt-get 'echo "E: Could not get lock /var/lib/dpkg/lock-frontend. It is held by process 4711 (unattended-upgr)" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] || fail "status $status with a lock"
@@ -42,12 +43,12 @@ stand_in apt-get '[ -e "$WORK/free" ] && exit 0; touch "$WORK/free"; echo "E: Co
 setup --demo
 [ $status -eq 0 ] || fail "the lock was released: $(cat said)"
 
-# No network, and nobody to ask.
+# No network.
 stand_in apt-get 'echo "E: Unable to locate package" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] && grep -q 'is there a network' said || fail "status $status: $(cat said)"
 
-# Without what the demo does not run: hidden .pc files, and programs that fail.
+# Hides what the demo does not use: .pc files are missing, programs fail.
 mkdir pkgconfig
 for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
     [ ! -d "$file" ] || find "$file" -name '*.pc' ! -name 'ncurses*' ! -name 'cmocka*' ! -name 'libwebsockets*' \
@@ -61,7 +62,7 @@ cmake --build build --target trocar_types >../said 2>&1 || fail "$(cat ../said)"
 ! PKG_CONFIG_LIBDIR=$work/pkgconfig cmake --preset view >../said 2>&1 || fail "the view is configured without libwebsockets"
 grep -q libwebsockets ../said || fail "$(cat ../said)"
 
-# help2man hands its program's path to a shell: the command that CMake wrote for a page, with a stand-in for the program.
+# help2man passes the program's path to a shell: runs the command that CMake wrote for a man page, with a script as the program.
 rm ../bin/help2man
 for folder in tests scripts meshes docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"

@@ -1,4 +1,4 @@
-/* Shares of the shaft, and friction in two regions, against sums by hand. */
+/* Tributary lengths of the shaft and friction in two regions, against sums by hand. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -50,8 +50,8 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     assert_share(&s, 0, true, 0.0, 1e-6);
 }
 
-/* Behind a tip that goes from one region into the next, the border moves from half way to where the regions meet, and no faster
-   than the tip: no contact then stands for shaft in the other region. */
+/* When the tip enters the next region, the border of the last tributary length moves from half way to the regions' boundary, no
+   faster than the tip, so that no contact represents shaft in the other region. */
 static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
@@ -65,7 +65,7 @@ static void tributary_lengths_end_at_region_boundaries(void **unused) {
         last = border;
     }
     s = inserted();
-    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the regions' border */
+    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the regions' boundary */
     s.strata[1].depth = 6e-3;
     assert_share(&s, 0, true, 0.0, 6e-3);
     assert_share(&s, 1, true, 6e-3, 10.5e-3);
@@ -81,7 +81,8 @@ static void friction_is_that_of_each_region(void **unused) {
     assert_close(shaft_resistance_of(&MODEL, &s, (shaft_share){1e-3, 2e-3}, 2e-3).dry, 1e-3 * (4.0 + 2.0 / M_E), 1e-15);
 }
 
-/* Anti-plane shear: a line that bears q per length in a medium of shear modulus mu is q / (2 pi mu) ln(R / r) ahead of it. */
+/* Anti-plane shear: a line with load q per length in a medium of shear modulus mu is displaced by q / (2 pi mu) ln(R / r) relative
+   to it. */
 static void shaft_leads_by_the_deformation_due_to_friction(void **unused) {
     (void)unused;
     insertion_state s = inserted();
@@ -94,7 +95,7 @@ static void shaft_leads_by_the_deformation_due_to_friction(void **unused) {
     s.contacts[2].slip = 2e-6; /* 2 mm/s */
     assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), logarithm * (10.0 + 50.0 * 2e-3) / (2.0 * M_PI * mu), 1e-15);
     s.contacts[2].slip = 0.0;
-    s.contacts[2].surplus_axial = 1e-3; /* what the node itself yields, m/N, of a share of 5 mm */
+    s.contacts[2].surplus_axial = 1e-3; /* the node's own compliance, m/N, with a tributary length of 5 mm */
     assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3), 5e-3 * 10.0 * (logarithm / (5e-3 * 2.0 * M_PI * mu) - 1e-3), 1e-15);
     s.contacts[2].friction = SLIP_BACKWARD;
     s.contacts[2].surplus_axial = 0.0;

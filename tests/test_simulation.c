@@ -1,4 +1,4 @@
-/* Save and restore: after a detour, into the same simulation or another one, the same bits follow. */
+/* Save and restore, into the same simulation after a detour or into another one: the results continue bit-identically. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 enum { MARKS = 12 };
 typedef struct { vec3 force[MARKS], torque[MARKS]; double depth[MARKS]; } recorded;
 
-/* Sideways, deeper, back past contact nodes, in again: nodes come and go. */
+/* Sideways, deeper, back past contact nodes, in again: nodes are added and removed. */
 static recorded go_on(lockstep *l) {
     static const double way[MARKS][3] = {{1, 2, 4}, {0, 0, 4}, {-1, 0, -3}, {0, 0, -5}, {0, 1, -4}, {0, 0, 6},
                                          {0, 0, 6}, {1, -2, 5}, {0, 0, -4}, {0, 0, 3}, {0, 0, 5}, {0, 0, -20}};
@@ -30,7 +30,7 @@ static void restore(lockstep *l, const checkpoint *saved) {
     l->base = l->state.needle.base;
 }
 
-/* Another way from the same point, with as many new nodes, whose numbers are then used again. */
+/* Another path from the same point with as many new nodes, so that their numbers are reused. */
 static void make_a_detour(lockstep *l) {
     lockstep_move(l, v3(-0.003, 0.004, 0.012), 0.3, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
@@ -88,7 +88,7 @@ static void restored_at_rest_engages_again(void **unused) {
     lockstep_free(l);
 }
 
-/* To the bit with nested on an inverse that is at hand as numbers; else to rounding. */
+/* Bit-identical with `nested` on a stored inverse; otherwise equal to rounding. */
 static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -123,7 +123,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* The same motion whoever owns the inverse; each owner says who it is. */
+/* The same motion with every kind of inverse; each kind is reported. */
 static void every_inverse_gives_the_same_forces(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -136,7 +136,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config config = lockstep_config();
         config.inverse = cases[i].choice;
-        config.roi.radius = cases[i].radius; /* the needle leaves the narrow one */
+        config.roi.radius = cases[i].radius; /* the needle leaves the narrow region */
         config.roi.from = v3(0.005, 0.003, 0);
         config.roi.to = v3(0.005, 0.003, 0.1);
         strcpy(config.cache, directory);
@@ -152,7 +152,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* In a replay as in the server: one tick without force, and the insertion starts over where the needle is. */
+/* As in the server: one tick without force, and the insertion restarts where the needle is. */
 static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What scripts/soak reads and how it judges, on made-up results: nothing is run.
+"""The parsing and the verdict of scripts/soak, on made-up results: nothing is run.
 
 usage: test_soak.py SOURCE_DIR
 """
@@ -52,7 +52,7 @@ for spoilt in ({"p99": 81.0}, {"allocations": 1}, {"minor": 1}, {"dropped": 1}, 
     text, good = judge(**spoilt)
     assert not good and text.count("**NO**") == 1, (spoilt, text)
 
-# A server that touches memory only in the first motion has none of it held against it; one that goes on growing fails.
+# Memory that the server touches in the first motion does not count as growth; a server that keeps growing fails.
 SERVER_STAND_IN = """#!/usr/bin/python3 -u
 import os, time
 print("scene\\nready")

@@ -1,5 +1,5 @@
 #!/bin/bash
-# scripts/spy on a virtual screen, beside server and device: see CheckSpy.java. Status 77: no network namespace here.
+# scripts/spy on a virtual screen, with server and device running: see CheckSpy.java. Status 77: no network namespace here.
 # usage: test_spy.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute

@@ -1,4 +1,4 @@
-/* Bevel-tip steering: which way, how much, and what it depends on. */
+/* Bevel-tip steering: direction, curvature, and its dependence on parameters. */
 #include "steering.h"
 
 #include <setjmp.h>
@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const double FROM = 0.03, TO = 0.08; /* m, depths between which a track's curvature is taken */
+static const double FROM = 0.03, TO = 0.08; /* m, range of depths for the track's curvature */
 
 static double curvature_of(const steering_case *c) {
     steering_track track = steering_run(c);
@@ -36,11 +36,12 @@ static void needle_without_bevel_goes_straight(void **unused) {
                   1e3 * steering_deflection(&stiff, v3(0, 1, 0)), 1e3 * steering_deflection(&thin, v3(1, 0, 0)), 1e3 * steering_deflection(&thin, v3(0, 1, 0)));
     assert_true(fabs(steering_deflection(&stiff, v3(1, 0, 0))) < 1e-4);
     assert_true(fabs(steering_deflection(&stiff, v3(0, 1, 0))) < 1e-4);
-    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* a coarse mesh leads a thin needle astray: verify_steering says how far */
+    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* a coarse mesh deflects a thin needle: verify_steering measures how far */
     assert_true(fabs(steering_deflection(&thin, v3(0, 1, 0))) < 5e-4);
 }
 
-/* Bevel to +y: toward -y. Rolled with the base by any angle: the same, rolled. The mesh is not symmetric, so not to the bit. */
+/* A bevel that faces +y steers toward -y. Rolling the base rolls the track with it, though not exactly, because the mesh is not
+   symmetric. */
 static void path_bends_away_from_the_bevels_face(void **unused) {
     (void)unused;
     double upright = 0.0;
@@ -59,8 +60,8 @@ static void path_bends_away_from_the_bevels_face(void **unused) {
     }
 }
 
-/* Turned half round, a thin needle curves the other way at once; a stiff one, whose bending decays over some 35 mm, ends where
-   superposition says. */
+/* After half a turn a thin needle curves the other way at once; a stiff one, whose bending decays over about 35 mm, ends where
+   superposition predicts. */
 static void half_turn_gives_an_s_shaped_track(void **unused) {
     (void)unused;
     steering_case cases[] = {steering_steel(0.1), steering_nitinol(0.05)};

@@ -1,4 +1,4 @@
-/* What is good arrives in the timeline, what is not is counted. */
+/* Valid messages reach the timeline; invalid ones are counted. */
 #include "subscriber.h"
 
 #include <stdlib.h>
@@ -100,7 +100,7 @@ static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
     assert_false(subscriber_alive(&f->feed));
 }
 
-/* Nothing is kept of the server before: its needle may be deep, the new one's is not. */
+/* Data of the previous server is dropped: its needle may be deep while the new one's is outside. */
 static void change_of_server_is_detected(void **state) {
     fixture *f = *state;
     pose base;
@@ -111,7 +111,7 @@ static void change_of_server_is_detected(void **state) {
     trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
     handle_all(f);
     hear_wrench(f, 1, 90002);
-    hear_wrench(f, 1, 90001); /* overtaken on the way */
+    hear_wrench(f, 1, 90001); /* delayed in the network */
     assert_true(f->feed.servers == 1 && f->feed.status && subscriber_base(&f->feed, &base));
     sleep_until(f->feed.heard + 500000001);
     hear_wrench(f, 2, 3);
@@ -135,7 +135,7 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* As they would come in by the network: no crash, all counted. */
+/* As the network might deliver them: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};

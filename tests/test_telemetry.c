@@ -1,4 +1,4 @@
-/* What monitors and viewers receive, through a real LCM object (memq, no network). */
+/* The messages to monitors and viewers, through a real LCM object (memq, no network). */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -68,7 +68,7 @@ static int close_fixture(void **state) {
     return 0;
 }
 
-/* A needle pushed 20 mm into the tissue in lockstep, as the haptic thread would show it. */
+/* Pushes a needle 20 mm into the tissue in lockstep and publishes it as the haptic thread would. */
 static void show_a_needle(fixture *f) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -157,7 +157,7 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_non_null(strstr(f->status->scene, "figure8.yaml"));
 }
 
-/* The viewer's picture is consistent: all nodes, pulled along with the needle, none moved if fixed. */
+/* The viewer's data is consistent: all nodes are present, the tissue moves with the needle, fixed nodes don't move. */
 static void the_tissue_moves_with_the_needle(void **state) {
     fixture *f = *state;
     show_a_needle(f);

@@ -1,4 +1,4 @@
-/* Timed ticks: the needle has the contacts that were asked for, and the times are those of the ticks. */
+/* Timed ticks: the needle has the requested number of contacts, and the times are plausible. */
 #include <setjmp.h>
 #include <string.h>
 #include <stdarg.h>
@@ -43,7 +43,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
     assert_int_equal(row.unstable, 0);
 }
 
-/* All ticks have the contacts asked for, though a needle that goes on for as many has more in the end. */
+/* All timed ticks have the requested contacts, although a needle that advances through as many ticks ends with more. */
 static void advances_with_the_requested_contacts(void **state) {
     (void)state;
     report why;
@@ -60,7 +60,7 @@ static void advances_with_the_requested_contacts(void **state) {
     assert_true(body.output.contacts > 5);
 }
 
-/* At least half of the ticks took the median or longer, all within the time that passed. */
+/* At least half of the ticks took the median or longer, and all of them fit into the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     report why;

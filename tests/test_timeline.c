@@ -1,4 +1,5 @@
-/* What a reader of the timeline gets: live the newest picture and each kept sample once, of a log everything or what there is room for. */
+/* A reader of the timeline gets, live, the newest picture and each stored sample once; of a log, everything or as much as there is
+   room for. */
 #include "timeline.h"
 
 #include <string.h>
@@ -13,7 +14,7 @@
 
 typedef struct { int pictures, samples; double last_picture, last_sample; } seen;
 
-/* Walks the sections as the page does. */
+/* Parses the sections as the page does. */
 static seen take(const byte_buffer *b) {
     seen s = {0};
     for (size_t at = 0; at < b->length;) {
@@ -72,7 +73,7 @@ static void live_readers_get_the_newest_picture(void **unused) {
     timeline_free(&t);
 }
 
-/* The ring forgets what is older than it is long, and a reader that comes late gets what is left, in order. */
+/* The ring drops the oldest samples; a late reader gets the remaining ones in order. */
 static void the_last_minute_is_kept(void **unused) {
     (void)unused;
     timeline t;
@@ -127,7 +128,7 @@ static void log_is_read_completely_in_parts(void **unused) {
     timeline_free(&t);
 }
 
-/* What has no room is thinned out evenly: the beginning stays, and the newest picture is always there. */
+/* A log that does not fit is thinned out evenly: its beginning is kept, and the newest picture is always present. */
 static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;

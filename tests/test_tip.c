@@ -1,4 +1,4 @@
-/* The tip's way through the mesh: where it touches, what stops it, the nodes that it leaves, and the way back. */
+/* The tip's path through the mesh: first touch, obstacles, the contact nodes left along the track, and retraction. */
 #include "lockstep.h"
 #include "insertion/obstacle.h"
 #include "insertion/tip.h"
@@ -69,7 +69,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
     lockstep_free(l);
 }
 
-/* At the capsule, with so many layers noted already. */
+/* At the capsule, with `layers` layers already recorded. */
 static tick_output into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
@@ -103,7 +103,7 @@ static void tip_never_enters_bone(void **unused) {
     lockstep_free(l);
 }
 
-/* Nodes are left in order, no closer than the spacing, each on the track; the way back takes them up and ends outside. */
+/* Contact nodes are left in order on the track, no closer than the spacing; retraction removes them and ends outside. */
 static void insertion_and_retraction(void **unused) {
     (void)unused;
     lockstep *l = touching();

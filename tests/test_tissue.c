@@ -1,4 +1,4 @@
-/* Stiffness against hand calculations: element energy, patch test, a bar in tension, bodies that nothing holds. */
+/* Stiffness against hand calculations: element energy, patch test, a bar in tension, unconstrained bodies. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -108,7 +108,7 @@ static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     return u;
 }
 
-/* Fields u = d z vanish on the held face; with a constant stress they solve the problem exactly on any mesh. */
+/* Fields u = d z vanish on the fixed face; under constant stress they are the exact solution on any mesh. */
 static void patch_test(void **state) {
     (void)state;
     cube c;
@@ -131,7 +131,7 @@ static void patch_test(void **state) {
 static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     (void)state;
     cube c;
-    double pull = 3.0, e = 10e3; /* N, Pa; nu = 0: the held end does not disturb the stress */
+    double pull = 3.0, e = 10e3; /* N, Pa; nu = 0: the fixed end does not disturb the stress */
     make_uniform(&c, e, 0.0);
     double sigma[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, pull / (CUBE_EDGE * CUBE_EDGE)}};
     cholmod_dense *u = solve_under_stress(&c, sigma);
@@ -141,7 +141,7 @@ static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     cube_free(&c);
 }
 
-/* ---- what holds the body ---- */
+/* ---- constraints ---- */
 
 static void assert_refused(cube *c, const char *words) {
     report why = {""};
@@ -156,10 +156,10 @@ static void loose_bodies_are_refused(void **state) {
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     memset(c.fixed, 0, sizeof c.fixed);
     assert_refused(&c, "no node is fixed");
-    for (int i = 0; i < CUBE_NODES; i += 17) { /* turns about the node */
+    for (int i = 0; i < CUBE_NODES; i += 17) { /* free to rotate about the node */
         c.fixed[i] = true;
         assert_refused(&c, "do not constrain");
-        for (int j = 3; j < CUBE_NODES; j += 29) { /* turns about the line through two */
+        for (int j = 3; j < CUBE_NODES; j += 29) { /* free to rotate about the line through two nodes */
             if (i == j) continue;
             c.fixed[j] = true;
             assert_refused(&c, "do not constrain");
@@ -167,7 +167,7 @@ static void loose_bodies_are_refused(void **state) {
         }
         c.fixed[i] = false;
     }
-    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three off one line are enough */
+    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three nodes not on one line are enough */
     assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
     tissue_free(&c.tissue);
     memset(c.fixed, 1, sizeof c.fixed);

@@ -1,5 +1,5 @@
 #!/bin/bash
-# trocar-top beside a running server: on a screen of tmux, in a dumb terminal, and without a server. Status 77: no namespace.
+# trocar-top with a running server, in tmux and in a dumb terminal, and without a server. Status 77: no namespace here.
 # usage: test_top.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 top=$1/clients/trocar-top # absolute
@@ -14,7 +14,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; cat screen once 2>/dev/null || true; exit 1; }
 screen() { tmux -S tmux capture-pane -p >screen; }
 
-# Waits up to 10 s until the screen holds a line of this pattern.
+# Waits up to 10 s for a line that matches this pattern on the screen.
 appears() {
     for _ in $(seq 100); do
         screen
@@ -41,7 +41,7 @@ appears '^\|.*#.*\|.*#'
 first=$(sed -n 's/.* tick //p' screen)
 sleep 0.5
 screen
-[ "$(sed -n 's/.* tick //p' screen)" -gt "$first" ] || fail "the screen stands still"
+[ "$(sed -n 's/.* tick //p' screen)" -gt "$first" ] || fail "the screen is not updated"
 tmux -S tmux resize-window -x 60 -y 10
 appears '^stage, us '
 kill $device

@@ -1,4 +1,4 @@
-/* Hand-over buffers under two threads that push as hard as they can; also meaningful under ThreadSanitizer. */
+/* Lock-free buffers between two threads at full speed; also useful under ThreadSanitizer. */
 #include <pthread.h>
 #include <sched.h>
 #include <string.h>
@@ -27,7 +27,7 @@ static void *write_blocks(void *context) {
     return NULL;
 }
 
-/* Each block read must be whole, never older than the one before, and the last one written must arrive. */
+/* Each block read must be consistent and never older than the previous one, and the last one written must arrive. */
 static void newest_value_is_never_torn_and_never_older(void **unused) {
     (void)unused;
     triple_buffer n;
@@ -70,7 +70,7 @@ static void newest_value_is_fresh_once(void **unused) {
     triple_buffer_free(&n);
 }
 
-/* What the reader holds stays as it is, however often the writer goes on. */
+/* The slot being read does not change, however often the writer writes. */
 static void a_slot_that_is_read_does_not_change(void **unused) {
     (void)unused;
     triple_buffer n;

@@ -1,6 +1,6 @@
 #!/bin/bash
-# Two servers on one URL: both and all clients say so, and the device renders one of them only, until that one ends. Status 77: no
-# network namespace.
+# Two servers on one URL: both servers and all clients report it, and the device renders only one of them, until that one ends.
+# Status 77: no network namespace here.
 # usage: test_two_servers.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -36,13 +36,13 @@ for pair in "first second" "second first"; do
 done
 grep -qE "following ($(number_of first), not $(number_of second)|$(number_of second), not $(number_of first));" device ||
     fail "the device does not name both"
-grep -qE '^! two servers' top || fail "top does not tell"
+grep -qE '^! two servers' top || fail "top does not report two servers"
 grep -qE "^! last fault +two servers" top || fail "top does not show the server's message"
 grep -q '"puncture_count": 2' report.json || fail "not 2 punctures: $(grep count report.json)"
 grep -q '"wrenches_lost": 0' report.json || fail "wrenches were lost: $(grep lost report.json)"
-grep -qE '"wrenches_of_other_servers": [1-9]' report.json || fail "no wrench of another server was left out"
+grep -qE '"wrenches_of_other_servers": [1-9]' report.json || fail "no wrench of the other server was ignored"
 
-# When one ends, the other is followed, and complains no more.
+# When one server ends, clients follow the other, which no longer reports two servers.
 "$build/clients/trocar-device" --script figure8 --report report.json >device 2>&1 & device=$!
 sleep 1
 kill $one
@@ -50,6 +50,6 @@ wait $device || fail "the device: status $?"
 [ "$(sed -n 's/.*"wrenches_received": \([0-9]*\),/\1/p' report.json)" -gt 2000 ] || fail "the other server is not followed: $(grep received report.json)"
 sleep 1.2
 "$build/clients/trocar-top" --once >top || fail "no server for top"
-! grep -q 'two servers' top || fail "the other server still complains"
+! grep -q 'two servers' top || fail "two servers are still reported"
 kill $two
 echo passed

@@ -1,5 +1,5 @@
 #!/bin/sh
-# systemd's own opinion of the unit, its program being the one just built.
+# Checks the systemd unit with systemd-analyze, with the server just built as its program.
 # usage: test_unit.sh UNIT SERVER
 set -eu
 
@@ -10,6 +10,6 @@ grep -q "^ExecStart=\"$2\" --scene" "$work/trocar-server.service"
 systemd-analyze verify "$work/trocar-server.service" >"$work/complaints" 2>&1 || { cat "$work/complaints"; exit 1; }
 if [ -s "$work/complaints" ]; then cat "$work/complaints"; exit 1; fi
 
-# It must notice a fault.
+# A wrong unit must be refused.
 sed -i 's/^Restart=.*/Restart=sometimes/' "$work/trocar-server.service"
 systemd-analyze verify "$work/trocar-server.service" 2>&1 | grep -q sometimes

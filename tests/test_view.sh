@@ -1,5 +1,5 @@
 #!/bin/bash
-# The viewer as a whole, in a private network namespace: with a live server, or with a log, pictures of it included.
+# The complete viewer in a private network namespace: with a live server, or with a log and pictures of it.
 # Status 77: this machine has no Chromium, no npm or no namespaces.
 # usage: test_view.sh BUILD_DIR SOURCE_DIR live|log [OUT_DIR]
 set -euo pipefail
@@ -19,11 +19,11 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
 [ "$part" = log ] || exit 0
 
-# A picture without a window, and what is wrong said with exit status 2 and no file.
+# The picture that log_test.mjs took without options is a PNG. Wrong options give exit status 2, a message and no file.
 show=("$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
-"${show[@]}" --png "$work/at.png" --at 0.5
-head -c 8 "$work/at.png" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"
-[ "$(stat -c %s "$work/at.png")" -gt 20000 ] || fail "an empty picture"
+taken=${out:-$work}/png-plain.png
+head -c 8 "$taken" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"
+[ "$(stat -c %s "$taken")" -gt 20000 ] || fail "the picture is empty"
 
 refuses() {
     local text=$1 status=0
@@ -34,7 +34,7 @@ refuses() {
 }
 refuses "--at 99 s is after the last pose" "${show[@]}" --png "$work/late.png" --at 99
 head -c 50000 "$source/tests/traces/figure8.log" >"$work/cut.log"
-refuses "the log is cut short; showing it up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
+refuses "the log is truncated; showing it up to there" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$work/cut.log" \
     --png "$work/late.png" --at 99
 refuses "--png needs --log" "$build/clients/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1
@@ -46,5 +46,5 @@ refuses "does not cross the body, which extends from 0.0 to 100.0 mm" "${show[@]
 refuses none.yaml "$build/clients/view/trocar-view" --scene none.yaml
 refuses "the page is not built" "${show[@]}" --page /nowhere
 refuses /nowhere/x.png "${show[@]}" --png /nowhere/x.png
-[ -z "$(find "$work" -name 'late*')" ] || fail "a file is left of a picture that could not be taken"
+[ -z "$(find "$work" -name 'late*')" ] || fail "a failed picture left a file"
 echo passed

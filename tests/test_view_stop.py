@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Stopping trocar-view while a browser drives: the needle is released, and the program ends in good order.
+"""Stopping trocar-view while a browser drives: the needle is released, and the program exits cleanly.
 
 usage: test_view_stop.py BUILD_DIR SOURCE_DIR
 Recorded wrenches, played by LCM, stand in for a server.
@@ -19,7 +19,7 @@ ACKNOWLEDGE, TAKE, STATUS = 1, 2, 4
 
 
 def write_log(path):
-    """The wrenches of the figure 8, of a needle that nobody holds, 10 a second."""
+    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns."""
     log, at, time = open(f"{SOURCE}/tests/traces/figure8-golden.log", "rb").read(), 0, 1
     with open(path, "wb") as out:
         while at < len(log):
@@ -35,7 +35,7 @@ def write_log(path):
 
 
 def connect(port):
-    """A WebSocket on which trocar-view has agreed, and what came after its answer."""
+    """Opens a WebSocket to trocar-view; returns it and the stream after the handshake."""
     view = socket.create_connection(("127.0.0.1", port), timeout=30)
     view.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
                  "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
@@ -48,7 +48,7 @@ def connect(port):
 
 
 def say(view, action):
-    view.sendall(struct.pack("<BB4xI28x", 0x82, 0x80 | 32, action))  # masked by zeros
+    view.sendall(struct.pack("<BB4xI28x", 0x82, 0x80 | 32, action))  # masked with zeros
 
 
 def frames(stream):
@@ -68,7 +68,7 @@ def statuses(frame):
 
 
 def drive(port):
-    """Asks for the needle until it is had."""
+    """Requests the needle until the browser has it."""
     view, stream = connect(port)
     for frame in frames(stream):
         say(view, ACKNOWLEDGE)

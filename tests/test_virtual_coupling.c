@@ -1,5 +1,5 @@
-/* The port by hand, and the closed loop that it must keep stable: a simulated hand, a network that is late and loses
-   messages, the coupling, and a needle in tissue or a plain spring of any stiffness. */
+/* The virtual coupling alone, and the closed loop that it must keep stable: a simulated hand, a network with delay and loss, the
+   coupling, and a needle in tissue or a spring of any stiffness. */
 #include <math.h>
 
 #include "hand.h"
@@ -21,7 +21,7 @@ static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
                          .base = {v3(x, 0, 0), {1, 0, 0, 0}}};
 }
 
-/* ---- the parts ---------------------------------------------------------------------------------------------------------- */
+/* ---- the coupling alone ------------------------------------------------------------------------------------------------- */
 
 static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     (void)unused;
@@ -33,7 +33,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     s = sample(6, 0, 3);
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     assert_int_equal(coupling_receive(&p, &s), -1); /* the same pose */
-    static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS}; /* again, older, none, to come, nonsense */
+    static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS}; /* repeated, older, none, future, invalid */
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         s = sample(7 + (int64_t)i, 0, others[i]);
         assert_int_equal(coupling_receive(&p, &s), -1);
@@ -50,12 +50,12 @@ static void energy_is_the_work_of_the_hand_against_the_rendered_wrench(void **un
     coupling_engage(&p, &s);
     coupling_send(&p, 1, 0, v3(-2, 0, 0), v3(0, 0, -0.5));
     coupling_send(&p, 2, 0, v3(-4, 0, 0), v3(0, 0, 0));
-    s = sample(1, 0.010, 1); /* 10 mm against 2 N, a tenth of an rad against 0.5 N m */
+    s = sample(1, 0.010, 1); /* 10 mm against 2 N, 0.1 rad against 0.5 N m */
     s.base.orientation = q_exp(v3(0, 0, 0.1));
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy - 0.07) < 1e-12 && p.lowest == 0.0 && !coupling_active(&p));
     s.received++;
-    s.base.position.x = -0.010; /* 20 mm back with 4 N */
+    s.base.position.x = -0.010; /* 20 mm back, 4 N */
     s.wrench_tick = 2;
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
@@ -73,7 +73,7 @@ static void rigid_coupling_changes_nothing(void **unused) {
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
 }
 
-/* Held against a wall for long, spring and damper come to rest at the spring's stretch. */
+/* Held against a wall for long enough, spring and damper settle at the spring's stretch. */
 static void the_coupling_settles_at_its_stiffness(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -96,7 +96,7 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, r from the hand to the base */
 }
 
-/* Four ticks to a pose: a device that takes one wrench in four feels the same damper in each. */
+/* Four ticks per pose: a device that uses one wrench in four feels the same damper in each. */
 static void damper_acts_between_poses(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -127,21 +127,21 @@ static void damper_acts_between_poses(void **unused) {
 
 /* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
 
-enum { FLIGHT = 64 };                /* messages on their way, at most */
+enum { FLIGHT = 64 };                /* most messages in flight */
 
 typedef struct {
     double period, sampling;         /* s, of the server and of the device */
     double mass;                     /* kg */
-    double delay, jitter;            /* s, each way: at least, and at random on top of it */
-    int lost;                        /* of a hundred messages */
+    double delay, jitter;            /* s, each way: minimum, and random addition */
+    int lost;                        /* percent of messages */
     double knock;                    /* m/s */
     device_limits limits;
 } situation;
 
-/* What the needle is in: the base's force (N, on the hand) and place when it rests on a spring at `rest`. */
+/* The needle's surroundings: give the base's force (N, on the hand) and position when it hangs on a spring from `rest`. */
 typedef struct {
     lockstep *tissue;                /* or NULL: a plain spring to x = 0 */
-    double stiffness;                /* N/m, of that */
+    double stiffness;                /* N/m, of that spring */
 } surroundings;
 
 /* A weakly damped hand and the server, each at its own rate. */
@@ -152,10 +152,10 @@ typedef struct {
     virtual_coupling port;
     int64_t now, next_tick, next_sample; /* ns */
     int64_t tick, seq;
-    pose_sample poses[FLIGHT], newest;   /* sent, by number modulo FLIGHT; arrived */
+    pose_sample poses[FLIGHT], newest;   /* sent, by number modulo FLIGHT; newest arrived */
     coupling_wrench wrenches[FLIGHT], felt;
-    int64_t arrives[FLIGHT];             /* ns, the wrenches */
-    double worst;                        /* m/s, the hand's highest speed since it was cleared */
+    int64_t arrives[FLIGHT];             /* ns, when the wrenches arrive */
+    double worst;                        /* m/s, highest speed of the hand since the last reset */
     int64_t saturated;                   /* ticks */
 } loop;
 
@@ -194,7 +194,7 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
 static void serve(loop *l, surroundings *in) {
     const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
-    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest that has arrived; an older one is refused */
+    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest that has arrived; older ones are refused */
         if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
     safety_decision decision = safety_pose(&l->guard, limits, &l->newest, l->now);
     assert_true(l->tick == 0 || decision != SAFETY_ENGAGE);
@@ -232,7 +232,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* The hand is knocked, then left alone: does its motion die away, to a fifth at least where its own damping can? */
+/* True if the hand's motion dies away after a knock, at least to a fifth where its own damping can do that. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -249,7 +249,7 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* The stiffest that a scene may ask for, as docs/connect-a-device.md says: full slew for a hand of 1 m/s. */
+/* The highest stiffness that a scene may request according to docs/connect-a-device.md: full slew for a hand of 1 m/s. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
@@ -264,7 +264,7 @@ static int64_t try_springs(const situation *s) {
     for (double stiffness = 10; stiffness < 1e7; stiffness *= 6) {
         surroundings in = {.stiffness = stiffness};
         loop_init(&l, s, v3(0, 0, 0));
-        loop_run(&l, &in, v3(0, 0, 0), 1.0); /* learns the delay */
+        loop_run(&l, &in, v3(0, 0, 0), 1.0); /* measures the delay */
         if (!dies_away(&l, &in, v3(0, 0, 0)))
             fail_msg("%g and %g s, mass %g, delay %g, jitter %g, lost %d, limit %g, %g N/s, stiffness %g: %g m/s at the end", s->period, s->sampling,
                      s->mass, s->delay, s->jitter, s->lost, s->limits.max_stiffness, s->limits.max_force_rate, stiffness, l.worst);
@@ -273,7 +273,7 @@ static int64_t try_springs(const situation *s) {
     return saturated;
 }
 
-/* Knocked so hard that force and slew are at their limits; on a good network and on a bad one. */
+/* Knocked so hard that force and slew reach their limits, on a good and on a bad network. */
 static void stable_against_a_spring_of_any_stiffness(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
@@ -288,7 +288,7 @@ static void stable_against_a_spring_of_any_stiffness(void **unused) {
     }
 }
 
-/* The server slower and faster than the device, and both fast. */
+/* The server slower than the device, faster than it, and both fast. */
 static void stable_at_other_rates(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
@@ -302,7 +302,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling, or with a slew that lags behind, the same loops are not stable: the test can fail. */
+/* Without the coupling, or with a slew limit that is too low, the same loops are unstable: the tests above can fail. */
 static void unstable_without_the_coupling_or_with_a_slow_slew(void **unused) {
     (void)unused;
     static loop l;
@@ -319,7 +319,7 @@ static void unstable_without_the_coupling_or_with_a_slow_slew(void **unused) {
     assert_false(dies_away(&l, &in, v3(0, 0, 0)));
 }
 
-/* A needle pushed 20 mm into tissue by the hand, knocked there; then on against bone. */
+/* The hand pushes the needle 20 mm into tissue and is knocked there; then it goes on against bone. */
 static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};
@@ -327,7 +327,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     insertion_reset(&tissue->simulation.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
-        target.z += 0.2e-3; /* the hand's spring stretches: the needle follows some way */
+        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows part of the way */
         loop_run(&l, &in, target, DT);
     }
     loop_run(&l, &in, target, 0.5);

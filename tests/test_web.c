@@ -1,4 +1,4 @@
-/* Who may open a WebSocket, what it may say, and browsers that hang. The rest of the web server is seen through a browser:
+/* Access to the WebSocket, its messages, and browsers that hang. The rest of the web server is tested through a browser:
    tests/view. */
 #define _GNU_SOURCE /* memmem */
 #include "web.h"
@@ -24,12 +24,12 @@ static void only_own_pages_may_connect(void **unused) {
         {"http://localhost:8686", "localhost:8686", NULL, NULL, true},
         {"http://LocalHost", "localhost", NULL, NULL, true},
         {"http://[::1]:8686", "[::1]:8686", NULL, NULL, true},
-        {"", "127.0.0.1:8686", NULL, NULL, false},                              /* no browser */
+        {"", "127.0.0.1:8686", NULL, NULL, false},                              /* not a browser */
         {"null", "127.0.0.1:8686", NULL, NULL, false},                          /* a file, a sandboxed frame */
         {"http://evil.example", "127.0.0.1:8686", NULL, NULL, false},
         {"http://127.0.0.1:9999", "127.0.0.1:8686", NULL, NULL, false},         /* another program's page on this machine */
         {"https://127.0.0.1:8686", "127.0.0.1:8686", NULL, NULL, false},
-        {"http://evil.example:8686", "evil.example:8686", NULL, NULL, false},   /* its name leads to 127.0.0.1 */
+        {"http://evil.example:8686", "evil.example:8686", NULL, NULL, false},   /* a name that resolves to 127.0.0.1 */
         {"http://127.0.0.1.evil.example:8686", "127.0.0.1.evil.example:8686", NULL, NULL, false},
         {"http://localhost.evil.example", "localhost.evil.example", NULL, NULL, false},
         {"http://10.0.0.5:8686", "10.0.0.5:8686", NULL, NULL, false},
@@ -55,7 +55,7 @@ static void missing_page_is_reported(void **unused) {
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
 }
 
-/* Every 127.x.y.z is this machine: what listens on all addresses would answer on 127.0.0.2, too. */
+/* Every 127.x.y.z is this machine: a server that listened on all addresses would also answer on 127.0.0.2. */
 static bool answers(const char *address, int port) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     inet_pton(AF_INET, address, &there.sin_addr);
@@ -100,11 +100,11 @@ enum { TEXT = 1, BINARY = 2, CLOSE = 8 };
 typedef struct {
     int socket;
     unsigned char got[1 << 16];
-    size_t length, taken;    /* bytes: received, and of frames that were looked at */
+    size_t length, taken;    /* bytes received, and bytes of frames already parsed */
     bool open, closed;
-    int answer;              /* HTTP status, 0 before it has come */
+    int answer;              /* HTTP status, 0 before it arrives */
     int updates;
-    int end;                 /* status code of the WebSocket's end, 0: none was given */
+    int end;                 /* status code of the WebSocket's close frame, 0: none */
     char reason[126];
 } client;
 
@@ -113,7 +113,7 @@ typedef struct {
     timeline timeline;
     byte_buffer scene;
     int takes, releases;
-    bool no_server;          /* nobody may drive */
+    bool no_server;          /* driving is not allowed */
 } fixture;
 
 static char *describe(void *context, bool drives, bool driven) {
@@ -146,12 +146,12 @@ static void close_fixture(fixture *f) {
 }
 
 static void say(const client *c, int opcode, uint32_t kind, size_t length) {
-    unsigned char frame[6 + 64] = {(unsigned char)(0x80 | opcode), (unsigned char)(0x80 | length)}; /* masked by zeros */
+    unsigned char frame[6 + 64] = {(unsigned char)(0x80 | opcode), (unsigned char)(0x80 | length)}; /* masked with zeros */
     memcpy(frame + 6, &kind, sizeof kind);
     assert_int_equal(write(c->socket, frame, 6 + length), 6 + length);
 }
 
-/* Looks at one whole frame; false when there is none. */
+/* Parses one complete frame; false if there is none. */
 static bool take_frame(client *c) {
     const unsigned char *frame = c->got + c->taken;
     size_t left = c->length - c->taken, head = left >= 2 && frame[1] == 126 ? 4 : 2;
@@ -175,7 +175,7 @@ static void take_answer(client *c) {
     c->open = c->answer == 101;
 }
 
-/* The web's round, then the client's. */
+/* One round of the web server, then of each client. */
 static void go_round(fixture *f, client *clients, int count) {
     web_round(f->web);
     for (client *c = clients; c < clients + count; c++) {
@@ -187,7 +187,7 @@ static void go_round(fixture *f, client *clients, int count) {
     }
 }
 
-/* Connects, says nothing. */
+/* Connects without sending anything. */
 static void connect_client(fixture *f, client *c) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)web_port(f->web)), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     *c = (client){.socket = socket(AF_INET, SOCK_STREAM, 0)};
@@ -195,7 +195,8 @@ static void connect_client(fixture *f, client *c) {
     fcntl(c->socket, F_SETFL, O_NONBLOCK);
 }
 
-/* Sends a request and waits for the answer's head. `origin` NULL: none; `protocol` NULL: plain HTTP, "": a WebSocket that names none. */
+/* Sends a request and waits for the head of the answer. `origin` NULL: none; `protocol` NULL: plain HTTP, "": a WebSocket without
+   one. */
 static void request(fixture *f, client *c, const char *host, const char *origin, const char *protocol) {
     connect_client(f, c);
     dprintf(c->socket, "GET / HTTP/1.1\r\nHost: %s:%d\r\n", host, web_port(f->web));
@@ -212,7 +213,7 @@ static void join(fixture *f, client *c) {
     assert_int_equal(c->answer, 101);
 }
 
-/* Answers what it has got since `seen`. */
+/* Acknowledges the updates received since `seen`. */
 static void acknowledge(const client *c, int *seen) {
     for (; *seen < c->updates; ++*seen) say(c, BINARY, ACTION_ACKNOWLEDGE, WEB_ACTION_BYTES);
 }
@@ -233,7 +234,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     }
     assert_int_equal(f.takes, 1);
     say(lively, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
-    while (lively->updates < 10) { /* one status each: more than it may be silent for */
+    while (lively->updates < 10) { /* one status each: longer than the permitted silence */
         go_round(&f, clients, 2);
         acknowledge(lively, &answered);
     }
@@ -241,12 +242,13 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     assert_int_equal(hung->updates, 2);
     assert_true(hung->closed && !lively->closed);
     close(lively->socket);
-    while (f.releases == 1) go_round(&f, NULL, 0); /* it is gone */
+    while (f.releases == 1) go_round(&f, NULL, 0); /* the client is disconnected */
     close(hung->socket);
     close_fixture(&f);
 }
 
-/* Without a server, nobody takes the needle; when the server goes, it is let go of, and who drove must take it again. */
+/* Without a server nobody can take the needle; when the server disappears, the needle is released, and the driver must take it
+   again. */
 static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     (void)unused;
     fixture f;
@@ -271,8 +273,8 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
-/* All places taken by sockets that say nothing: the next browser is told so, and has a place once they have hung. Sockets that
-   never ask for anything keep nobody out. */
+/* Silent browsers take all places: the next one is told so, and gets a place once they have timed out. Sockets that never send a
+   request block nobody. */
 static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
     enum { IDLE = 300 };
@@ -306,7 +308,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     static client c;
     open_fixture(&f, 0);
     for (size_t i = 0; i < sizeof protocols / sizeof *protocols; i++)
-        for (int renamed = 0; renamed < 2; renamed++) { /* its own name, pointed at 127.0.0.1 */
+        for (int renamed = 0; renamed < 2; renamed++) { /* the site's own name, resolved to 127.0.0.1 */
             request(&f, &c, renamed ? "evil.example" : "127.0.0.1", "evil.example", protocols[i]);
             if (c.answer != 403 && !(c.answer == 0 && c.closed))
                 fail_msg("protocol %s: %d", protocols[i] ? protocols[i] : "(no WebSocket)", c.answer);

@@ -1,5 +1,5 @@
-/* Buffers that run out of memory: they say so, keep what they have, and can be used again. What is encoded in them is
-   tested by its readers: test_timeline.c and tests/view. */
+/* Buffers that run out of memory report it, keep their data and can be used again. The encoding is tested by its readers:
+   test_timeline.c and tests/view. */
 #include "wire_format.h"
 
 #include <string.h>
@@ -11,7 +11,7 @@
 #include <cmocka.h>
 
 const char *__asan_default_options(void);
-const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* malloc fails as without the sanitizer */
+const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* malloc returns NULL as without the sanitizer */
 
 static const char text[] = "0123456789abcdef";
 
@@ -24,7 +24,7 @@ static void a_buffer_grows(void **unused) {
     bytes_free(&b);
 }
 
-/* Appending after a failure must not move the data away from under the buffer. */
+/* A failed append must leave the buffer's data in place. */
 static void buffer_without_memory_keeps_its_data(void **unused) {
     (void)unused;
     static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* never read: there is no memory for them */

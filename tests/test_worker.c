@@ -1,5 +1,5 @@
-/* The worker with a stand-in for the simulation, put in its place by the linker: newest request first, failures are told once.
-   What the simulation itself does with requests: test_api_sim.c. */
+/* The worker with a mock simulation, which the linker wraps around the real one: the newest request is served first, and failures
+   are reported once. The real simulation's answers are tested in test_api_sim.c. */
 #include <pthread.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -38,7 +38,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer in 20 ms; and ten slices of 5 ms to each request. */
+/* An answer takes 20 ms, and each request has ten slices of 5 ms of looking ahead. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;
@@ -71,7 +71,7 @@ static void ask(fixture *f, int serial) {
     wake(f->requested);
 }
 
-/* The last request answered, once it is `serial`, or after a second. */
+/* Waits until request `serial` is answered, for at most a second; returns the last one answered. */
 static int answer(fixture *f, int serial) {
     int64_t end = monotonic_ns() + 1000000000;
     do sleep_until(monotonic_ns() + 1000000);
@@ -127,7 +127,7 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_true(atomic_load(&f->worker.failed));
     assert_string_equal(f->worker.why.text, "request 66: no good");
     assert_int_equal(atomic_load(&f->answered), 1);
-    ask(f, 2); /* and it goes on */
+    ask(f, 2); /* recovers */
     assert_int_equal(answer(f, 2), 2);
 }
 
@@ -140,7 +140,7 @@ static void idle_time_is_used_for_prefetching(void **state) {
     assert_int_equal(atomic_load(&f->slices), 10);
 }
 
-/* A request comes first: it waits for no more than the slice that is under way. */
+/* Requests have priority: they wait only for the slice in progress. */
 static void a_request_interrupts_looking_ahead(void **state) {
     fixture *f = *state;
     ask(f, 1);

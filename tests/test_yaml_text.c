@@ -1,4 +1,4 @@
-/* Lines of keys, counted by eye. */
+/* Line numbers of keys. */
 #include "scene/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>

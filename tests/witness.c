@@ -6,11 +6,15 @@
    machine that kept time has failed. One that fails while the machine stood still is run once more; if it fails
    again, the status is 77 (skipped) and the message says how long the machine was away.
 
-   A sanitizer's report is a failure on any machine, and so is a program that a signal kills.
+   A sanitizer's report in the command's output is a failure on any machine, and so is a program that a signal kills. (Not in a
+   file: of a program with both, UBSan writes to the standard error output whatever the option log_path says, as of GCC 12.)
    --once: no second run, for instrumented programs, which are slow. --reports: nothing else is a failure, for ThreadSanitizer,
    under which a tick takes milliseconds now and then (its shadow memory is mapped on first touch). */
 #define _GNU_SOURCE
 #include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <poll.h>
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -18,6 +22,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/pidfd.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -66,37 +71,51 @@ static void *observe(void *context) {
     return NULL;
 }
 
-/* Passes on what the command writes; tells whether a sanitizer had something to report. */
-static bool pass_on(int pipe_end) {
+/* Passes on what the command writes until it has ended, and tells whether a sanitizer had something to report. A process left in the
+   background may hold the pipe open, and write to it, for ever: what the command itself wrote is then at most what a pipe holds. */
+static bool pass_on(int pipe_end, int process) {
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* carried over from one piece to the next: longer than a report's mark */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
+    static char text[CARRIED + 4096];
+    struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};
     bool reported = false;
-    char line[4096];
-    FILE *output = fdopen(pipe_end, "r");
-    while (output != NULL && fgets(line, sizeof line, output) != NULL) {
-        for (size_t i = 0; i < sizeof reports / sizeof *reports; i++) reported |= strstr(line, reports[i]) != NULL;
-        fputs(line, stdout);
+    size_t carried = 0;
+    for (long left = LONG_MAX; left > 0;) {
+        int found = poll(sources, 2, -1);
+        if (found < 0 && errno == EINTR) continue;
+        if (found < 0) break;
+        if (sources[1].revents != 0 && left > PIPE_HOLDS) left = PIPE_HOLDS;
+        ssize_t count = sources[0].revents != 0 ? read(pipe_end, text + carried, sizeof text - carried) : 0;
+        if (count <= 0) break;
+        left -= count;
+        fwrite(text + carried, 1, (size_t)count, stdout);
         fflush(stdout);
+        size_t length = carried + (size_t)count;
+        for (size_t i = 0; i < sizeof reports / sizeof *reports; i++) reported |= memmem(text, length, reports[i], strlen(reports[i])) != NULL;
+        carried = length < CARRIED ? length : CARRIED;
+        memmove(text, text + length - carried, carried);
     }
-    if (output != NULL) fclose(output);
     return reported;
 }
 
 static int run(char *const command[], bool *reported) {
-    int status, ends[2];
-    if (pipe(ends) != 0) return 126;
+    int status = 0, ends[2];
+    if (pipe2(ends, O_CLOEXEC) != 0) return 126;
     pid_t child = fork();
     if (child == 0) {
         dup2(ends[1], STDOUT_FILENO);
         dup2(ends[1], STDERR_FILENO);
-        close(ends[0]);
-        close(ends[1]);
         execvp(command[0], command);
         fprintf(stderr, "witness: cannot run %s: %s\n", command[0], strerror(errno));
         _exit(126);
     }
     close(ends[1]);
-    if (child < 0) return 126;
-    *reported = pass_on(ends[0]);
+    int process = child > 0 ? pidfd_open(child, 0) : -1;
+    if (process >= 0) *reported = pass_on(ends[0], process);
+    else perror("witness: no process to watch");
+    close(ends[0]);
+    close(process);
+    if (process < 0) return 126;
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }

@@ -1,1 +1,1 @@
-"""From a patient's outlines to a mesh and a scene: see README.md beside this file."""
+"""From a patient's outlines to a mesh and a scene: see README.md in this folder."""

@@ -1,7 +1,7 @@
 """Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
 
-The first region is the gland: its surface is the membrane `capsule`. Regions that touch share their surface; where they
-overlap, the smaller one has it. Outlines and surfaces are taken to be in DICOM's patient coordinates, millimetres.
+The first region is the gland: its surface is the membrane `capsule`. Regions that touch share their surface; overlaps
+belong to the smaller region. Outlines and surfaces are in DICOM's patient coordinates, millimetres.
 """
 import argparse
 import os
@@ -13,19 +13,19 @@ from . import contours, limits, picture, pipeline, quality, reading, scene
 
 def parse_arguments(arguments):
     parser = argparse.ArgumentParser("anatomy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("input", nargs="+", help="one file of outlines (.dcm, .csv), or surfaces (.stl, .ply), one a region, named as the file")
-    parser.add_argument("--list", action="store_true", help="list the regions of interest and end")
+    parser.add_argument("input", nargs="+", help="one file of outlines (.dcm, .csv), or surfaces (.stl, .ply), one per region, named after the file")
+    parser.add_argument("--list", action="store_true", help="list the regions of interest and exit")
     parser.add_argument("--roi", action="append", default=[], metavar="NAME", help="soft region, the gland first; may be repeated")
     parser.add_argument("--bone", action="append", default=[], metavar="NAME", help="region that no needle enters; may be repeated")
     parser.add_argument("--output", default="patient", metavar="PREFIX", help="writes PREFIX.msh, .yaml, -quality.md, -quality.svg (default: patient)")
-    parser.add_argument("--nodes", type=int, default=570, help="number of nodes, hit within 10 %% (default 570)")
+    parser.add_argument("--nodes", type=int, default=570, help="number of nodes, reached within 10 %% (default 570)")
     parser.add_argument("--corridor", type=float, nargs=3, metavar=("X", "Y", "RADIUS"),
                         help="mm: elements of half the size around this line along z, in the mesh's frame")
-    parser.add_argument("--crop", action="store_true", help="a box around the gland and the bones only; what sticks out of it is cut off, and told")
+    parser.add_argument("--crop", action="store_true", help="a box around the gland and the bones only; what lies outside is cut off and reported")
     parser.add_argument("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS",
-                        help="processor time for each stage of the work: what takes longer is stopped (default %(default)g)")
+                        help="processor time for each stage; longer ones are stopped (default %(default)g)")
     parser.add_argument("--unit", choices=("mm", "cm", "m"), default="mm", help="of STL and PLY (default mm)")
-    parser.add_argument("--picture", metavar="FILE.svg", help="draws the outlines as they came and as they were understood, also when they cannot be used")
+    parser.add_argument("--picture", metavar="FILE.svg", help="draw the outlines as read and as interpreted, even if they cannot be used")
     given = parser.parse_args(arguments)
     if not given.time_limit > 0:
         parser.error("--time-limit must be positive")
@@ -52,11 +52,11 @@ def read_all(given):
         for path in given.input:
             stem = os.path.splitext(os.path.basename(path))[0]
             if stem in paths:
-                raise reading.BadFile(f"{path}: its region would have the name of that of {paths[stem]}: rename one of the files")
+                raise reading.BadFile(f"{path}: its region would have the same name as that of {paths[stem]}: rename one of the files")
             paths[stem] = path
         return {stem: limits.run(f"reading {path}", reading.read_surface, path, scale) for stem, path in paths.items()}
     if len(given.input) > 1:
-        raise reading.BadFile("one file of outlines, or any number of surfaces, not both")
+        raise reading.BadFile("give either one file of outlines or any number of surfaces")
     return limits.run(f"reading {given.input[0]}", reading.read_outlines, given.input[0])
 
 
@@ -99,7 +99,7 @@ def run(given):
     if given.picture and organs[0].stack:
         picture.draw([organ.stack for organ in organs], available, given.picture)
     elif given.picture:
-        print("anatomy: --picture: surfaces have no outlines: there is none", file=sys.stderr)
+        print("anatomy: --picture shows outlines, which surfaces do not have: no picture is written", file=sys.stderr)
     mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor], given.output + ".msh",
                                               given.crop)
     write_texts(given, organs, domain, mesh, outlined)
@@ -121,7 +121,7 @@ def write_texts(given, organs, domain, mesh, outlined):
     for note in notes:
         print(f"anatomy: {note}", file=sys.stderr)
     if mesh.badness() > 1:
-        print("anatomy: some dihedral angles are outside those of the mesh of 2006: another --nodes may do better", file=sys.stderr)
+        print("anatomy: some dihedral angles exceed the range of the paper's mesh: try another --nodes", file=sys.stderr)
 
 
 def write(path, content):

@@ -1,4 +1,4 @@
-"""Outlines on parallel slices: what they may look like when they come in, and what is made of them.
+"""Outlines on parallel slices: checks and repairs of the input, and its conversion to polygons.
 
 Coordinates are DICOM's patient coordinates in millimetres: x to the patient's left, y backward, z toward the head.
 """
@@ -14,29 +14,29 @@ from shapely.validation import make_valid
 
 SAME_SLICE = 0.1      # mm: outlines this close in z are on one slice
 OUT_OF_PLANE = 0.5    # mm by which the points of one outline may differ in z
-SPIKE = 0.5           # mm: what is narrower than twice this is a slip of the pen
-SPECK = 3.0           # mm^2: what is smaller was not meant
-INSIDE = 0.98         # share of an outline that lies inside another one, if it is a hole in it
-HOLE = 0.8            # of the area around it: an outline inside another that is not smaller is the same one drawn again
-DOUBLED = 0.02        # of its area: an outline that differs by less from another one is a copy
+SPIKE = 0.5           # mm: parts narrower than twice this are drawing errors
+SPECK = 3.0           # mm^2: smaller outlines are unintended
+INSIDE = 0.98         # share of an outline that must lie inside another one to be a hole in it
+HOLE = 0.8            # of the enclosing area: a larger outline inside another one is the same one drawn again
+DOUBLED = 0.02        # of its area: outlines that differ by less are copies
 MOST_OPEN = 0.1       # share of the outlines that may be open
-SCRAMBLED = 0.8       # an outline with less than this share of the area that its points span in order of angle was not in order
+SCRAMBLED = 0.8       # points are out of order if the outline has less than this share of its area with points sorted by angle
 
 
 class Rings(list):
-    """Rings of a region, as a structure set has them."""
+    """Rings of a region as read from a structure set."""
 
     def __init__(self, rings=(), exclusive=False, left_open=()):
         super().__init__(rings)
-        self.exclusive = exclusive           # where an even number of them overlap is outside (DICOM's CLOSEDPLANAR_XOR)
+        self.exclusive = exclusive           # even-odd rule for overlaps (DICOM's CLOSEDPLANAR_XOR)
         self.left_open = list(left_open)     # outlines that are not closed (OPEN_PLANAR): they enclose nothing
 
 
 class Unusable(Exception):
-    """An input that no mesh can be made of. The text names region and slice; `rings` are what a picture shows."""
+    """Input that cannot be meshed. The text names region and slice; `rings` are shown in the picture."""
 
     def __init__(self, roi, problem, z=None, rings=()):
-        super().__init__(roi, problem, z, rings)    # all of them: it is sent from one process to another
+        super().__init__(roi, problem, z, rings)    # all arguments, because the exception is sent between processes
         self.rings = [np.asarray(ring, float) for ring in rings]
 
     def __str__(self):
@@ -55,12 +55,12 @@ class Stack:
     """One organ's outlines, ascending in z; at least two slices."""
     name: str
     slices: list
-    notes: list = dataclasses.field(default_factory=list)      # what was left out, in words
+    notes: list = dataclasses.field(default_factory=list)      # remarks on what was left out
     left_out: list = dataclasses.field(default_factory=list)   # z of slices
 
     @property
     def spacing(self):
-        """Thickness of a slice: the median distance, which missing slices do not change."""
+        """Thickness of a slice: the median distance, which is insensitive to missing slices."""
         return statistics.median(upper.z - lower.z for lower, upper in itertools.pairwise(self.slices))
 
     def volume(self):
@@ -75,7 +75,7 @@ class Stack:
 
 
 def polygons(shape):
-    """The areas in what shapely returned, without points and lines."""
+    """The polygons in a result of shapely, without points and lines."""
     if shape.geom_type == "Polygon":
         return [shape] if not shape.is_empty else []
     return [p for part in getattr(shape, "geoms", []) for p in polygons(part)]
@@ -104,8 +104,8 @@ def clean_ring(points):
 
 
 def merge(areas):
-    """What outlines of one slice enclose together, and whether they overlap: one inside another, and much smaller, is a hole in
-    it; whatever else overlaps is united."""
+    """The area enclosed by all outlines of a slice, and whether they overlap: a much smaller outline inside another one is a hole;
+    all other overlaps are united."""
     outer, inner, overlap = [], [], False
     for area in sorted(areas, key=lambda a: -a.area):
         apart, near = ([p for p in outer if p.intersects(area) == meets] for meets in (False, True))
@@ -140,7 +140,7 @@ def open_slices(roi, rings):
     problem = f"{len(open_)} of {len(open_) + len(rings)} outlines ({100 * share:.0f} %) are open (OPEN_PLANAR) and enclose nothing, at z = {heights} mm"
     if share > MOST_OPEN:
         raise Unusable(roi, f"{problem}: close them", rings=rings.left_open)
-    return [f"{problem}: left out, interpolated from the slices beside"]
+    return [f"{problem}: left out, interpolated from neighbouring slices"]
 
 
 def build_stack(roi, rings):

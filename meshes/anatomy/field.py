@@ -1,4 +1,4 @@
-"""Surfaces by way of a signed-distance field: where a loft fails, for surfaces that are not clean, and to keep regions apart."""
+"""Surfaces from a signed-distance field: used where a loft fails, for defective surfaces, and to keep regions apart."""
 import dataclasses
 
 import numpy as np
@@ -10,7 +10,7 @@ from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
 VOXELS = 48        # along the longest side of an organ
-PASS_BAND = 0.1    # of the smoothing, of 2: waves shorter than some six voxels go
+PASS_BAND = 0.1    # of the smoothing filter, of 2: removes waves shorter than about six voxels
 
 
 @dataclasses.dataclass
@@ -25,7 +25,7 @@ class Field:
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
     def holding(self, volume):
-        """Grown or shrunk evenly, by at most two steps, so that it holds this volume."""
+        """Offset uniformly, by at most two steps, to this volume."""
         def held(level):
             return float(np.clip(0.5 - (self.values - level) / self.step, 0, 1).sum()) * self.step ** 3
         low, high = -2 * self.step, 2 * self.step
@@ -35,8 +35,8 @@ class Field:
         return Field(self.low, self.step, self.values - high)
 
     def apart_from(self, shell, gap):
-        """The same shape without what is closer than `gap` to another one's surface, on either side of it."""
-        reach = np.abs(self.values) < 4 * max(gap, self.step)   # further away it is not this surface that counts
+        """The same shape without the parts closer than `gap` to another shape's surface, on either side."""
+        reach = np.abs(self.values) < 4 * max(gap, self.step)   # further away this surface is irrelevant
         reach |= self.values < 0
         distance = np.full(self.values.size, np.inf)
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])

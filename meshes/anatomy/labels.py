@@ -1,7 +1,7 @@
-"""Regions that touch or lie in one another, as one complex of surfaces: the boundary between two of them is one surface, shared by both.
+"""Regions that touch or contain each other, as one complex of surfaces: the boundary between two regions is one shared surface.
 
-The regions' surfaces are drawn into one image of labels, small gaps are closed, and CGAL makes the surfaces between labels. They hold
-the regions' volumes again after a correction that moves shared points together.
+The regions' surfaces are drawn into a label image, small gaps are closed, and CGAL extracts the surfaces between labels. A correction then
+moves the shared points to restore the regions' volumes.
 """
 import collections
 import dataclasses
@@ -15,39 +15,39 @@ from . import field, shells
 from .shells import Shell
 
 MOST_VOXELS = 4e6
-VOXELS_PER_EDGE = 6.0       # of the wanted surface triangles
+VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles
 VOXELS_PER_RADIUS = 2.5     # of the thinnest region
-FLATNESS = 0.3              # of the thinnest region's radius: how far a facet may be from the surface it stands for
-FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: no less than that
-CLOSE_VOXELS = 3.0          # gaps between regions that are closed, at least: facets of the surfaces on either side would cross
-CLEAR = 2.9                 # voxels between parts that do not touch, at least
-AROUND = 255                # CGAL's label for what is around the regions: its tetrahedra there find thin parts
-THIN = 1.5                  # radii of a region that is thinner than the edge of a triangle: size of its tetrahedra
-SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra have a layer of such around them
+FLATNESS = 0.3              # of the thinnest region's radius: largest distance of a facet from its surface
+FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: lower bound of that distance
+CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
+CLEAR = 2.9                 # least number of voxels between parts that do not touch
+AROUND = 255                # CGAL's label for the surroundings: its tetrahedra there detect thin parts
+THIN = 1.5                  # radii: size of the tetrahedra in a region thinner than the edge of a triangle
+SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra get a layer of this size around them
 REFINEMENTS = 6             # attempts at thin regions
 MARGIN = 0.5                # of the edge of a triangle: from the regions to the image's border
-FINER = 0.85                # their size from one attempt to the next
+FINER = 0.85                # ratio of their sizes between attempts
 MOST_MISSING = 0.01         # of a region's surface
-MOST_PLACES = 4000          # on a region's surface, that are looked at for it
-REACH = 20                  # voxels around a cluster in which the next one is looked for
+MOST_PLACES = 4000          # of a region's surface that are checked for this
+REACH = 20                  # voxels around a cluster that are searched for the next one
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
 CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
-MOST_THIN = 0.10            # of a region: if more than that is thin, it is not given away
+MOST_THIN = 0.10            # of a region: if more than that is thin, it keeps its thin parts
 FINE = 100                  # voxels along a surface that crosses itself
 OUTSIDE = -1                # of the cells: the tissue around
 
 
 @dataclasses.dataclass
 class Complex:
-    """Triangles between cells; a cell is a connected part of a region, or a void around which regions close."""
+    """Triangles between cells; a cell is a connected part of a region, or a void enclosed by regions."""
     points: np.ndarray       # (n, 3)
     triangles: np.ndarray    # (m, 3), normals from the first to the second cell
     sides: np.ndarray        # (m, 2) the cells on either side: index into `cells`, or OUTSIDE
-    cells: list              # region's number of each cell
+    cells: list              # number of each cell's region
 
     def volume_gradient(self, region):
-        """Volume of all cells of a region, and its derivative by the points."""
+        """Volume of all cells of a region, and its derivative with respect to the points."""
         gradient, volume = np.zeros_like(self.points), 0.0
         mine = np.append(np.array(self.cells) == region, False)     # the last is OUTSIDE
         sign = mine[self.sides[:, 0]].astype(float) - mine[self.sides[:, 1]]
@@ -86,7 +86,7 @@ class Image:
 
 
 def drawn(shell, image):
-    """Which voxels of the image's grid a closed surface encloses."""
+    """Mask of the voxels enclosed by a closed surface."""
     size = image.labels.shape[::-1]
     stencil = vtk.vtkPolyDataToImageStencil()
     stencil.SetInputData(shells.to_vtk(shell))
@@ -103,8 +103,8 @@ def drawn(shell, image):
 
 
 def winding(shell, low, step, size):
-    """How often a surface winds around each voxel of a grid (z, y, x): 0 is outside, also where parts overlap or are turned inside out."""
-    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # no vertex in a column's line
+    """Winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
+    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # so that no vertex lies on a column's line
     steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
     a, b, c = (points[shell.triangles[:, k]] for k in range(3))
     ab, ac = b - a, c - a
@@ -122,7 +122,7 @@ def winding(shell, low, step, size):
 
 
 def all_inside(shell):
-    """Surfaces around all that a surface winds around, which may cross itself."""
+    """Surfaces of everything enclosed by a surface that may cross itself."""
     step = float(np.ptp(shell.points, axis=0).max()) / FINE
     low = shell.points.min(axis=0) - 3 * step
     size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
@@ -133,7 +133,7 @@ def all_inside(shell):
 
 
 def distance_to(mask, step):
-    """Of each voxel to the nearest one of a mask."""
+    """Distance of each voxel to the nearest one of a mask."""
     source = vtk.vtkImageData()
     source.SetDimensions(*mask.shape[::-1])
     source.GetPointData().SetScalars(numpy_to_vtk(np.where(mask, 0, 1).astype(np.uint8).ravel(), deep=True))
@@ -153,7 +153,7 @@ def image_of(regions, edge, box=None):
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
-    low = points.min(axis=0) - 3.5 * step      # planes of voxels do not lie in the regions' flat faces
+    low = points.min(axis=0) - 3.5 * step      # so that planes of voxels do not coincide with flat faces of regions
     size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
     image = Image(low, step, np.zeros(size[::-1], np.uint8))
     beyond = np.zeros(image.labels.shape, bool)
@@ -175,8 +175,8 @@ def image_of(regions, edge, box=None):
 
 
 def close_gaps(image, count, gap):
-    """Gives what lies between two regions less than `gap` apart to the nearer one: what a closing of both together (dilation, then erosion
-    by half the gap) fills, so that nothing grows outward where they meet."""
+    """Fills gaps narrower than `gap` between two regions with the nearer region: the voxels added by a closing of both together (dilation,
+    then erosion by half the gap), so that nothing grows outward where they meet."""
     if count < 2:
         return
     nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
@@ -193,9 +193,9 @@ def close_gaps(image, count, gap):
 
 
 def drop_thin(image, count, radius):
-    """Gives sheets and spurs of regions that a ball of this radius does not fit in, and splinters, to what is nearest: they would become
-    flat tetrahedra. They are left over where regions' outlines nearly coincide. A region that is thin everywhere stays as it is, and so
-    does a part that would break or vanish, but for sheets beside other regions."""
+    """Reassigns sheets and spurs of regions that are thinner than a ball of this radius, and splinters, to the nearest other label; they would
+    become flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
+    that would break or vanish, except sheets beside other regions."""
     radius = max(radius, image.step)
     kept = [image.labels == 0]
     for label in range(1, count + 1):
@@ -216,7 +216,7 @@ def drop_thin(image, count, radius):
 
 
 def holding(image, label, mask, opened, radius):
-    """What is thin in parts of a region that an opening would break or remove, but for what lies beside other regions."""
+    """Thin places in parts of a region that an opening would break or remove, except those beside other regions."""
     whole, sizes = parts_of(mask)
     numbers, pieces = parts_of(opened)
     large = np.append(False, pieces > shells.SPLINTER * sizes[0])
@@ -231,12 +231,12 @@ def holding(image, label, mask, opened, radius):
 
 
 def thinnest(regions):
-    """Radius of a cylinder of the ratio of volume to surface of the thinnest region."""
+    """Radius of a cylinder with the thinnest region's ratio of volume to surface."""
     return min(2 * sum(s.volume() for s in region) / sum(s.area() for s in region) for region in regions)
 
 
 def meshed(image, edge, flatness, sizes):
-    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. The surfaces between labels are what counts. `sizes`: label -> radius of
+    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. Only the surfaces between labels are used. `sizes`: label -> radius of
     the spheres around tetrahedra in it, and near it if that is smaller than elsewhere."""
     labels, radius = np.where(image.labels == 0, AROUND, image.labels), {AROUND: edge, "default": edge}
     for label, size in sizes.items():
@@ -244,15 +244,15 @@ def meshed(image, edge, flatness, sizes):
         if size < SMALL * edge:
             labels[(image.labels == 0) & (distance_to(image.labels == label, image.step) < size)] = AROUND - label
             radius[AROUND - label] = size
-    labels = np.pad(labels[1:-1, 1:-1, 1:-1].astype(np.uint8), 1)      # CGAL wants nothing at the borders
+    labels = np.pad(labels[1:-1, 1:-1, 1:-1].astype(np.uint8), 1)      # CGAL needs an empty border
     made = pygalmesh.generate_from_array(
-        np.ascontiguousarray(labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these stop by the clock
+        np.ascontiguousarray(labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these depend on the clock
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=CIRCUMRADIUS * edge, max_facet_distance=flatness,
         max_cell_circumradius={label: float(size) for label, size in radius.items()}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
     i, j, k = np.rint(points[tets].mean(axis=1) / image.step).astype(int).T
     label, found = labels[k, j, i], np.zeros(len(tets), int)
-    for number in np.unique(numbers):    # CGAL numbers the labels anew
+    for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number
         found[mine] = np.argmax(np.bincount(label[mine], minlength=2)[1:]) + 1
     found[found > max(sizes)] = 0
@@ -260,20 +260,20 @@ def meshed(image, edge, flatness, sizes):
 
 
 def connected(count, pairs):
-    """The smallest number that is reached from each of `count` along pairs (k, 2)."""
+    """For each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
     root = np.arange(count)
     while True:
         before = root.copy()
         least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment, the smallest number, stays
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment wins: the smallest number
         root = root[root]
         if np.array_equal(root, before):
             return root
 
 
 def neighbours(tets):
-    """Faces, each once, and the tetrahedra on either side of them, or OUTSIDE."""
+    """All faces, and the tetrahedra on both sides of each, or OUTSIDE."""
     faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
     owner = np.tile(np.arange(len(tets)), 4)
     order = np.lexsort(faces.T)
@@ -286,8 +286,8 @@ def neighbours(tets):
 
 
 def without_splinters(points, tets, labels):
-    """The labels of the tetrahedra, where cells of less than SPLINTER of their region's largest have the label around most of their
-    surface; 0 is none."""
+    """Labels of the tetrahedra; cells smaller than SPLINTER of their region's largest get the label that surrounds most of their surface;
+    0 is none."""
     corners, left, right = neighbours(tets)
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -329,7 +329,7 @@ def complex_of(points, tets, labels):
 
 
 def with_voids(found):
-    """The same with a cell for each void that the regions close around."""
+    """The same with a cell for each void enclosed by regions."""
     open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
     corners = found.triangles[open_]
     part = connected(len(found.points), np.concatenate([corners[:, :2], corners[:, 1:]]))[corners[:, 0]]
@@ -343,7 +343,7 @@ def with_voids(found):
 
 
 def corrected(made, volumes):
-    """Moves the points as little as possible so that the regions hold these volumes: {region: volume}."""
+    """Moves the points as little as possible to give the regions these volumes: {region: volume}."""
     if not volumes:
         return made
     wanted = np.array([volumes[k] for k in sorted(volumes)])
@@ -363,7 +363,7 @@ def corrected(made, volumes):
 
 
 def parts_of(mask):
-    """Connected parts of a mask as numbers from 1 on, and their voxels, the largest first."""
+    """Connected parts of a mask, numbered from 1, and their numbers of voxels, largest first."""
     source = vtk.vtkImageData()
     source.SetDimensions(*mask.shape[::-1])
     source.GetPointData().SetScalars(numpy_to_vtk(mask.astype(np.uint8).ravel(), deep=True))
@@ -378,13 +378,13 @@ def parts_of(mask):
 
 
 def surrounded(numbers, number):
-    """Part of an image of numbered parts: this one and REACH voxels around it."""
+    """Section of an image of numbered parts: this part and REACH voxels around it."""
     within = np.argwhere(numbers == number)
     return numbers[tuple(slice(max(0, a - REACH), b + REACH + 1) for a, b in zip(within.min(axis=0), within.max(axis=0)))]
 
 
 def clear(numbers, count):
-    """Takes from parts what is too close to larger ones; the numbers are in the order of size."""
+    """Removes voxels that are too close to larger parts; parts are numbered by size."""
     for number in range(2, count + 1):
         nearby = surrounded(numbers, number)
         larger = (nearby > 0) & (nearby < number)
@@ -393,7 +393,7 @@ def clear(numbers, count):
 
 
 def separate(image):
-    """Drops splinters, and keeps parts that do not touch CLEAR voxels apart."""
+    """Removes splinters, and separates parts that do not touch by CLEAR voxels."""
     numbers, sizes = parts_of(image.labels > 0)
     whole = np.bincount(image.labels.ravel(), minlength=256)
     large = [np.any(np.bincount(image.labels[numbers == number], minlength=256)[1:] > shells.SPLINTER * whole[1:]) for number in range(1, len(sizes) + 1)]
@@ -403,7 +403,7 @@ def separate(image):
 
 
 def missing(image, label, found, tolerance):
-    """Share of the boundary of a label that is further than `tolerance` from the surface made for it."""
+    """Share of a label's boundary that is further than `tolerance` from its extracted surface."""
     if label - 1 not in found.cells:
         return 1.0
     mine = image.labels == label
@@ -416,18 +416,18 @@ def missing(image, label, found, tolerance):
 
 
 def with_margin(image, margin):
-    """The image with so much more of label 0 on all sides."""
+    """The image padded by this much label 0 on all sides."""
     voxels = int(np.ceil(margin / image.step))
     return Image(image.low - voxels * image.step, image.step, np.pad(image.labels, voxels))
 
 
 def surfaces_in(image, edge, radii):
-    """The complex of an image. `radii`: label -> how thin its region is. CGAL follows a surface from the first points it finds on it, and
-    misses parts that are thinner than its elements; the elements in and around such regions are made smaller until nothing is missing."""
+    """The complex of an image. `radii`: label -> thinness of its region. CGAL follows a surface from the first points found on it, and misses
+    parts that are thinner than its elements; elements in and around such regions are made smaller until nothing is missing."""
     parts = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0]) for label in radii for _, sizes in [parts_of(image.labels == label)]}
     sizes = {label: min(THIN * radius if radius < edge / 2 else radius, edge) for label, radius in radii.items()}
     flatness = max(FLATNESS * min(radii.values()), FLATNESS_OF_EDGE * edge)
-    image = with_margin(image, MARGIN * edge)     # else triangles of the regions have corners in the image's border
+    image = with_margin(image, MARGIN * edge)     # otherwise triangles of the regions have corners on the image's border
     for _ in range(REFINEMENTS):
         found = complex_of(*meshed(image, edge, flatness, sizes))
         lost = {label: missing(image, label, found, max(min(radius, edge / 2), 1.5 * image.step)) for label, radius in radii.items()}
@@ -440,7 +440,7 @@ def surfaces_in(image, edge, radii):
 
 
 def image_for(regions, edge, box=None):
-    """Image of regions (lists of closed shells, in order of priority), without gaps and sheets that are thin beside them, for triangles of
+    """Image of regions (lists of closed shells, in order of priority), without gaps and sheets that are too thin for triangles of
     about this edge. Returned with the shares of the regions that are lost: see image_of."""
     image, lost = image_of(regions, edge, box)
     thin = FLATNESS * thinnest(regions)
@@ -451,8 +451,8 @@ def image_for(regions, edge, box=None):
 
 
 def shared_surfaces(image, lost, regions, volumes, edge):
-    """Complex of the regions of these volumes, with triangles of about this edge, and what share of each one's surface is missing in it.
-    `image`, `lost`: of image_for. A volume of None is not kept: that of a bone, where only the surface counts."""
+    """Complex of the regions of these volumes, with triangles of about this edge, and the missing share of each one's surface.
+    `image`, `lost`: from image_for. A volume of None is not restored: for bones only the surface matters."""
     kept = {k: volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes) if volume}
     inside = [int(label) for label in np.unique(image.labels) if label]
     found, missed = surfaces_in(image, edge, {label: thinnest([regions[label - 1]]) for label in inside})

@@ -1,4 +1,4 @@
-"""Runs a stage of the work in a process of its own, so that one that does not end can be stopped: libraries cannot be interrupted."""
+"""Runs a stage of the work in a separate process, so that it can be stopped: libraries cannot be interrupted."""
 import ctypes
 import math
 import multiprocessing
@@ -7,8 +7,8 @@ import resource
 import signal
 import traceback
 
-SECONDS = 120.0         # of processor time for a stage, unless the user says otherwise: it does not depend on what else the machine does
-WAITING = 10            # times that, for one that waits instead of working
+SECONDS = 120.0         # default processor time per stage, which does not depend on the machine's other load
+WAITING = 10            # times that, in real time, for a stage that waits instead of working
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
@@ -17,7 +17,7 @@ class TooLong(Exception):
 
 
 class Crashed(Exception):
-    """A library brought its process down, or raised something that is not ours."""
+    """A library crashed its process or raised an unknown exception."""
 
 
 def run(stage, work, *arguments):
@@ -41,13 +41,13 @@ def run(stage, work, *arguments):
         child.join()
         receiver.close()
     if error:
-        error.place = place     # where in the child, for whoever debugs this
+        error.place = place     # the child's traceback, for debugging
         raise error
     return result
 
 
 def too_long(stage):
-    return TooLong(f"{stage}: not done after {SECONDS:g} s, stopped: raise --time-limit, or choose less")
+    return TooLong(f"{stage}: not done after {SECONDS:g} s, stopped: raise --time-limit, or choose fewer regions or nodes")
 
 
 def serve(sender, work, arguments):
@@ -61,7 +61,7 @@ def serve(sender, work, arguments):
     os.dup2(quiet, 2)
     try:
         answer = work(*arguments), None, None
-    except Exception as error:  # whatever it is, the parent decides
+    except Exception as error:  # of any kind: the parent decides
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)

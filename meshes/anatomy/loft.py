@@ -5,10 +5,10 @@ import numpy as np
 from . import contours, limits, session
 from .shells import Shell, oriented
 
-POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor of the hand
-QUARTERS = 4                  # splines around: a face that closes on itself is hard to mesh
+POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor
+QUARTERS = 4                  # splines per section: a face that closes on itself is hard to mesh
 END = 0.8                     # size of the section half a thickness beyond the last slice, where the organ ends
-ERROR = 0.05                  # of the volume: a loft that is further off has folded
+ERROR = 0.05                  # of the volume: a loft with a larger error has folded
 FINE = 1 / 24                 # triangle's edge, of the organ's longest side
 
 
@@ -58,12 +58,12 @@ def mesh_shell():
 
 
 def of_stack(stack):
-    """The closed surface, or None where outlines branch or the loft folds: see `field`."""
+    """The closed surface, or None if outlines branch or the loft folds: see `field`."""
     if not stack.is_tube():
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
-    except limits.TooLong:      # what is made may not depend on the machine's speed
+    except limits.TooLong:      # the result must not depend on the machine's speed
         raise
     except Exception:  # Gmsh raises no other class
         return None
@@ -72,7 +72,7 @@ def of_stack(stack):
 
 
 def lofted(stack):
-    """In a process of its own."""
+    """Runs in a separate process."""
     session.start()
     gmsh.model.add("loft")
     return triangulate(stack)

@@ -1,5 +1,5 @@
 """Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes. Each try runs in
-a process of its own with a time limit."""
+a separate process with a time limit."""
 import collections
 import dataclasses
 import math
@@ -15,26 +15,26 @@ from .contours import Unusable
 from .loft import mesh_shell
 from .shells import Shell, crossings, decimated, distances
 
-GROWTH = 4.0            # size of the elements at the box's corners over that in the gland
-CORRIDOR = 0.5          # and in the corridor
-MOST_GROWTH = 1.09      # by which a coarse surface is blown up to hold its volume again
-FINEST_SURFACE = 2500   # triangles that are enough for a surface to be remeshed
+GROWTH = 4.0            # ratio of element sizes at the box's corners and in the gland
+CORRIDOR = 0.5          # ratio in the corridor
+MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
+FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
 TRIES = 16
-MOST_WORK = 20000       # nodes of all tries, after which no better mesh is looked for: not seconds, so that all machines find the same
+MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
 MOST_MISSED = 0.02      # of a region's surface
-FAILURES = 3            # of Gmsh, after which nothing is expected of other sizes of element
-JITTER = 0.025          # of the element's size, to come by other meshes of the same number of nodes
-CLOSE = 0.04            # of the wanted number of nodes: among such meshes the one with the best angles is taken
-OFF = 0.10              # of the wanted number of nodes: a mesh that is further off is none
-WORST = 4.0             # times as far from the paper's angles: 2.5 and 174.9 degrees; a mesh beyond that is refused
-INSIDE = 0.3            # of an element: what lies deeper in the gland is inside of it, not beside it
+FAILURES = 3            # of Gmsh, after which no other element sizes are tried
+JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
+CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
+OFF = 0.10              # of the wanted number of nodes: meshes further off are refused
+WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
+INSIDE = 0.3            # of an element: regions deeper in the gland are inside it, not beside it
 
 
 class Failure(Exception):
-    """Gmsh made no mesh. `names`: regions whose surfaces are the reason; `z`: m, where, or None."""
+    """Gmsh failed. `names`: regions whose surfaces are the reason; `z`: position of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
-        super().__init__(problem, names, z)     # all of them: it is sent from one process to another
+        super().__init__(problem, names, z)     # all arguments, because the exception is sent between processes
         self.names, self.z = names, z
 
     def __str__(self):
@@ -47,14 +47,14 @@ class Body:
     name: str               # of the region
     surface: str            # name of its surface's group
     shell: object           # fine, m, world frame
-    volume: float           # that its mesh is to have, m^3
+    volume: float           # target volume of its mesh, m^3
     longest: float          # m: longer triangles would not follow its shape
     hollow: bool = False    # bone: no tetrahedra inside
 
 
 @dataclasses.dataclass
 class Region:
-    """One that may touch others."""
+    """A region that may touch others."""
     name: str
     surface: str
     shells: list             # closed, m, world frame
@@ -64,18 +64,18 @@ class Region:
 
 @dataclasses.dataclass
 class Domain:
-    """What is meshed, in a box with the skin in front (z = 0): bodies that do not touch, or `regions` that may."""
+    """The domain to be meshed, in a box with the skin in front (z = 0): bodies that do not touch, or `regions` that may."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
     middle: np.ndarray       # of the gland
     reach: float             # m: half the gland's longest side
-    origin: np.ndarray       # DICOM mm: where the mesh has its origin
+    origin: np.ndarray       # DICOM mm: origin of the mesh's frame
     corridor: tuple = None   # x, y, radius, m
     regions: list = None     # in order of priority
     gland: str = ""
-    crop: tuple = None       # low, high: nothing of the regions outside
-    image: tuple = None      # of the regions, and what they lose to each other: see labels.image_for
+    crop: tuple = None       # low, high: regions are cut off outside
+    image: tuple = None      # of the regions, and their losses to each other: see labels.image_for
 
     def parents(self):
         """Index of the smallest body around each body, or None."""
@@ -115,13 +115,13 @@ def add_discrete(shell):
 
 
 def coarse(body, formula):
-    """The body's surface with triangles of the wanted size, or smaller ones if those would cut its ends off; it holds the
-    body's volume again, which facets cut short."""
+    """The body's surface with triangles of the wanted size, or smaller ones if those would cut off its ends, enlarged to the
+    body's volume, which facets reduce."""
     longest = body.longest
     while True:
         try:
             shell = remeshed(body.shell, f"Min({longest:.9g},{formula})")
-        except Exception as error:  # Gmsh's own has no other class
+        except Exception as error:  # Gmsh raises no more specific class
             raise failure_of([body], [body.shell], error) from error
         growth = (body.volume / shell.volume()) ** (1 / 3)
         if growth < MOST_GROWTH or longest < body.longest / 4:
@@ -173,7 +173,7 @@ def add_box(low, high):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and what regions lost."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and the regions' losses."""
     formula = size_formula(domain, fine)
     if domain.regions:
         image, lost = domain.image
@@ -181,10 +181,10 @@ def build(domain, fine):
                                                [None if region.hollow else region.volume for region in domain.regions], fine)
         gone = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
         if gone:
-            raise Failure("nothing is left of it: it lies inside other regions, or is too thin", gone)
+            raise Failure("nothing is left of it: it lies inside other regions or is too thin", gone)
         if max(missed.values()) > MOST_MISSED:
             most = max(missed, key=missed.get)
-            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for so few nodes",
+            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes",
                           [domain.regions[most].name])
         patches, hollow = patches_of_complex(domain, found, fine), [k != labels.OUTSIDE and domain.regions[k].hollow for k in found.cells]
         names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
@@ -197,7 +197,7 @@ def build(domain, fine):
         owners, names, hollow = domain.bodies, [body.name for body in domain.bodies], [body.hollow for body in domain.bodies]
     try:
         fill(domain, found.points if domain.regions else points, patches, names, hollow, formula)
-    except Exception as error:  # Gmsh's own has no other class
+    except Exception as error:  # Gmsh raises no more specific class
         raise failure_of(owners, shells, error) from error
     return shells, lost
 
@@ -219,8 +219,8 @@ def patches_of_bodies(domain, shells):
 
 
 def patches_of_complex(domain, found, fine):
-    """Where two regions meet, the surface has the name of a bone's, else the gland's, else the one that was drawn on top; a region inside the
-    gland has its own."""
+    """Where two regions meet, the surface is named after the bone, else after the gland, else after the region drawn on top; a region inside
+    the gland has its own name."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
     sides = np.sort(found.sides, axis=1)
     patches = []
@@ -241,7 +241,7 @@ def patches_of_complex(domain, found, fine):
 
 
 def add_patches(points, patches):
-    """Tags of surfaces of the current model that share their points."""
+    """Creates surfaces that share points in the current model; returns their tags."""
     tags = [gmsh.model.addDiscreteEntity(2) for _ in patches]
     added = np.zeros(len(points), bool)
     for tag, patch in zip(tags, patches):
@@ -255,7 +255,7 @@ def add_patches(points, patches):
 
 
 def fill(domain, points, patches, names, hollow, formula):
-    """Tetrahedra in the cells, `names`, that are not hollow, and around them."""
+    """Creates tetrahedra in the cells `names` that are not hollow, and around them."""
     gmsh.model.add("tissue")
     surfaces = add_patches(points, patches)
     faces = add_box(domain.low, domain.high)
@@ -309,20 +309,20 @@ def current_mesh():
 
 
 def first_size(extent, nodes):
-    """Of the elements in the gland, for about so many nodes in a box of this extent; in its unit."""
+    """Element size in the gland for about this many nodes in a box of this extent; same unit."""
     return 0.8 * (float(np.prod(extent)) / nodes) ** (1 / 3)
 
 
 @dataclasses.dataclass
 class Attempt:
-    """A mesh, and what it was made of."""
+    """A mesh and its source data."""
     mesh: quality.Mesh
     shells: list         # surfaces of the bodies or regions
     lost: dict           # (region, region that has it now, or None for the box): share
 
 
 def attempt(domain, fine, path):
-    """In a process of its own."""
+    """Runs in a separate process."""
     session.start()
     shells, lost = build(domain, fine)
     gmsh.write(path)
@@ -330,7 +330,7 @@ def attempt(domain, fine, path):
 
 
 def generate(domain, nodes, path):
-    """Writes the mesh of about so many nodes with the best angles that a few sizes of element give; returns the attempt."""
+    """Writes the mesh of about this many nodes with the best angles among several element sizes; returns the attempt."""
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
@@ -340,7 +340,7 @@ def generate(domain, nodes, path):
             angles = made.mesh.dihedral_angles()
             raise Unusable('" and "'.join(sorted({owner.name for owner in domain.regions or domain.bodies})),
                            f"dihedral angles of {angles.min():.2f} to {angles.max():.2f} degrees are the best that was reached: "
-                           "beyond what forces can be computed with; raise --nodes, or leave the thinnest region out")
+                           "outside the range usable for forces; raise --nodes, or leave out the thinnest region")
         shutil.copyfile(best, path)
     return made
 
@@ -376,10 +376,10 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         if rank[0] == 0 and rank[1] <= 1:
             break
-        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces take many of the nodes at any size
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
         if off > CLOSE:
             fine = centre
-        else:  # look around it
+        else:  # try sizes around it
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
@@ -390,5 +390,5 @@ def too_far_off(nodes, count, bodies, shells):
     for body, shell in zip(bodies, shells):
         taken[body.name] += len(shell.points)
     name, most = taken.most_common(1)[0]
-    return Unusable(name, f"the nearest to {nodes} nodes that is reached is {count}"
+    return Unusable(name, f"no mesh has {nodes} nodes; the closest has {count}"
                     + (f": its surface alone has {most}: raise --nodes, or leave it out" if count > nodes else ""))

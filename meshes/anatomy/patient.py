@@ -1,4 +1,4 @@
-"""A synthetic patient: outlines of prostate, urethra, rectum, bladder and pubic arch from a few lengths.
+"""A synthetic patient: outlines of prostate, urethra, rectum, bladder and pubic arch, defined by a few lengths.
 
 Nothing here was measured on a person. The lengths are within what is published for men with prostate cancer (gland of 15 to
 120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes are chosen: a gland that is narrower at the apex than at
@@ -16,9 +16,9 @@ class Gland:
     volume: float = 34e3        # mm^3
     width: float = 1.35         # relative to its height
     length: float = 1.15        # relative to its height
-    apex: float = 0.25          # how much narrower toward the apex: 0 is symmetric
+    apex: float = 0.25          # narrowing toward the apex: 0 is symmetric
     dent: float = 0.18          # depth of the rectum's impression, of the half height
-    tilt: float = 0.10          # how much the axis leans backward toward the base
+    tilt: float = 0.10          # backward tilt of the axis toward the base
     lean: float = 0.0           # sideways
     lobes: float = 0.0          # right side larger than left
     arch_gap: float = 7.0       # mm between the gland's front and the symphysis
@@ -116,8 +116,8 @@ def random_gland(random):
 
 
 def spoil(rings, random, noise):
-    """The same outlines as a tired physician leaves them: noise (mm) over some 5 mm of outline, other starts, directions
-    and counts, closing points twice, spikes, missing slices, doubled outlines."""
+    """The same outlines with typical defects: noise (mm) over about 5 mm of outline, other starting points, directions and numbers of points,
+    repeated closing points, spikes, missing slices, doubled outlines."""
     spoilt = []
     last = len(rings) - 1
     for i, ring in enumerate(rings):

@@ -1,4 +1,4 @@
-"""Outlines as they came (grey) and as they were understood (blue), one panel a slice."""
+"""Outlines as read (grey) and as interpreted (blue), one panel per slice."""
 import math
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""From what a user names to what is meshed."""
+"""From the regions that a user names to the meshed domain."""
 import dataclasses
 import itertools
 import os
@@ -13,36 +13,36 @@ from .contours import Unusable
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
 MARGIN = 25.0           # mm of tissue around the gland
 OTHERS_MARGIN = 8.0     # mm around bones and other regions
-EDGE = 5.0              # mm from the box's faces at which regions are cut off, if the box is not to hold them all
+EDGE = 5.0              # mm from the box's faces at which regions are cut off with --crop
 GAP = 0.5               # of an element: regions that do not touch keep this distance from each other
 TOUCH = 1.0             # mm: regions that come this close share a surface
 LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
-MOST_LOSS = 0.10        # of a region's volume: a mesh that holds less of it, or more, is refused
-TOLD = 0.01             # of a bone's surface: if more is missing, it is told; MOST_LOSS of it is refused
+MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
+TOLD = 0.01             # of a bone's surface: if more is missing, it is reported; more than MOST_LOSS is refused
 MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
 SMALL, LARGE = 20.0, 2000.0     # mm: a surface with a longest side beyond these is probably in another unit
-STEEP = 5.0             # of the median edge: longer ones make a thorn or a dent
+STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
 FEW = 4                 # edges that may be longer
-MOST_CHECKED = 40000    # triangles: what is larger is looked through for crossings in a decimated copy
-RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that a mesh has anyway
-LONGEST_NAME = 40       # characters; a mesh allows 63, with what is appended
-SLENDER = 1.5           # radii of a thin region: its triangles are not longer
+MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
+RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
+LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
+SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
 
 
 @dataclasses.dataclass
 class Organ:
     """One region."""
-    roi: str                     # as the user calls it
-    name: str                    # as mesh and scene do
+    roi: str                     # the user's name
+    name: str                    # name in mesh and scene
     bone: bool
-    points: np.ndarray           # (n, 3) of the outlines or the surface, as they came; DICOM mm
+    points: np.ndarray           # (n, 3) of the outlines or the surface as read; DICOM mm
     loft: shells.Shell = None    # DICOM mm
-    shape: field.Field = None    # DICOM mm; if it is not a loft
-    shells: list = None          # closed surfaces, DICOM mm; of files of surfaces
+    shape: field.Field = None    # DICOM mm, if there is no loft
+    shells: list = None          # closed surfaces, DICOM mm, from surface files
     stack: contours.Stack = None
     volume: float = 0.0          # mm^3
     notes: list = dataclasses.field(default_factory=list)
-    share: bool = False          # its surfaces are made from an image of labels
+    share: bool = False          # its surfaces are made from a label image
 
     def note(self, text):
         if f"{self.roi}: {text}" not in self.notes:
@@ -50,7 +50,7 @@ class Organ:
 
 
 def region_names(rois):
-    """ROI -> name in mesh and scene: small Latin letters, figures and underscores, numbered where it would be another one's."""
+    """ROI -> name in mesh and scene: lower-case Latin letters, digits and underscores, numbered if already taken."""
     names, taken = {}, set(RESERVED)
     for roi in rois:
         plain = unicodedata.normalize("NFKD", roi.lower()).encode("ascii", "ignore").decode()
@@ -71,7 +71,7 @@ def organ_of_rings(roi, name, bone, rings):
 
 
 def organ_of_surface(roi, name, bone, surface, notes=()):
-    """`notes`: what was mended in it."""
+    """`notes`: repairs of it."""
     notes = [f"{roi}: {note}" for note in notes]
     size = np.ptp(surface.points, axis=0)
     measures = " x ".join(f"{side:.3g}" for side in size)
@@ -102,11 +102,11 @@ def note_long_edges(organ):
     if np.count_nonzero(long) > FEW:
         place = ", ".join(f"{v:.0f}" for v in ends[long].mean(axis=(0, 1)))
         organ.note(f"{np.count_nonzero(long)} edges are over {STEEP:g} times as long as usual, up to {length.max():.0f} mm, around ({place}) mm: "
-                   f"was part of the surface displaced? It is taken as it is, {organ.volume * 1e-3:.1f} ml")
+                   f"was part of the surface displaced? It is used unchanged, {organ.volume * 1e-3:.1f} ml")
 
 
 def mend_crossings(organ):
-    """A surface that crosses itself gives way to that of all it winds around."""
+    """Replaces a surface that crosses itself by the surface of everything that it encloses."""
     surface = organ.shells[0]
     checked = shells.decimated(surface, MOST_CHECKED)
     places = [point for point, *_ in shells.crossings([checked])]
@@ -115,7 +115,7 @@ def mend_crossings(organ):
     around = labels.all_inside(surface)
     volume = sum(shell.volume() for shell in around)
     place = ", ".join(f"{v:.0f}" for v in places[0])
-    organ.note(f"its surface crosses itself at {len(places)} edges, first at ({place}) mm: taken is all that it encloses, {volume * 1e-3:.2f} ml "
+    organ.note(f"its surface crosses itself at {len(places)} edges, first at ({place}) mm: replaced by the surface of everything that it encloses, {volume * 1e-3:.2f} ml "
                f"instead of {organ.volume * 1e-3:.2f} ml ({100 * (volume / organ.volume - 1):+.1f} %)")
     organ.shells, organ.volume = around, volume
 
@@ -128,10 +128,10 @@ def outlines_touch(organ, other):
 
 
 def smooth_surfaces(organ):
-    """Loft where there is one, else through the field."""
+    """By a loft if possible, else by the field."""
     if organ.shells:
         return organ.shells
-    if organ.shape is None and not organ.share:    # an image needs no loft
+    if organ.shape is None and not organ.share:    # not needed for a label image
         organ.loft = organ.loft or loft.of_stack(organ.stack)
         if organ.loft:
             return [organ.loft]
@@ -155,7 +155,7 @@ def box_around(gland, bones, others):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """The organ's surfaces, kept away from those before it; None if these touch it, or too much of it would be lost."""
+    """The organ's surfaces, kept away from earlier ones; None if these touch it, or if too much of it would be lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
     if any(d < TOUCH for d in away):
@@ -175,7 +175,7 @@ def kept_apart(organ, surfaces, before, gap):
 
 
 def origin_under(gland, low):
-    """DICOM mm: below the gland's middle, on the skin."""
+    """DICOM mm: on the skin, below the gland's middle."""
     points = np.vstack([shell.points for shell in gland])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return np.array([middle[0], middle[1], low[2]])
@@ -227,21 +227,21 @@ def domain_of(organs, nodes, corridor, crop=False):
         for shell in kept:
             thin = SLENDER * 2 * shell.volume() / shell.area()
             domain.bodies.append(meshing.Body(organ.name, surface_name(organ, organs), placed(shell), share * shell.volume() * 1e-9, thin * 1e-3, organ.bone))
-    for body, parent in zip(domain.bodies, domain.parents()):  # what lies inside is not part of it
+    for body, parent in zip(domain.bodies, domain.parents()):  # enclosed bodies are not part of it
         if parent is not None:
             outlined[domain.bodies[parent].name] -= body.volume
     return domain, outlined
 
 
 def priority(organ, gland):
-    """Where regions overlap, the smaller one has it; but bones give way to what is not larger than the gland, and others to bones."""
+    """Order of priority in overlaps: smaller regions first; but bones come after regions not larger than the gland, and before others."""
     if organ.bone:
         return 1, organ.volume
     return (0 if organ.volume <= gland.volume else 2), organ.volume
 
 
 def apart_surfaces(organs, surfaces, gap):
-    """Surfaces of each organ, away from those before it; None if they are to share their surfaces where they meet."""
+    """Surfaces of each organ, away from earlier ones; None if the organs must share surfaces where they meet."""
     if any(organ.share or organ.shells for organ in organs):
         return None
     before, apart = [], []
@@ -255,8 +255,8 @@ def apart_surfaces(organs, surfaces, gap):
 
 
 def mesh_of(organs, nodes, corridor, path, crop=False):
-    """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed gives way to a field, and that to
-    surfaces from an image of labels."""
+    """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed is replaced by a field, and that by
+    surfaces from a label image."""
     while True:
         domain, outlined = domain_of(organs, nodes, corridor, crop)
         try:
@@ -280,9 +280,9 @@ def note_losses(organs, lost, outlined):
         organ = called[name]
         outlined[name] -= share * organ.volume * 1e-9
         if winner is None:
-            organ.note(f"{100 * share:.1f} % of it lie outside of the mesh's box and are left out")
+            organ.note(f"{100 * share:.1f} % of it lie outside the mesh's box and are left out")
         elif share >= 5e-4:
-            organ.note(f"{100 * share:.1f} % of it lie in {called[winner].roi}, which has them")
+            organ.note(f"{100 * share:.1f} % of it overlap {called[winner].roi} and are assigned to that")
 
 
 def check_volumes(organs, mesh, outlined):
@@ -293,7 +293,7 @@ def check_volumes(organs, mesh, outlined):
 
 
 def check_bones(organs, distances):
-    """Bones are hollow in the mesh, so that volumes say nothing: how much of their surface the mesh does not have."""
+    """Bones are hollow in the mesh, so instead of their volume the missing share of their surface is checked."""
     for organ in organs:
         far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
         text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "
@@ -305,7 +305,7 @@ def check_bones(organs, distances):
 
 
 def give_way(organs, failure, domain):
-    """Fields from now on for those of the organs that were lofted; if there are none, surfaces from an image of labels for all."""
+    """Switches those of the organs that were lofted to fields; if there are none, all organs to surfaces from a label image."""
     where = ""
     if failure.z is not None:
         z = domain.origin[2] + 1e3 * failure.z
@@ -325,7 +325,7 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Region name -> distances (mm) of the points that came from its surface in the mesh, if nothing was cut off."""
+    """Region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off."""
     surface = {organ.name: mesh.surfaces["bone"] if organ.bone else mesh.boundary(organ.name) for organ in organs}
     return {organ.name: 1e3 * np.abs(shells.distances(surface[organ.name], world(organ.points, domain.origin)))
             for organ in organs if outlined[organ.name] > (1 - MOST_LOSS) * organ.volume * 1e-9}

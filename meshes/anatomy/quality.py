@@ -1,4 +1,4 @@
-"""What a tetrahedral mesh is like, beside the mesh of Goksel, Salcudean and DiMaio (2006)."""
+"""Quality of a tetrahedral mesh, compared with the mesh of Goksel, Salcudean and DiMaio (2006)."""
 import dataclasses
 import itertools
 
@@ -6,13 +6,13 @@ import matplotlib
 import numpy as np
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"      # text stays text
-matplotlib.rcParams["svg.hashsalt"] = "trocar"    # the same input gives the same file
+matplotlib.rcParams["svg.fonttype"] = "none"      # keep text as text
+matplotlib.rcParams["svg.hashsalt"] = "trocar"    # reproducible output
 import matplotlib.pyplot as plt  # noqa: E402
 
 from .shells import Shell  # noqa: E402
 
-LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, of the paper's mesh: what a mesh should keep
+LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of the paper's mesh, which a mesh should not exceed
 PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",
          "tetrahedra around a node, at most": "40"}
 
@@ -60,13 +60,13 @@ class Mesh:
         return np.bincount(self.tets.ravel(), minlength=len(self.points))
 
     def badness(self):
-        """Below 1 where all dihedral angles are within the paper's; the lower the better."""
+        """Below 1 if all dihedral angles are within the paper's range; lower is better."""
         angles = self.dihedral_angles()
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
 
 def table(mesh, outlined, distances):
-    """Rows (what, value, the paper's). Both by name of a region: volume of its outlines, m^3; distances of their points from its
+    """Rows (quantity, value, the paper's value). By region name: `outlined`, volume of its outlines, m^3; distances of their points from its
     surface, mm."""
     edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
     values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",

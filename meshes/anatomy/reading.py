@@ -1,4 +1,4 @@
-"""Reads outlines and surfaces: DICOM RT Structure Sets, CSV, STL, PLY. What comes out is in DICOM's patient coordinates, mm."""
+"""Reads outlines and surfaces: DICOM RT Structure Sets, CSV, STL, PLY. Results are in DICOM's patient coordinates, mm."""
 import collections
 import csv
 import os
@@ -17,21 +17,21 @@ CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
 class BadFile(Exception):
-    """The text names the file and, where it can, the place in it."""
+    """The text names the file and, if possible, the place in it."""
 
 
 def kind_of(path):
     extension = os.path.splitext(path)[1].lower()
     if extension in OUTLINES + SURFACES:
         return extension
-    raise BadFile(f"{path}: is none of {', '.join(OUTLINES + SURFACES)}")
+    raise BadFile(f"{path}: unknown file type; expected {', '.join(OUTLINES + SURFACES)}")
 
 
 def read_outlines(path):
     """ROI name -> list of rings (n, 3)."""
     rois = read_rtstruct(path) if kind_of(path) == ".dcm" else read_csv(path)
     if not any(rois.values()):
-        raise BadFile(f"{path}: holds no outlines")
+        raise BadFile(f"{path}: contains no outlines")
     return rois
 
 
@@ -42,10 +42,10 @@ def read_rtstruct(path):
         raise BadFile(f"{path}: not a DICOM file: {error}") from error
     if data.get("Modality") != "RTSTRUCT":
         raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT: export the structure set")
-    try:  # pydicom reads what is in sequences when it is asked for
+    try:  # pydicom reads sequences on access
         return rois_of(data)
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
-        raise BadFile(f"{path}: damaged, or cut off: {error}") from error
+        raise BadFile(f"{path}: damaged or truncated: {error}") from error
 
 
 def rois_of(data):
@@ -69,7 +69,7 @@ def rois_of(data):
 
 
 def roi_names(sequence):
-    """ROI number -> name; with the number in it where there is none, or several have the same."""
+    """ROI number -> name; includes the number if the name is missing or not unique."""
     given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
     often = collections.Counter(given.values())
     return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}
@@ -78,12 +78,12 @@ def roi_names(sequence):
 def points_of(contour, roi):
     values = np.array([float(v) for v in contour.get("ContourData", None) or []])
     if len(values) % 3:
-        raise ValueError(f"ROI \"{roi}\": an outline has {len(values)} coordinates, not three a point")
+        raise ValueError(f"ROI \"{roi}\": an outline has {len(values)} coordinates, not three per point")
     return values.reshape(-1, 3)
 
 
 def read_csv(path):
-    """One point a row under the header of COLUMNS; a new number in `outline` starts a new one."""
+    """One point per row under the header COLUMNS; a new number in `outline` starts a new outline."""
     rois = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -110,7 +110,7 @@ def add_point(rois, row, place):
 
 
 def read_surface(path, scale):
-    """A closed surface, mended, in mm, and remarks on what was mended; `scale`: mm per unit of the file."""
+    """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     reader = vtk.vtkSTLReader() if kind_of(path) == ".stl" else vtk.vtkPLYReader()
@@ -119,7 +119,7 @@ def read_surface(path, scale):
     reader.Update()
     surface = reader.GetOutput()
     if surface.GetNumberOfPolys() < 4:
-        raise BadFile(f"{path}: holds {surface.GetNumberOfPolys()} triangles: is it a surface of triangles?")
+        raise BadFile(f"{path}: contains {surface.GetNumberOfPolys()} triangles: is it a surface of triangles?")
     scaled = vtk.vtkTransform()
     scaled.Scale(scale, scale, scale)
     move = vtk.vtkTransformPolyDataFilter()

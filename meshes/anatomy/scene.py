@@ -1,6 +1,6 @@
 """The scene that goes with a mesh."""
 
-MATERIALS = {  # Pa; N; N/m static and kinetic: assumptions, the table of meshes/PARAMETERS.md
+MATERIALS = {  # Pa; N; N/m static and kinetic: assumptions, see meshes/PARAMETERS.md
     "prostate": (60e3, 0.3, 15, 9), "urethra": (30e3, 0.25, 12, 7), "rectum": (20e3, 0.25, 12, 7), "bladder": (10e3, 0.25, 12, 7)}
 OTHER = (30e3, 0.25, 12, 7)
 
@@ -13,7 +13,7 @@ def region(name, material):
 
 
 def text(title, mesh, soft, bones, walls):
-    """`soft`: names of regions, the gland's first, whatever it is called; `bones`: whether there are any; `walls`: names of the surfaces that nothing resists."""
+    """`soft`: names of regions, the gland first; `bones`: whether there are any; `walls`: names of surfaces without resistance."""
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",
              f"mesh: {mesh}", "", "regions:"]
     lines += region(soft[0], MATERIALS["prostate"])

@@ -5,7 +5,7 @@ _running = False
 
 
 def start():
-    """A new one, set so that the same input gives the same mesh. After a failure an old one would stay locked, and make empty meshes."""
+    """Starts a new session with settings for reproducible meshes. After a failure an old one would stay locked and make empty meshes."""
     global _running
     if _running:
         gmsh.finalize()

@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles, and what VTK does with them."""
+"""Closed triangle surfaces, and operations on them with VTK."""
 import dataclasses
 
 import numpy as np
@@ -7,7 +7,7 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to
 
 vtk.vtkSMPTools.SetBackend("Sequential")   # threads do not survive in the processes of `limits`
 
-SPLINTER = 0.01   # of the largest part's volume: what is smaller is dropped
+SPLINTER = 0.01   # of the largest part's volume: smaller parts are dropped
 
 
 @dataclasses.dataclass
@@ -27,7 +27,7 @@ class Shell:
         return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - self.points[0])) / 3
 
     def about_middle(self):
-        """Volume of the cones from the mean of its points to the triangles: of an open surface what it encloses but for the holes' cones."""
+        """Volume of the cones from the mean of its points to the triangles; for an open surface the cones of its holes are missing."""
         return abs(float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - self.points.mean(axis=0)))) / 3
 
     def volume(self):
@@ -90,20 +90,20 @@ def all_parts(shell):
 
 
 def parts(shell):
-    """The same without splinters."""
+    """The surface without splinters."""
     found = all_parts(shell)
     return [part for part in found if part.volume() > SPLINTER * found[0].volume()]
 
 
 def oriented(shell):
-    """All triangles' normals outward."""
+    """The surface with all normals outward."""
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False)
     alike = from_vtk(pipe(to_vtk(shell), normals))
     return alike if alike.signed_volume() > 0 else Shell(alike.points, alike.triangles[:, ::-1])
 
 
 def decimated(shell, triangles):
-    """At most about so many triangles, the same volume."""
+    """Decimated to about this many triangles at most, with the same volume."""
     if len(shell.triangles) <= triangles:
         return shell
     return from_vtk(pipe(to_vtk(shell), configured(vtk.vtkQuadricDecimation(), TargetReduction=1 - triangles / len(shell.triangles),
@@ -111,7 +111,7 @@ def decimated(shell, triangles):
 
 
 def mended(surface):
-    """A surface as it comes from a file: points merged, holes filled, normals outward; triangles only. Returned with remarks."""
+    """Cleans a surface from a file: points merged, holes filled, normals outward, triangles only. Returns it with remarks."""
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, AutoOrientNormals=True, Splitting=False)
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
@@ -126,7 +126,7 @@ def mended(surface):
         notes.append(f"{dropped} facets without an area were dropped")
     branching = edges_of(merged, "NonManifoldEdges")
     if branching:
-        notes.append(f"more than two facets meet at {branching} edges: counted is what the surface encloses")
+        notes.append(f"more than two facets meet at {branching} edges: the volume is everything that the surface encloses")
     return result, notes
 
 

@@ -14,7 +14,7 @@ from pydicom.uid import ExplicitVRLittleEndian, RTStructureSetStorage
 
 from . import patient, reading
 
-# A fixed UUID under the root of those made from UUIDs: nobody's patient, and the same file each time.
+# A fixed UID derived from a UUID: not a real patient's, and the same in each run.
 UID = "2.25.113059749145936325402354257176981405696"
 
 

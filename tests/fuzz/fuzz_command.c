@@ -1,4 +1,4 @@
-/* TROCAR_COMMAND, sent to an arbiter that somebody owns: the first byte tells whether as the owner. */
+/* TROCAR_COMMAND sent to an arbiter whose needle has an owner; the first byte selects whether the owner sends it. */
 #include "fuzz.h"
 
 #include "pose_arbiter.h"

@@ -1,13 +1,12 @@
-/* A mesh that Gmsh can read, but that is nonsense otherwise: the input says which nodes there are and what they make up. (Gmsh
-   itself, which is not ours, is spared what it cannot parse.) Either it is refused, or all indices are in range and all
-   tetrahedra the right way round. */
+/* A mesh that is syntactically valid (Gmsh's own parser is not under test) but arbitrary otherwise: the input determines nodes and
+   elements. Either it is refused, or all indices are in range and all tetrahedra have positive orientation. */
 #include "fuzz.h"
 
 #include <math.h>
 
 #include "tissue/mesh.h"
 
-/* Gmsh itself leaks when it gives up in the middle of a file. */
+/* Gmsh leaks when it gives up in the middle of a file. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\nleak:libstdc++\n"; }
 
@@ -16,13 +15,13 @@ enum { MAX_NODES = 12, MAX_ELEMENTS = 24, NODE_BYTES = 4, ELEMENT_BYTES = 6 };
 static void write_nodes(FILE *text, const uint8_t *data, int count) {
     fprintf(text, "$Nodes\n%d\n", count);
     for (int i = 0; i < count; i++, data += NODE_BYTES) {
-        double scale = data[0] == 255 ? 1e300 : data[0] == 254 ? 1e-300 : 1; /* and numbers that multiply badly */
+        double scale = data[0] == 255 ? 1e300 : data[0] == 254 ? 1e-300 : 1; /* products overflow or underflow */
         fprintf(text, "%d %g %g %g\n", i + 1 + (data[0] & 1), scale * data[1], scale * data[2], scale * data[3]);
     }
     fprintf(text, "$EndNodes\n");
 }
 
-/* Points, lines, triangles and tetrahedra of groups 1..4; some of nodes that are not there are left to Gmsh. */
+/* Points, lines, triangles and tetrahedra of groups 1..4; a few refer to missing nodes, which Gmsh must handle. */
 static void write_elements(FILE *text, const uint8_t *data, int count, int nodes) {
     static const int types[] = {15, 1, 2, 4};
     fprintf(text, "$Elements\n%d\n", count);
@@ -59,7 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     long length = ftell(out);
     fclose(out);
 
-    char path[] = "/dev/shm/fuzz_mesh.XXXXXX.msh"; /* Gmsh goes by the ending */
+    char path[] = "/dev/shm/fuzz_mesh.XXXXXX.msh"; /* Gmsh selects the format by the extension */
     int file = mkstemps(path, 4);
     REQUIRE(file >= 0 && write(file, text, (size_t)length) == length && close(file) == 0);
     mesh m;

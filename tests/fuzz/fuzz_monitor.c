@@ -1,4 +1,5 @@
-/* What a monitor or viewer hears: the first byte says which message it claims to be. What fits, LCM decodes whole and cleanly. */
+/* Messages to monitors and viewers: the first byte selects the type. LCM must decode every message that fits completely and without
+   leaks. */
 #include "fuzz.h"
 
 #include <string.h>

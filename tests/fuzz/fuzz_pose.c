@@ -1,5 +1,5 @@
-/* TROCAR_POSE, a stream of messages: eight bytes of each input message say how many bytes it has and when it comes. Whatever
-   comes, what is handed on are finite unit poses within the limits of speed, in order, of one owner. */
+/* TROCAR_POSE, a stream of messages: eight bytes before each message give its length and time. Accepted poses must always be
+   finite, have unit quaternions, respect the speed limits, be in order, and belong to one owner. */
 #include "fuzz.h"
 
 #include <string.h>

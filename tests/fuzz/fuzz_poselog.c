@@ -1,5 +1,5 @@
-/* A log of poses: refused with its name, or its poses are finite, of one session and in order of time. The same bytes as a log of
-   wrenches to compare with: refused with its name, or all of them answer a pose. */
+/* A log of poses: either refused with the file's name in the message, or its poses are finite, of one session and in order of time.
+   The same bytes as a log of golden wrenches: refused in the same way, or every wrench answers a pose. */
 #include "fuzz.h"
 
 #include <math.h>

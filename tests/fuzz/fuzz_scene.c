@@ -1,4 +1,4 @@
-/* A scene file: it is refused with a message that begins with the file's name, or every number is in its range. */
+/* A scene file: either refused with a message that begins with the file's name, or every number is in its range. */
 #include "fuzz.h"
 
 #include <string.h>

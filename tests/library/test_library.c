@@ -1,4 +1,4 @@
-/* libtrocar as its users see it: trocar.h and nothing else. */
+/* libtrocar through its public header trocar.h alone. */
 #include <gmshc.h>
 #include <math.h>
 #include <pthread.h>
@@ -27,7 +27,7 @@ static void assert_refused(trocar_status status, const char *words) {
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-/* ---- a scene by calls ---- */
+/* ---- a scene built by calls ---- */
 
 static trocar_scene *cube_scene(void) {
     cube_mesh *cube = malloc(sizeof *cube);
@@ -36,7 +36,7 @@ static trocar_scene *cube_scene(void) {
     trocar_mesh arrays = cube_arrays(cube);
     OK(trocar_scene_create(&scene, &why));
     OK(trocar_scene_set_mesh(scene, &arrays, &why));
-    free(cube); /* it was copied */
+    free(cube); /* the scene has its own copy */
     OK(trocar_scene_set_number(scene, "regions[body].youngs_modulus", 20e3, &why));
     OK(trocar_scene_set(scene, "membranes[skin].puncture_force", "0.5", &why));
     OK(trocar_scene_set(scene, "fixed", "[back]", &why));
@@ -134,7 +134,7 @@ static void keys_are_set_and_told(void **state) {
     trocar_scene_free(scene);
 }
 
-/* Every key can be read back from a scene that has its default, and setting that changes nothing. */
+/* Every key's default can be read from a scene, and setting it again changes nothing. */
 static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -195,7 +195,7 @@ static void bad_input_is_refused_in_words(void **state) {
     assert_int_equal(trocar_sim_tick(sim, 0, &crooked, 1e-3, &out), TROCAR_BAD_INPUT);
     char small[8];
     assert_refused(trocar_sim_save(sim, small, sizeof small, &why), "8");
-    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* without a place for the message */
+    assert_int_equal(trocar_scene_load("/nowhere", &scene, NULL), TROCAR_BAD_INPUT); /* without a buffer for the message */
     trocar_sim_free(sim);
     trocar_model_free(model);
     trocar_sim_free(NULL);
@@ -219,7 +219,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* the one that went on goes back, too */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* back into the simulation that has gone on */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 
@@ -234,7 +234,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     trocar_model_free(model);
 }
 
-/* Tick and work in turn are what a step does. */
+/* A step equals a tick followed by work. */
 static void split_calls_agree_with_lockstep(void **state) {
     (void)state;
     static trocar_output a[TICKS], b[TICKS];
@@ -266,7 +266,7 @@ static void *work(void *context) {
     return NULL;
 }
 
-/* With a worker that answers when it can, the forces are those of lockstep but for a tick or two. */
+/* With an asynchronous worker the forces match lockstep to within a tick or two. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -291,7 +291,7 @@ static void a_worker_thread_serves_the_tick(void **state) {
     trocar_model_free(model);
 }
 
-/* Contacts, centreline and displacements belong to the force: the forces on the tissue and that on the hand cancel. */
+/* Contacts, centreline and displacements are consistent with the force: the forces on tissue and hand cancel. */
 static void what_is_seen_fits_the_force(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -321,7 +321,7 @@ static void what_is_seen_fits_the_force(void **state) {
     trocar_model_free(model);
 }
 
-/* A picture is taken by one thread and read at leisure: it stays what it was while the simulation goes on. */
+/* A picture taken by one thread does not change while the simulation goes on. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
     enum { ROOM = TROCAR_MAX_CONTACTS + 1, MIDWAY = 4 * TICKS / 5 };
@@ -341,7 +341,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     OK(trocar_sim_displacements(sim, field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
-    assert_true(count >= 2); /* the tip and more */
+    assert_true(count >= 2); /* the tip and others */
     assert_int_equal(trocar_picture_contacts(copy, 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
     assert_int_equal(trocar_picture_centreline(copy, 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
@@ -358,7 +358,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     trocar_model_free(model);
 }
 
-/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and what damps the tip. */
+/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and the damper at the tip. */
 static void the_refined_mesh_carries_the_contacts(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -399,7 +399,7 @@ static void the_refined_mesh_carries_the_contacts(void **state) {
 static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
-/* Without a worker the oldest request gets older; once it is answered, the tick waits for nothing. */
+/* Without a worker the age of the oldest request grows; once it is answered, no request is pending. */
 static void waiting_and_latency_are_told(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene());
@@ -417,7 +417,7 @@ static void waiting_and_latency_are_told(void **state) {
     OK(trocar_sim_work(sim, &done, &why));
     assert_true(done.answered == 1 && done.latency >= 7000000 && done.latency <= made_time);
     trocar_pose base = pose_at(TICKS - 1);
-    for (int i = 0; i < 5; i++) { /* until there is nothing new to ask */
+    for (int i = 0; i < 5; i++) { /* until there is nothing left to request */
         assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
         OK(trocar_sim_work(sim, &done, &why));
     }
@@ -429,7 +429,7 @@ static void waiting_and_latency_are_told(void **state) {
     trocar_model_free(model);
 }
 
-/* A base on a spring yields by the force times the compliance; the force is the lower for it. */
+/* A base on a spring moves by force times compliance, which lowers the force. */
 static void a_base_on_a_spring_yields(void **state) {
     (void)state;
     static trocar_output rigid[TICKS], soft[TICKS];
@@ -438,7 +438,7 @@ static void a_base_on_a_spring_yields(void **state) {
     run(sim, 0, TICKS, rigid);
     trocar_pose start = pose_at(0), given = pose_at(TICKS - 1);
     trocar_sim_set_base_compliance(sim, 0, 2e-3);
-    OK(trocar_sim_reset(sim, 0, &start, &why)); /* which keeps the spring */
+    OK(trocar_sim_reset(sim, 0, &start, &why)); /* keeps the spring */
     run(sim, 0, TICKS, soft);
     trocar_pose base = trocar_sim_base(sim, 0);
     const double *force = soft[TICKS - 1].force;
@@ -448,7 +448,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* For a viewer: the mesh and its names at once, nothing that needs a stiffness. */
+/* For a viewer: mesh and names are available at once, functions that need the stiffness are not. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -470,7 +470,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     assert_true(trocar_model_material(model, body).youngs_modulus == 20e3 && trocar_model_material(model, skin).youngs_modulus == 0);
     assert_int_equal(trocar_model_averages_strain(model), 1);
     int tets = trocar_model_tet_count(model);
-    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; what has none is on the outside */
+    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; faces without one are on the surface */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);
@@ -558,7 +558,7 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, 10, a);
 #if defined(__SSE2__)
-    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* but for the sticky exception flags */
+    assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* except for the sticky exception flags */
 #endif
     gmshModelGetCurrent(&current, &error);
     assert_int_equal(error, 0);

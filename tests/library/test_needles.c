@@ -27,12 +27,12 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 goes in at the left, needle 1 at the right, `apart` (m) from each other. */
+/* Needle 0 enters on the left, needle 1 on the right, `apart` (m) from each other. */
 static trocar_pose base_at(int needle, double apart, int tick) {
     return (trocar_pose){{(needle - 0.5) * apart, 0.003, -0.201 + 1e-4 * tick}, {1, 0, 0, 0}};
 }
 
-/* Both of them, or one alone; outputs[needle][tick]. */
+/* Inserts both needles, or one alone; outputs[needle][tick]. */
 static trocar_sim *push_in(trocar_model *model, double apart, const int *held, trocar_output outputs[2][IN]) {
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));
@@ -50,8 +50,8 @@ static trocar_sim *push_in(trocar_model *model, double apart, const int *held, t
 
 static double distance(const double a[3], const double b[3]) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
-/* 60 mm apart: the one force displaces the tissue at the other needle by F / (8 pi mu d) (3 - 4 nu + cos^2) / (2 (1 - nu)) or less,
-   0.13 mm per N (Kelvin, mu = 10 kPa), which a shaft that sticks over 50 mm turns into less than a tenth of F. */
+/* 60 mm apart: a force F on one needle displaces the tissue at the other by at most F / (8 pi mu d) (3 - 4 nu + cos^2) / (2 (1 -
+   nu)), 0.13 mm per N (Kelvin, mu = 10 kPa), which a shaft sticking over 50 mm converts to less than a tenth of F. */
 static void needles_far_apart_feel_what_they_feel_alone(void **state) {
     (void)state;
     static trocar_output both[2][IN], alone[2][IN];
@@ -67,14 +67,14 @@ static void needles_far_apart_feel_what_they_feel_alone(void **state) {
             peak = force > peak ? force : peak;
             worst = off > worst ? off : worst;
         }
-        print_message("needle %d: peak %.3f N, with the other one off by %.4f N\n", n, peak, worst);
+        print_message("needle %d: peak %.3f N, changed by %.4f N by the other one\n", n, peak, worst);
         assert_true(peak > 0.5 && both[n][IN - 1].contacts > 5);
         assert_true(worst < 0.1 * peak && worst > 1e-5);
     }
     trocar_model_free(model);
 }
 
-/* Change of needle `felt`'s force when needle `moved`'s base goes by 50 um along `axis`, N, in equilibrium. */
+/* Equilibrium change of needle `felt`'s force, N, when needle `moved`'s base moves by 50 um along `axis`. */
 static void nudge(trocar_sim *sim, const void *start, int moved, int axis, double change[3]) {
     trocar_output before, after;
     int felt = 1 - moved;
@@ -89,7 +89,7 @@ static void nudge(trocar_sim *sim, const void *start, int moved, int axis, doubl
     for (int a = 0; a < 3; a++) change[a] = after.force[a] - before.force[a];
 }
 
-/* Maxwell and Betti: what one needle feels of the other's displacement is what the other feels of its own. */
+/* Maxwell and Betti: the force on needle A due to B's displacement equals the force on B due to A's. */
 static void the_coupling_is_reciprocal(void **state) {
     (void)state;
     static trocar_output outputs[2][IN];
@@ -102,7 +102,7 @@ static void the_coupling_is_reciprocal(void **state) {
     void *start = malloc(size);
     OK(trocar_sim_save(sim, start, size, &why));
     double of_0[3][3], of_1[3][3], largest = 0.0; /* [axis moved][felt]: by moving needle 0, needle 1 */
-    for (int axis = 0; axis < 2; axis++) { /* across the needles, where nothing slides */
+    for (int axis = 0; axis < 2; axis++) { /* transverse to the needles, where nothing slides */
         nudge(sim, start, 0, axis, of_0[axis]);
         nudge(sim, start, 1, axis, of_1[axis]);
         largest = fmax(largest, fmax(fabs(of_0[axis][0]), fabs(of_0[axis][1])));
@@ -141,7 +141,7 @@ static void what_follows_a_restore_follows_the_save(void **state) {
     trocar_model_free(model);
 }
 
-/* The worker's answers in between, as in real time; both needles are served. */
+/* The worker answers between ticks, as in real time; both needles are served. */
 static void ticks_and_worker_serve_every_needle(void **state) {
     (void)state;
     static trocar_output outputs[2][IN];

@@ -51,7 +51,7 @@ def cube(n=3, h=0.01):
 
 
 def measured(work):
-    """What `work` returns, the seconds of processor time that it took, and by how many bytes the process grew meanwhile."""
+    """Result of `work`, its processor time in seconds, and the growth of the process's memory in bytes."""
     resident = lambda: int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     results, before, peak = [], resident(), 0
     start = time.process_time()
@@ -69,7 +69,7 @@ class PythonTest(unittest.TestCase):
         cls.model = trocar.Model(trocar.Scene.load(FIGURE8))
 
     def test_forces_are_those_of_replay(self):
-        """The poses of a golden trace, tick by tick, to the last digit."""
+        """The poses of a golden trace, tick by tick, give the same digits."""
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "out.csv"
             log = SOURCE / "tests/traces/figure8.log"
@@ -87,7 +87,7 @@ class PythonTest(unittest.TestCase):
         self.assertGreater(sim.centreline().shape[0], 10)
 
     def test_rollout_is_the_same_insertions_one_by_one(self):
-        """64 insertions on two threads: each step to the bit, faster than real time, in less memory than 64 saved states."""
+        """64 insertions on two threads: each step bit-identical, faster than real time, in less memory than 64 saved states."""
         batch, steps, dt = 64, 200, 0.001
         poses = np.zeros((batch, steps, 7))
         poses[..., 0] = 0.005 + 1e-4 * np.arange(batch)[:, None]
@@ -104,7 +104,7 @@ class PythonTest(unittest.TestCase):
                 np.testing.assert_array_equal([getattr(out, field) for out in alone], together[field][insertion])
         self.assertGreater(np.abs(together["force"][:, -1, 2]).min(), 0.1)
         state = len(sim.save())
-        print("\nrollout: %.1f times real time per core; %.1f MB beside the results, a state %.1f MB"
+        print("\nrollout: %.1f times real time per core; %.1f MB without the results, a state %.1f MB"
               % (batch * steps * dt / seconds, 1e-6 * (memory - together.nbytes), 1e-6 * state))
         self.assertGreater(batch * steps * dt / seconds, 2)
         self.assertLess(memory - together.nbytes, batch * state)
@@ -140,7 +140,7 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_array_equal(forces, [sim.step(pose(tick), 0.001).force for tick in range(100, 200)])
 
     def test_the_gil_is_released(self):
-        """A rollout in another thread lets this one go on."""
+        """This thread runs on during a rollout in another one."""
         poses = np.zeros((4, 500, 7))
         poses[..., 0:3] = [0.005, 0.003, -0.201]
         poses[..., 2] += 1e-4 * np.arange(500)

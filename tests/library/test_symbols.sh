@@ -1,6 +1,6 @@
 #!/bin/bash
-# What the libraries export, whether the header stands alone in each language, and whether the binary interface is that of
-# tests/library/libtrocar.abi. A wanted change of it: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
+# The libraries export exactly the declared functions, the header compiles alone in each language, and the binary interface equals
+# tests/library/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
 # usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -12,7 +12,7 @@ declared=$(sed -n 's/^TROCAR_API .*[ *]\(trocar_[a-z_]*\)(.*/\1/p' "$source/core
 [ "$(wc -w <<<"$declared")" -gt 20 ] || fail "the header declares $(wc -w <<<"$declared") functions"
 for exported in "$(nm -D --defined-only "$library")" "$(nm --extern-only --defined-only "$build/core/libtrocar.a")"; do
     names=$(awk 'NF == 3 && $2 ~ /[TDBRVW]/ { print $3 }' <<<"$exported" | sort)
-    diff <(echo "$declared") <(echo "$names") || fail "what is exported (>) is not what the header declares (<)"
+    diff <(echo "$declared") <(echo "$names") || fail "exported symbols (>) differ from the header's declarations (<)"
 done
 objdump -p "$library" | grep -qE 'SONAME +libtrocar\.so\.[0-9]+\.[0-9]+$' || fail "no soname"
 
@@ -29,6 +29,6 @@ if [ "${3:-}" = --renew ]; then
 else
     dump >"$build/trocar.abi"
     abidiff "$source/tests/library/libtrocar.abi" "$build/trocar.abi" ||
-        fail "the binary interface has changed: raise the version if it must, and renew tests/library/libtrocar.abi"
+        fail "the binary interface has changed: raise the soname's version if incompatible, then run this test with --renew"
 fi
 echo passed

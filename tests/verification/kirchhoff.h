@@ -1,17 +1,17 @@
-/* Reference for the needle: Kirchhoff's rod as an ordinary differential equation in the arc length, clamped at the origin
-   along +z, under dead forces at given arcs. Fourth-order Runge-Kutta from the clamp, Newton's method on the root moment
-   until the tip carries none. Shares nothing with core but small vectors. */
+/* Reference for the needle: Kirchhoff's rod as an ordinary differential equation in the arc length, clamped at the origin along +z,
+   under dead forces at given arc lengths. Fourth-order Runge-Kutta from the clamp; Newton's method on the root moment until the
+   moment at the tip is zero. Shares only the vector functions with the core. */
 #ifndef TROCAR_VERIFICATION_KIRCHHOFF_H
 #define TROCAR_VERIFICATION_KIRCHHOFF_H
 
 #include "base/vec.h"
 
-enum { KIRCHHOFF_STEPS = 2000 };             /* of the integration; forces act at multiples of one */
+enum { KIRCHHOFF_STEPS = 2000 };             /* of the integration; forces act at whole steps */
 
 typedef struct {
     double length, bending, torsion;         /* m, N m^2 */
     int count;
-    int step[4];                             /* at which each force acts, 1..KIRCHHOFF_STEPS */
+    int step[4];                             /* where each force acts, 1..KIRCHHOFF_STEPS */
     vec3 force[4];                           /* N */
 } kirchhoff_rod;
 
@@ -20,7 +20,7 @@ typedef struct {
     quat frame;                              /* axis = local z */
 } kirchhoff_section;
 
-/* Derivative by the arc: r' = t, m' = -t x n, and the frame turns by the curvature B^-1 m. */
+/* Derivatives by arc length: r' = t, m' = -t x n, and the frame rotates by the curvature B^-1 m. */
 static inline void kirchhoff_rate(const kirchhoff_rod *rod, const kirchhoff_section *s, vec3 force, vec3 *dr, vec3 *dm, quat *dq) {
     vec3 m = q_rotate(q_conjugate(s->frame), s->moment);
     vec3 curvature = v3(m.x / rod->bending, m.y / rod->bending, m.z / rod->torsion);
@@ -62,7 +62,7 @@ static inline kirchhoff_section kirchhoff_shoot(const kirchhoff_rod *rod, double
     return s;
 }
 
-/* Tip in equilibrium, the load applied in steps; `root_moment` is what the clamp exerts on the rod, N m. */
+/* Tip in equilibrium, with the load applied in steps; `root_moment` is the clamp's moment on the rod, N m. */
 static inline kirchhoff_section kirchhoff_solve(const kirchhoff_rod *rod, vec3 *root_moment) {
     const vec3 axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     kirchhoff_section tip = {0};

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
-"""Makes the verification report, REPORT.md beside this script with its figures in plots/, from the checks' JSON files.
+"""Makes the verification report (REPORT.md next to this script, figures in plots/) from the checks' JSON files.
 
-usage: report.py FOLDER     FOLDER: where scripts/verify left the files, out/verify
+usage: report.py FOLDER     FOLDER: the output of scripts/verify, out/verify
 """
 import json
 import os
@@ -21,10 +21,10 @@ import matplotlib.pyplot as plt  # noqa: E402
 HERE = Path(__file__).resolve().parent
 PLOTS = HERE / "plots"
 PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
-# Colours of Okabe and Ito, told apart without colour vision; line styles and markers too.
+# Colours of Okabe and Ito, with line styles and markers: readable without colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", ":", "-.")
-MANY = 30  # points from which on a curve gets no markers
+MANY = 30  # curves with at least this many points get no markers
 
 
 def read_entries(folder):
@@ -71,7 +71,7 @@ def draw(curves, path):
 
 
 def figures(entries, folder):
-    """File names of a section's figures, drawn or copied into PLOTS."""
+    """Draws or copies a section's figures into PLOTS; yields their file names."""
     curves = {}
     for entry in entries:
         if entry["kind"] == "curve":
@@ -123,7 +123,7 @@ def report_lines(entries, folder, commit):
     measured = sum(entry["kind"] == "measured" for entry in entries)
     yield "# Verification report\n"
     yield ("Made by `scripts/verify`; do not edit. A row passes if its error is at most its limit; errors are relative "
-           "unless the row says otherwise. Rows that are only measured have no limit and are not counted. What each check does is told at the head of its source in this folder.\n")
+           "unless the row says otherwise. Rows that are only measured have no limit and are not counted. Each check is described at the head of its source in this folder.\n")
     yield f"**{passed} of {len(rows)} rows pass**, {measured} more are measured. Commit {commit}. {machine()}\n"
     failing = [row for row in rows if not row["pass"]]
     if failing:

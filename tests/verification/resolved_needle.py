@@ -4,11 +4,11 @@
 A needle of radius r is bonded to a block of tissue: a cylindrical hole with a flat end, all nodes of which are moved
 by 1 mm, sideways or along the axis, without rotation. The reactions are the forces needed. The discs, moved alone,
 calibrate the compliance under a cutting force. Nothing here comes from trocar's own code: meshes are made by Gmsh and
-numpy, solved by CalculiX with quadratic tetrahedra (C3D10). See README.md beside this file.
+numpy and solved by CalculiX with quadratic tetrahedra (C3D10). See README.md next to this file.
 
 The mesh is a plane triangulation, extruded: polar rings around the needle's axis, refined towards its rim, joined to
-Gmsh's triangles that reach the block's sides. Its layers are thin where the needle ends and long between, which free
-tetrahedra can't be. Lengths are in m, forces in N, moduli in Pa.
+Gmsh's triangles that reach the block's sides. Its layers are thin at the needle's ends and long in between, which an
+unstructured mesh can't achieve. Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
 import json
@@ -23,7 +23,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is held, z = HEIGHT is the skin
+HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is fixed, z = HEIGHT is the skin
 RINGS_RADIUS = 0.006  # where the polar rings end; less than the distance from any needle to a side of the block
 SOFT, STIFF = 20e3, 60e3
 MOVE = 1e-3
@@ -39,7 +39,7 @@ MESHES = {
     "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
              "disc": {"rim": 0.001, "slope": 0.5, "far_slope": 0.6, "sectors": 10, "largest": 0.025}},
 }
-# How far the moved nodes go in each load case; a disc is pressed the way a needle is inserted.
+# Displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion.
 LOADS = {
     "needle": {"sideways": (MOVE, 0.0, 0.0), "axial": (0.0, 0.0, MOVE)},
     "disc": {"axial": (0.0, 0.0, -MOVE)},
@@ -120,7 +120,7 @@ def surroundings(axis, boundary, mesh):
         tags = [geo.addPoint(x, y, 0.0) for x, y in points]
         lines = [geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1])]
         loops.append(geo.addCurveLoop(lines))
-    for line in lines:  # those of the polygon must not be divided
+    for line in lines:  # the polygon's lines must not be divided
         geo.mesh.setTransfiniteCurve(line, 2)
     geo.addPlaneSurface(loops)
     geo.synchronize()
@@ -165,7 +165,7 @@ def midpoints(a, b):
 # ---- extrusion to quadratic tetrahedra -------------------------------------------------------------------------------
 
 def layers(one, first, mesh):
-    """Heights of the layers' faces: thin at the tip, the skin end and a change of material."""
+    """Heights of the layers' faces: thin layers at the tip, at the skin and at a change of material."""
     stops, fine_at = [0.0, one["tip"], HEIGHT], [one["tip"]]
     if one["kind"] == "needle":
         fine_at.append(HEIGHT)
@@ -226,7 +226,7 @@ def right_handed(nodes, tets):
 
 
 def block_with_needle(one, mesh):
-    """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the nodes that are held and moved."""
+    """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
     first = mesh["rim"] * one["radius"]
     vertices, triangles = plane_triangulation(one["axis"], one["radius"], first, mesh)
     heights = layers(one, first, mesh)
@@ -249,12 +249,12 @@ def block_with_needle(one, mesh):
 # ---- the problem for CalculiX ----------------------------------------------------------------------------------------
 
 def numbered(table):
-    """Lines of a table, each after its number counted from one; CalculiX reads 20 characters a number."""
+    """Lines of a table, numbered from one; CalculiX reads 20 characters per number."""
     return "".join(f"{i}, {', '.join(f'{value:.12g}' for value in row)}\n" for i, row in enumerate(table.tolist(), 1))
 
 
 def a_set(keyword, name, members):
-    """A set of nodes or elements; `members` count from zero."""
+    """A set of nodes or elements; `members` are numbered from zero."""
     return f"*{keyword}, {keyword}={name}\n" + "".join(f"{i + 1}\n" for i in members)
 
 
@@ -264,7 +264,7 @@ def material(name, modulus, nu, elements):
 
 
 def static_step(move):
-    """One load case; its boundary conditions replace those of the step before."""
+    """One load case; its boundary conditions replace those of the previous step."""
     motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move, 1))
     return (f"*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3\n{motion}"
             "*NODE PRINT, NSET=MOVED, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=FIXED, TOTALS=ONLY\nRF\n*END STEP\n")
@@ -309,7 +309,7 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Add the force along each motion on the finest mesh solved, and how far the standard mesh lies from the fine."""
+    """Add the force along each motion on the finest mesh solved, and the deviation of the standard mesh from the fine one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in LOADS[entry["kind"]].items()} for mesh in MESHES if mesh in entry["meshes"]}
     entry["force"] = force.get("fine", force.get("standard"))
@@ -335,8 +335,8 @@ def arguments():
     parser.add_argument("cases", nargs="*", metavar="CASE", help="cases to solve (default: all)")
     parser.add_argument("--mesh", choices=MESHES, default="standard", help="mesh to use (default: %(default)s)")
     parser.add_argument("--output", type=Path, default=Path(__file__).with_suffix(".json"),
-                        help="table to add the results to (default: the one beside this script)")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave CalculiX's files of the last run in DIR")
+                        help="table to add the results to (default: the one next to this script)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep CalculiX's files of the last run in DIR")
     parser.add_argument("--version", action="version", version="resolved_needle 1")
     chosen = parser.parse_args()
     unknown = set(chosen.cases) - set(CASES)

@@ -1,8 +1,10 @@
-/* Force that a rigid straight needle needs to move the tissue, by the contact nodes, tributary lengths and local
-   compliances of the insertion: for comparison with a needle whose surface is resolved (resolved_needle.py).
-   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower"
-   Needle along -z from the top (z = 0.1 m). Prints: nodes, contacts, and the forces in N for 1 mm: the whole needle
-   sideways along x, the whole needle along z, the tip alone along z; then the first two once more by the tick itself. */
+/* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
+   local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
+   usage: rigid_needle MESH
+   RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower"
+   Needle along -z from the top (z = 0.1 m). Prints: nodes,
+   contacts, and the forces in N for 1 mm: the whole needle sideways along x, the whole needle along z, the tip alone along z; then
+   the first two again, by the tick itself. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,8 +21,8 @@ typedef struct {
     compliance_snapshot snapshot;
 } body;
 
-static const double RIGID = 1e7;   /* times steel */
-static const double HOLDS = 1e6;   /* N/m and N: nothing slides, nothing is cut */
+static const double RIGID = 1e7;   /* times steel's modulus */
+static const double HOLDS = 1e6;   /* N/m and N: large enough to prevent sliding and cutting */
 
 static trocar_status configure(char **argument, simulation_config *c, report *why) {
     mesh m;
@@ -46,7 +48,7 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
     return TROCAR_OK;
 }
 
-/* Local compliance at a point that stands for the shaft between two depths: the regions that it lies in, side by side. */
+/* Local compliance at a point that represents the shaft between two depths: its regions act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, bool along, double surplus) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     double stiffness = 0.0;
@@ -65,7 +67,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     int contacts = contacts_passed(s), n = contacts + 1, handles[4];
     const int *corners = model->mesh->tets[s->tip.tet];
     double weights[4], own = 0.0;
-    static insertion_state all; /* every contact takes part */
+    static insertion_state all; /* every contact active */
     all = *s;
     all.active = contacts;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
@@ -84,7 +86,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0, resolved.point);
     double end = local_line_compliance_at(model, s->tip.tet, s->tip.nominal).lateral * local_logarithm(model, &resolved).lateral / model->needle->radius;
     double shaft = local_between(model, s, &resolved, share.from, share.to, axis == 2, 0.0);
-    a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* side by side */
+    a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* in parallel */
     *tip_alone = 1e-3 / (own + disc);
     return n;
 }
@@ -101,14 +103,14 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
-/* The same by the tick, from the change of the wrench on a needle that holds all of its contacts, as its base moves by 1 mm. (At
-   rest it is not quite zero: nodes are kept off the faces of elements, and so a little beside the needle.) */
+/* The same by the tick: the change of the wrench on a needle with all contacts sticking when its base moves by 1 mm. (The wrench at
+   rest is not exactly zero, because nodes are kept off the elements' faces and thus slightly beside the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
     insertion_reset(&b->simulation.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;
-    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* the contacts take part in the second tick, the base moves in the third */
+    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
         status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;

@@ -6,8 +6,8 @@
            return rows_end(&r);
        }
 
-   rows_measured() writes what there is no limit for: it neither passes nor fails and is not counted. A section is "Part: subject";
-   the report sorts by it. tests/verification/rows.py is the same for Python. */
+   rows_measured() writes a value without a limit: it neither passes nor fails and is not counted. A section is "Part: subject";
+   the report sorts by it. tests/verification/rows.py is the Python version. */
 #ifndef TROCAR_VERIFICATION_ROWS_H
 #define TROCAR_VERIFICATION_ROWS_H
 
@@ -20,7 +20,7 @@
 #include "json.h"
 
 typedef struct {
-    const char *section;       /* of the rows that follow; may be changed between rows */
+    const char *section;       /* of the following rows; may be changed between rows */
     const char *folder;        /* for output; exists */
     bool short_form;           /* a few seconds at most: --short was given */
     json file;
@@ -29,16 +29,16 @@ typedef struct {
 
 /* One line of the report. It passes if error <= limit. */
 typedef struct {
-    const char *check;         /* what was measured, with the case */
-    const char *reference;     /* what it is compared with */
+    const char *check;         /* quantity and case */
+    const char *reference;     /* compared with */
     double value;
     double expected;           /* NAN: none */
     double error, limit;       /* relative, unless the note says otherwise */
     const char *unit;          /* of value and expected; NULL: none */
-    const char *note;          /* the reason of a failure, or a remark; NULL: none */
+    const char *note;          /* reason of a failure, or a remark; NULL: none */
 } row;
 
-/* A line in a figure: all curves of one figure name are drawn into FIGURE.svg, curves with one label in one colour. */
+/* A line in a figure: curves with the same figure name are drawn into FIGURE.svg, those with the same label in one colour. */
 typedef struct {
     const char *figure;        /* file name without .svg */
     const char *label, *x_label, *y_label;
@@ -89,7 +89,7 @@ static inline void rows_values(rows *r, const char *kind, const row *entry) {
 }
 
 static inline void rows_add(rows *r, row entry) {
-    bool pass = entry.error <= entry.limit; /* not when NaN */
+    bool pass = entry.error <= entry.limit; /* false for NaN */
     r->failed += !pass;
     rows_values(r, "row", &entry);
     json_number(&r->file, "limit", entry.limit);
@@ -100,7 +100,7 @@ static inline void rows_add(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* A line without limit, and so without pass: entry.limit does not count. */
+/* A line without a limit: entry.limit is ignored. */
 static inline void rows_measured(rows *r, row entry) {
     rows_values(r, "measured", &entry);
     json_close(&r->file, '}');
@@ -108,7 +108,7 @@ static inline void rows_measured(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* A value against one that is expected: relative error. */
+/* A value compared with an expected one: relative error. */
 static inline void rows_compare(rows *r, const char *check, const char *reference, double value, double expected,
                                 double limit, const char *unit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = value, .expected = expected,

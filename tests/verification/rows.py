@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SKIPPED = 77  # exit status: something that the check needs is not installed
+SKIPPED = 77  # exit status: something needed is not installed
 
 
 def number(value):
@@ -46,7 +46,7 @@ class Rows:
         print(f"{'pass' if passed else 'FAIL'}  {check}: {value:.6g} {unit} (error {error:.3g}, limit {limit:.3g})", flush=True)
 
     def compare(self, check, reference, value, expected, limit, unit="", note=""):
-        """A value against one that is expected: relative error."""
+        """A value compared with an expected one: relative error."""
         self.add(check, reference, value, expected, abs(value - expected) / abs(expected), limit, unit, note)
 
     def error(self, check, reference, error, limit, note=""):
@@ -60,10 +60,10 @@ class Rows:
                              "x_label": x_label, "y_label": y_label, "logarithmic": logarithmic})
 
     def plot(self, file):
-        """A figure that the check has drawn itself into the output folder."""
+        """A figure drawn by the check itself into the output folder."""
         self.entries.append({"kind": "plot", "section": self.section, "plot": file})
 
     def end(self):
-        """Writes the file; the program's exit status: 0 if every row passed, else 1."""
+        """Writes the file; returns the program's exit status: 0 if every row passed, else 1."""
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
         return 0 if all(entry.get("pass", True) for entry in self.entries) else 1

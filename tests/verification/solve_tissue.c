@@ -1,7 +1,7 @@
-/* Displacements of a tissue under nodal forces, by core, for the scripts beside this file.
+/* Displacements of a tissue under nodal forces, computed by the core for the scripts in this folder.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
-   INPUT, one a line: `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
+   INPUT, one per line: `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
    (begins a load case), `load NODE FX FY FZ`.
    OUTPUT: x y z of each node (m), then for each case ux uy uz of each node (m), all with 17 digits. */
 #include <stdlib.h>
@@ -17,7 +17,7 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     vec3 *force, *displacement;
-    bool loaded;               /* a case has begun */
+    bool loaded;               /* a case has started */
 } problem;
 
 static trocar_status set_material(problem *p, const char *line, report *why) {

@@ -53,7 +53,7 @@ def elements(dimension, kind, name_of):
 
 
 def read_mesh(path):
-    """A mesh file with core's order of nodes: ascending tags, without those that no tetrahedron uses."""
+    """A mesh file with the core's order of nodes: ascending tags, without unused nodes."""
     start_gmsh()
     gmsh.open(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -142,7 +142,7 @@ def assemble(count, elements, forces):
 
 
 def body_load(model, density, order=1, middle=None):
-    """From a body force density(x) -> (..., 3), N/m^3; of order 2 with `middle`, a Quadratic."""
+    """From a body force density(x) -> (..., 3), N/m^3; quadratic elements if `middle`, a Quadratic, is given."""
     points, weights = tet_rule(4)
     shape = points if order == 1 else quadratic(points, EDGES)
     volume6 = np.linalg.det(model.nodes[model.tets[:, 1:]] - model.nodes[model.tets[:, :1]])
@@ -165,7 +165,7 @@ def surface_load(model, triangles, traction, order=1, middle=None):
 
 
 def point_load(model, points, force):
-    """The same force (3) at each point (k, 3), shared among the corners of its tetrahedron."""
+    """The same force (3) at each point (k, 3), distributed to the corners of its tetrahedron."""
     g, _ = gradients(model)
     total = np.zeros_like(model.nodes)
     for x in points:
@@ -180,7 +180,7 @@ def point_load(model, points, force):
 
 def solve_core(rows, model, materials, fixed, cases, strain="node"):
     """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: where the
-    volumetric strain is taken, "node" as by default or "element"."""
+    volumetric strain is evaluated, "node" (default) or "element"."""
     lines = [f"strain {strain}"]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
@@ -192,12 +192,12 @@ def solve_core(rows, model, materials, fixed, cases, strain="node"):
         sys.exit(f"solve_tissue: status {done.returncode}: {done.stderr}")
     values = np.array(done.stdout.split(), float).reshape(1 + len(cases), -1, 3)
     if not np.array_equal(values[0], model.nodes):
-        sys.exit("solve_tissue orders the nodes in another way")
+        sys.exit(f"{model.path}: solve_tissue orders the nodes differently from tissue_model.py")
     return values[1:]
 
 
 def deck(nodes, tets, kind, regions, materials, fixed, cases):
-    """CalculiX's input. Twenty characters a number is all that it reads."""
+    """CalculiX's input; it reads at most twenty characters per number."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i},{x:.13e},{y:.13e},{z:.13e}" for i, (x, y, z) in enumerate(nodes.tolist(), 1))
     for name, members in regions.items():
@@ -228,7 +228,7 @@ def read_displacements(path, count):
 
 
 def solve_calculix(model, materials, fixed, cases, middle=None):
-    """By CalculiX: C3D4, or C3D10 where `middle`, a Quadratic, is given. Its output has seven digits."""
+    """By CalculiX: C3D4, or C3D10 if `middle`, a Quadratic, is given. Its output has seven digits."""
     triangles = np.concatenate([model.surfaces[name] for name in fixed])
     held, nodes, tets, kind = triangles, model.nodes, model.tets, "C3D4"
     if middle:

@@ -1,14 +1,13 @@
-/* Needle and tissue together, against what must hold whatever the parameters: equilibrium of forces and moments, the exact
-   axial curve in homogeneous tissue, reversibility below the friction limit, insertions that repeat, and the way out on the
-   far side. */
+/* Needle and tissue together, against laws that hold for all parameters: equilibrium of forces and moments, the exact axial curve
+   in homogeneous tissue, reversibility below the friction limit, repeatable insertions, and exit on the far side. */
 #include "lockstep.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
 static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N, N: of the homogeneous tissue */
 
-/* One material throughout, without viscous terms and with friction at its kinetic value from the start: the axial curve is
-   known. The capsule resists no more than the tissue. */
+/* One material, without viscous terms and with static friction equal to kinetic, so that the axial curve is known. The capsule
+   resists no more than the tissue. */
 static simulation_config homogeneous(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -25,8 +24,8 @@ static simulation_config homogeneous(void) {
 
 /* ---- equilibrium -------------------------------------------------------------------------------------------------------- */
 
-/* Sums over the added nodes' forces and their moments about the origin at nominal positions, where linear elasticity has
-   them; over the fixed nodes, the same of the reactions K u. */
+/* Resultant of the forces on the added nodes, with moments about the origin at nominal positions, as in linear elasticity; for the
+   fixed nodes, of the reactions K u. */
 typedef struct { vec3 force, moment; } resultant;
 
 static void add_to(resultant *sum, vec3 x, vec3 force) {
@@ -148,13 +147,13 @@ static void check_forces(rows *r, volumetric_strain strain) {
     lockstep_free(l);
 }
 
-/* Newton passes until nothing changes, instead of to 1e-8 m. */
+/* Newton passes until nothing changes instead of until 1e-8 m. */
 static void converge(simulation_config *c) {
     c->insertion.max_passes = 20;
     c->insertion.tolerance = 1e-15;
 }
 
-/* The base torque is the sum of the contacts' moments; bending at the base is of the needle's shape alone. */
+/* The base torque is the sum of the contacts' moments; the bending moment at the base follows from the needle's shape alone. */
 static void check_bending(rows *r) {
     for (int converged = 0; converged < 2; converged++) {
         simulation_config c = lockstep_config();
@@ -182,8 +181,8 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return l->state.active > 0 && l->state.tip.friction == way && l->state.tip.shaft_friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
 }
 
-/* Largest error of the force along the needle over a move, where the whole shaft slides: against friction times the depth
-   and, on the way in, cutting. */
+/* Largest error of the axial force during a move while the whole shaft slides, against friction times depth plus (during insertion)
+   cutting. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;
     int n = (int)(fabs(way) / 2e-5 + 0.5);
@@ -198,7 +197,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* The rise before the puncture: needle and tissue in series, the tissue's compliance at the entry point by its own solve. */
+/* The rise before the puncture: needle and tissue in series, with the tissue's compliance at the entry point from a separate solve.
+   */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
@@ -210,7 +210,7 @@ static double compliance_at_entry(lockstep *l) {
     for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
     free(force);
     free(u);
-    return sum + l->simulation.workspace->axial[0]; /* and the end face's own */
+    return sum + l->simulation.workspace->axial[0]; /* plus the local compliance of the end face */
 }
 
 static void check_rise(rows *r) {
@@ -224,7 +224,7 @@ static void check_rise(rows *r) {
         if (l->wrench.events & EVENT_TOUCHED) touch = l->state.entry.z - c.needle.length;
     }
     rows_compare(r, "force of the last tick before the puncture", "puncture force of the skin", last, SKIN, 0.01, "N");
-    rows_compare(r, "stiffness of the rise to it", "entry point's compliance by a static solve", last / (base - touch), 1.0 / compliance_at_entry(l), 0.01, "N/m");
+    rows_compare(r, "stiffness before the puncture", "entry point's compliance by a static solve", last / (base - touch), 1.0 / compliance_at_entry(l), 0.01, "N/m");
     lockstep_free(l);
 }
 
@@ -235,13 +235,13 @@ static void check_axial_curve(rows *r) {
     int in_ticks = 0, out_ticks = 0, count = 0;
     double in = curve_error(l, 0.081, SLIP_FORWARD, &in_ticks, depth, force, &count);
     double out = curve_error(l, -0.085, SLIP_BACKWARD, &out_ticks, depth, force, &count);
-    rows_add(r, (row){.check = "pushed in 80 mm: worst force where the whole shaft slides", .reference = "cutting + friction times depth", .value = in,
-                      .expected = 0.0, .error = in / (CUTTING + 0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error over the greatest force"});
-    rows_add(r, (row){.check = "drawn out: worst force where the whole shaft slides", .reference = "friction times depth", .value = out, .expected = 0.0,
-                      .error = out / (0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error over the greatest force"});
+    rows_add(r, (row){.check = "insertion by 80 mm: worst force while the whole shaft slides", .reference = "cutting + friction times depth", .value = in,
+                      .expected = 0.0, .error = in / (CUTTING + 0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error relative to the largest force"});
+    rows_add(r, (row){.check = "retraction: worst force while the whole shaft slides", .reference = "friction times depth", .value = out, .expected = 0.0,
+                      .error = out / (0.08 * FRICTION), .limit = 1e-3, .unit = "N", .note = "error relative to the largest force"});
     double part = (double)in_ticks / (0.08 / 2e-5);
-    rows_add(r, (row){.check = "part of the way in on which the whole shaft slides", .reference = "at least half", .value = part, .expected = NAN,
-                      .error = 1.0 - part, .limit = 0.5, .note = "absolute; the check above counts there"});
+    rows_add(r, (row){.check = "share of the insertion during which the whole shaft slides", .reference = "at least half", .value = part, .expected = NAN,
+                      .error = 1.0 - part, .limit = 0.5, .note = "absolute; the check above applies there"});
     rows_curve(r, (curve){.figure = "axial-curve", .label = "simulated, in and out", .x_label = "depth (mm)", .y_label = "push at the base (N)",
                           .count = count, .x = depth, .y = force});
     for (int i = 0; i < count; i++) exact[i] = CUTTING + 1e-3 * FRICTION * depth[i];
@@ -257,7 +257,7 @@ static void check_reversibility(rows *r, bool converged, double limit) {
     if (converged) converge(&c);
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, TICK);
-    lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unloads, so that nothing slides */
+    lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unload, so that nothing slides */
     tick_output before = l->wrench;
     double swing = 0.0, twist = 0.0, force = 0.0, torque = 0.0;
     for (int i = 0; i < 5; i++) {
@@ -286,7 +286,7 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* In and out ten times at one place, with a neighbouring track 3 mm away before each, against the first time. */
+/* Inserts and withdraws ten times at one place, each time after a track 3 mm away, and compares with the first time. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -305,9 +305,9 @@ static void check_repetition(rows *r) {
             worst_beside = fmax(worst_beside, fabs(beside[i] - beside_first[i]));
         }
     }
-    rows_error(r, "ten times in and out through one track: force", "the first time", worst / peak, 1e-6);
-    rows_error(r, "ten times through a neighbouring track in between: force", "the first time", worst_beside / peak, 1e-6);
-    rows_error(r, "force left after withdrawing, N", "0", left, 0.0);
+    rows_error(r, "ten insertions along one track: force", "the first time", worst / peak, 1e-6);
+    rows_error(r, "ten insertions, with a neighbouring track before each: force", "the first time", worst_beside / peak, 1e-6);
+    rows_error(r, "remaining force after withdrawal, N", "0", left, 0.0);
     lockstep_free(l);
 }
 
@@ -328,10 +328,10 @@ static void check_exit(rows *r) {
         worst_back = fmax(worst_back, fabs(l->wrench.force.x / (FRICTION * 0.1) - 1.0));
         lockstep_move(l, v3(-0.125, 0, 0), 4.0, TICK);
     }
-    rows_compare(r, "needle out on the far side: length in the tissue", "thickness", depth, 0.1, 1e-3, "m");
-    rows_error(r, "pushed on, 2 mm beyond: force, twice", "friction times the thickness, no cutting", worst, 1e-2);
-    rows_error(r, "drawn back 20 mm, still out: force, twice", "the same, reversed", worst_back, 1e-2);
-    rows_error(r, "drawn out the way it came: force left, N", "0", v3_norm(l->wrench.force), 0.0);
+    rows_compare(r, "needle out on the far side: length in tissue", "thickness", depth, 0.1, 1e-3, "m");
+    rows_error(r, "pushed on by 2 mm: force, twice", "friction times the thickness, no cutting", worst, 1e-2);
+    rows_error(r, "pulled back by 20 mm, tip still outside: force, twice", "the same, reversed", worst_back, 1e-2);
+    rows_error(r, "withdrawn completely: remaining force, N", "0", v3_norm(l->wrench.force), 0.0);
     lockstep_free(l);
 }
 

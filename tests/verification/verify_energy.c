@@ -1,19 +1,19 @@
-/* Energy balance of whole insertions: the work of the hand is stored (tissue, local compliance, needle) or dissipated.
+/* Energy balance of complete insertions: the work of the hand is stored (tissue, local compliance, needle) or dissipated.
 
-   Between two ticks, with the mean f of a point's forces before and after:
-   - the shaft slides past a contact node by the slip of the later solve: friction takes f.t slip;
-   - the tip's nominal point moves by dX and its axial gap by dg: cutting and puncture take f.(dX + dg t);
-   - the shaft next to the tip bears a force of its own at the tip's point: friction takes it as at a contact node;
-   - the tip goes where the tissue yields more or less than where it was: from the surface into the depth, from the soft into the
-     stiff. At given forces this alone sets energy free or binds it, 1/2 f dC f with the compliance C at the tip, as a crack's
-     energy release rate does; the tissue springs back, so it lessens what cutting takes. Found by one more solve: the forces
-     after the tick with the tip where it was before.
-   - the damper at the tip, which keeps the tissue from springing back faster than waves spread in it, takes its force times the way of
-     the tissue there.
-   That is all that nature has. The rest of the gap is the method's:
-   - contact nodes come and go, and lengths of shaft are shared out anew, so that local compliances change under load. It is found
-     as the work f.(du + de) on tissue (du) and local compliances (de), less what they store and what the tip sets free.
-   Displacements and the energy stored in the tissue come from a solve with the whole K, not from the tick's condensed rows. */
+   Between two ticks, with f the mean of a point's forces before and after:
+   - the shaft slides past a contact node by the slip of the later solve: friction dissipates f.t slip;
+   - the tip's nominal point moves by dX and its axial gap by dg: cutting and puncture dissipate f.(dX + dg t);
+   - the shaft next to the tip has its own force at the tip's point: friction dissipates as at a contact node;
+   - the tip moves to where the tissue is more or less compliant: from the surface to the inside, from soft to stiff tissue. At
+     given forces this alone releases or stores the energy 1/2 f dC f, C being the compliance at the tip, like a crack's energy
+     release rate; the tissue springs back and reduces the work of cutting. Computed by another solve: the forces after the
+     tick with the tip at its position before it.
+   - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the
+     motion of the tissue there.
+   These are all physical terms. The rest of the imbalance is due to the method:
+   - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. Computed as
+     the work f.(du + de) on tissue (du) and local compliances (de), minus the energy that they store and that the tip releases.
+   Displacements and the energy stored in the tissue come from a solve with the full K, not from the tick's condensed rows. */
 #include "lockstep.h"
 #include "rows.h"
 
@@ -47,10 +47,10 @@ typedef struct {
 } picture;
 
 typedef struct {
-    double work, friction, cutting; /* cutting and puncture: force times way */
-    double damping;          /* what the damper at the tip took */
-    double freed;            /* bound by the tissue as the tip goes on; negative: set free */
-    double handed;           /* lost as contact nodes come and go and lengths of shaft are shared out anew */
+    double work, friction, cutting; /* cutting and puncture: force times distance */
+    double damping;          /* dissipated by the damper at the tip */
+    double freed;            /* stored by the tissue as the tip advances; negative: released */
+    double handed;           /* lost when contact nodes and tributary lengths change */
 } energies;                  /* J, so far */
 
 static picture *picture_create(const lockstep *l) {
@@ -64,7 +64,7 @@ static void picture_free(picture *s) {
     free(s);
 }
 
-/* All that displaces the tissue at a point. */
+/* The total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
 static void add_local(picture *s, point *p, double lateral, double axial) {
@@ -74,7 +74,7 @@ static void add_local(picture *s, point *p, double lateral, double axial) {
     s->local += 0.5 * (lateral * v3_dot(across, across) + axial * along * along);
 }
 
-/* Displacement at a nominal point in this state: of the refined mesh; of the nominal one under the tip, where its force acts. */
+/* Displacement at a nominal point in this state: of the refined mesh, or of the nominal mesh where the tip's force acts. */
 static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
     leaf_point leaf = refinement_locate(m, &s->refined, p->id >= TIP_SHAFT ? 0 : s->refined.count, p->tet, p->nominal);
     vec3 u = v3(0, 0, 0);
@@ -116,7 +116,7 @@ static void take_picture(lockstep *l, picture *s) {
     s->torque = l->wrench.torque;
 }
 
-/* The same point in another state; without force where it takes no part there. */
+/* The same point in another state, with zero force if it is not active there. */
 static point find(const mesh *m, const picture *s, const point *p) {
     for (int i = 0; i < s->count; i++)
         if (s->points[i].id == p->id) return s->points[i];
@@ -154,8 +154,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
     e->handed -= after->tissue + after->local - before->tissue - before->local;
 }
 
-/* What the tissue binds as the tip goes from where it was to where it is, J: 1/2 f dC f over all forces, before and after. In
-   `stayed` the forces are those after, and the tip is still where it was. */
+/* Energy stored by the tissue as the tip moves on, J: 1/2 f dC f over all forces, before and after. `stayed` has the forces after
+   the tick with the tip at its position before it. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;
@@ -184,15 +184,15 @@ static const leg steered[] = {{0.6, {0, 0, 0.051}, {0, 0, 0}}, {0.2, {0.001, 0.0
 typedef struct {
     energies total;
     double most_work;        /* J, peak */
-    double worst;            /* J, largest imbalance on the way, of the rows' balance */
-    double least_friction;   /* J, most negative step of what friction took */
+    double worst;            /* J, largest imbalance during the motion */
+    double least_friction;   /* J, most negative step of the friction work */
     int count;
     double time[4000], work[4000], stored[4000], dissipated[4000];
 } balance;
 
 static double stored(const picture *s) { return s->tissue + s->local + s->needle; }
 
-/* What friction, cutting, puncture and the damper at the tip took. */
+/* Dissipated by friction, cutting, puncture and the damper at the tip. */
 static double dissipated(const energies *e) { return e->friction + e->cutting + e->damping + e->freed; }
 
 static void follow(balance *b, const picture *now, double time) {
@@ -245,26 +245,26 @@ static void draw(rows *r, const char *figure, const balance *b) {
     rows_curve(r, c);
 }
 
-static const char FORCE_TIMES_WAY[] = "more than the work: at the skin's puncture the tip goes from the surface into the depth, later into the "
-                                      "stiffer gland, and the tissue, which yields less there, springs back and helps to cut; it would with any tick";
+static const char FORCE_TIMES_WAY[] = "more than the work: as the tip moves from the surface into stiffer surroundings (skin puncture, gland), "
+                                      "the tissue springs back and does part of the cutting; independent of the tick rate";
 
 static void check_once(rows *r, const char *name, const balance *b) {
     const energies *e = &b->total;
     double taken = e->friction + e->cutting + e->damping;
     char text[160], note[400];
-    snprintf(text, sizeof text, "%s: work against force times way alone", name);
+    snprintf(text, sizeof text, "%s: work against force times distance alone", name);
     snprintf(note, sizeof note, "%.2f mJ %s", 1e3 * (taken - e->work), FORCE_TIMES_WAY);
     if (!r->short_form) rows_add(r, (row){.check = text, .reference = "friction, cutting and puncture", .value = e->work, .expected = taken,
                                  .error = fabs(e->work - taken) / b->most_work, .limit = 0.01, .unit = "J", .note = note});
-    snprintf(text, sizeof text, "%s: lost as contact nodes come and go and shaft is shared out anew", name);
+    snprintf(text, sizeof text, "%s: lost by changes of contact nodes and tributary lengths", name);
     rows_add(r, (row){.check = text, .reference = "nothing", .value = e->handed, .expected = 0.0, .error = fabs(e->handed) / b->most_work, .limit = 0.01,
-                      .unit = "J", .note = "error over the greatest work"});
-    snprintf(text, sizeof text, "%s: largest imbalance on the way", name);
+                      .unit = "J", .note = "error relative to the largest work"});
+    snprintf(text, sizeof text, "%s: largest imbalance during the motion", name);
     rows_add(r, (row){.check = text, .reference = "work = stored + dissipated after every tick", .value = b->worst, .expected = 0.0,
-                      .error = b->worst / b->most_work, .limit = 0.01, .unit = "J", .note = "error over the greatest work"});
-    snprintf(text, sizeof text, "%s: least that friction took in a tick", name);
+                      .error = b->worst / b->most_work, .limit = 0.01, .unit = "J", .note = "error relative to the largest work"});
+    snprintf(text, sizeof text, "%s: smallest friction work in a tick", name);
     rows_add(r, (row){.check = text, .reference = "not negative", .value = b->least_friction, .expected = NAN,
-                      .error = -b->least_friction / b->most_work, .limit = 1e-6, .unit = "J", .note = "error over the greatest work"});
+                      .error = -b->least_friction / b->most_work, .limit = 1e-6, .unit = "J", .note = "error relative to the largest work"});
 }
 
 static void check(rows *r, const char *name, const char *figure, const leg *legs, int leg_count, bool bevelled) {
@@ -276,15 +276,15 @@ static void check(rows *r, const char *name, const char *figure, const leg *legs
         balance *b = run(legs, leg_count, ticks[i], bevelled);
         const energies *e = &b->total;
         off[i] = fabs(e->work - dissipated(e)) / b->most_work;
-        snprintf(text, sizeof text, "%s, %g Hz: work against what was dissipated", name, 1.0 / ticks[i]);
-        snprintf(note, sizeof note, "friction %.2f mJ; cutting and puncture: force times way %.2f, set free at the tip %.2f; damper at the tip %.2f; error over the greatest work",
+        snprintf(text, sizeof text, "%s, %g Hz: work against dissipation", name, 1.0 / ticks[i]);
+        snprintf(note, sizeof note, "friction %.2f mJ; cutting and puncture: force times distance %.2f, released at the tip %.2f; damper at the tip %.2f; error relative to the largest work",
                  1e3 * e->friction, 1e3 * e->cutting, -1e3 * e->freed, 1e3 * e->damping);
         rows_add(r, (row){.check = text, .reference = "friction, cutting and puncture", .value = e->work, .expected = dissipated(e), .error = off[i],
                           .limit = 0.01, .unit = "J", .note = note});
         snprintf(text, sizeof text, "%s, %g Hz: work of the hand against that of the needle's forces", name, 1.0 / ticks[i]);
         double all = dissipated(e) + e->handed;
-        rows_add(r, (row){.check = text, .reference = "the same with what was lost in sharing out", .value = e->work, .expected = all,
-                          .error = fabs(e->work - all) / b->most_work, .limit = 0.01, .unit = "J", .note = "error over the greatest work"});
+        rows_add(r, (row){.check = text, .reference = "dissipation and this loss", .value = e->work, .expected = all,
+                          .error = fabs(e->work - all) / b->most_work, .limit = 0.01, .unit = "J", .note = "error relative to the largest work"});
         if (i == 0) {
             draw(r, figure, b);
             check_once(r, name, b);
@@ -297,7 +297,7 @@ static void check(rows *r, const char *name, const char *figure, const leg *legs
 
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Coupled: energy balance");
-    check(&r, "straight in 70 mm and out", "energy-straight", straight, sizeof straight / sizeof *straight, false);
-    check(&r, "steered, with a bevel, in, about and out", "energy-steered", steered, sizeof steered / sizeof *steered, true);
+    check(&r, "straight insertion by 70 mm and retraction", "energy-straight", straight, sizeof straight / sizeof *straight, false);
+    check(&r, "steered with a bevel: insertion, steering and retraction", "energy-steered", steered, sizeof steered / sizeof *steered, true);
     return rows_end(&r);
 }

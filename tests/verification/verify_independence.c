@@ -1,5 +1,4 @@
-/* The figure-8 motion: forces do not depend on the tick rate, on how often needle and tissue are iterated to equilibrium, or
-   on the remeshing method. */
+/* The figure-8 motion: forces do not depend on the tick rate, the number of equilibrium iterations, or the remeshing method. */
 #include "figure8.h"
 #include "rows.h"
 
@@ -13,7 +12,7 @@ static void compare(rows *r, const char *what, const figure8_record *a, const ch
     rows_compare(r, check, reference, a->punctures, b->punctures, 0.0, NULL);
 }
 
-/* A puncture falls on one tick or the next: force is compared with that of up to the slowest period before and after. */
+/* Punctures may fall on neighbouring ticks, so forces are compared within one slowest period before and after. */
 static void check_rates(rows *r) {
     simulation_config c = lockstep_config();
     figure8_record *reference = figure8_run(&c, 4000, 1);

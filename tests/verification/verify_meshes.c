@@ -1,16 +1,15 @@
-/* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and how far the base had
-   come since the tip touched the skin, and with what force it pushed, when each membrane gave way. Compared with the finest of
-   these meshes, that is with the project itself: what all of them have in common does not show here, but in
-   verify_resolution.py, where the needle's surface is resolved. */
+/* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and the base travel since first
+   touch and the force at each puncture. The reference is the finest of these meshes, so errors common to all meshes do not show
+   here; verify_resolution.py compares with a needle whose surface is resolved. */
 #include <unistd.h>
 
 #include "lockstep.h"
 #include "motion.h"
 #include "rows.h"
 
-static const char AFTER_PUNCTURE[] = "the greatest comes up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
-                                     "mesh moves too little of the tissue beside the tip then";
-static const double LIMIT = 0.07; /* what people notice of a force (Pang, Tan and Durlach 1991) */
+static const char AFTER_PUNCTURE[] = "the peak occurs up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
+                                     "mesh then moves too little tissue around the tip";
+static const double LIMIT = 0.07; /* just noticeable difference of force (Pang, Tan and Durlach 1991) */
 
 typedef struct {
     int nodes, punctures;

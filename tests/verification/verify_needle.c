@@ -1,5 +1,5 @@
-/* The rod against beam theory: small deflections, the elastica under a tip force and a tip moment, bending in space,
-   torsion, roll of the base; convergence over the segments, and the time of a linearisation. */
+/* The rod against beam theory: small deflections, the elastica under a tip force and a tip moment, bending in space, torsion, roll
+   of the base; convergence with the number of segments, and the time of a linearisation. */
 #include <time.h>
 
 #include "baseline.h"
@@ -26,7 +26,7 @@ static needle_model rod(int segments) {
 
 static pose at_rest(double roll) { return (pose){v3(0, 0, 0), q_exp(v3(0, 0, roll))}; }
 
-/* A couple on the last segment: its moment keeps its direction, x. */
+/* A couple on the last segment whose moment keeps its direction, x. */
 static void add_tip_moment(const needle_model *model, const needle_state *state, double moment, vec3 *load) {
     int n = model->given.segments;
     vec3 across = v3_scale(moment / model->segment_length, v3_cross(v3(1, 0, 0), q_rotate(state->frames[n - 1], v3(0, 0, 1))));
@@ -34,7 +34,7 @@ static void add_tip_moment(const needle_model *model, const needle_state *state,
     load[n - 1] = v3_scale(-1.0, across);
 }
 
-/* Newton to equilibrium under forces at joints (dead) and a moment on the tip, in steps of the load. */
+/* Newton's method to equilibrium under dead forces at joints and a moment on the tip, in load steps. */
 static void bend(const needle_model *model, needle_state *state, const vec3 *force, double moment) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     for (int step = 1; step <= 20; step++)
@@ -72,14 +72,14 @@ static void check_small(rows *r) {
 
 /* ---- large deflections and their convergence ------------------------------------------------------------------------------ */
 
-/* Loads of a case in units of E I / L^2, so that the tip goes half the needle's length sideways; 0 to 1 along it. */
+/* Loads of a case in units of E I / L^2 that move the tip sideways by half the needle's length. */
 static void case_forces(int which, const needle_model *model, vec3 *middle, vec3 *tip) {
     double unit = model->bending / (model->given.length * model->given.length);
     *middle = which == IN_SPACE ? v3(4.0 * unit, 0, 0) : v3(0, 0, 0);
     *tip = which == IN_SPACE ? v3(-0.5 * unit, 1.5 * unit, -0.5 * unit) : v3(0, 2.05 * unit, 0);
 }
 
-/* Curvature at which an arc's tip is half its length aside: (1 - cos a) / a = 1/2. */
+/* Angle of an arc whose tip is half its length aside: (1 - cos a) / a = 1/2. */
 static const double HALF_ARC = 1.1091441817;
 
 static vec3 reference_tip(int which, const needle_model *model) {
@@ -132,8 +132,8 @@ static void check_large(rows *r, int which) {
 
 /* ---- torsion and roll ------------------------------------------------------------------------------------------------------ */
 
-/* Twisted evenly by hand: energy and moment. Bent in space, a round rod carries no twisting moment: m.t is constant along
-   it and zero at the tip. */
+/* Energy and moment under a prescribed uniform twist. Bent in space, a round rod has no twisting moment: m.t is constant along it
+   and zero at the tip. */
 static void check_torsion(rows *r) {
     needle_model model = rod(40);
     const needle_parameters *g = &model.given;
@@ -153,7 +153,7 @@ static void check_torsion(rows *r) {
     rows_error(r, "forces in two planes: twisting moment over bending moment at the base", "0, a round rod", moment.z / v3_norm(moment), 1e-9);
 }
 
-/* Roll is free of the load: the same forces on a needle rolled by any angle, and forces that roll with it. */
+/* Roll must not change the response: the same forces on a needle rolled by any angle, and forces that roll with it. */
 static void check_roll(rows *r) {
     needle_model model = rod(40);
     needle_state plain, rolled;
@@ -178,7 +178,7 @@ static void check_roll(rows *r) {
     rows_error(r, "base and forces rolled by 9 angles: moment in the base's frame", "no roll", worst_own, 1e-9);
 }
 
-/* Force and torque of a push of 60 mm and one sideways, the base rolled by `roll` before, by `later` at depth. */
+/* Force and torque of a push by 60 mm and one sideways; the base is rolled by `roll` before, by `later` at depth. */
 static void push_rolled(double roll, double later, double wrench[6]) {
     simulation_config c = lockstep_config();
     pose start = lockstep_start();

@@ -1,5 +1,5 @@
-/* The paper's needle, tetrahedra with quadratic strain: its stiffness against direction, how far it locks, what the
-   calibration sets right and what it costs, and its speed and forces beside the rod's. */
+/* The paper's needle, tetrahedra with quadratic strain: directional dependence of its stiffness, locking, effect and cost of the
+   calibration, and speed and forces compared with the rod. */
 #include <time.h>
 
 #include "bending.h"
@@ -11,7 +11,7 @@ static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
 static const double LENGTH = 0.2; /* m, of bending.h's needle */
 enum { TICKS = 2400, MOST_DIRECTIONS = 36, MOST_LOADS = 12 };
 
-/* What one mesh is checked with. */
+/* One mesh under test. */
 typedef struct {
     int segments;
     needle_model model;
@@ -32,7 +32,7 @@ static const char *named(const subject *s, const char *what) {
     return text;
 }
 
-/* Tip under a load of p EI / L^2 across the needle: along the load, across it, along the needle; over the length. */
+/* Tip displacement over the length under a load of p EI / L^2 across the needle: along the load, across it, along the needle. */
 static vec3 bent_tip(const subject *s, double angle, double p) {
     needle_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
@@ -136,7 +136,7 @@ static void draw_elastica(rows *r, const subject *s) {
     rows_curve(r, c);
 }
 
-/* Couple on the rim of the tip over its rotation, N m, by the tangent's own factors at rest. */
+/* Couple on the tip's rim divided by its rotation, N m, from the tangent's factors at rest. */
 static double torsional_stiffness(const subject *s) {
     double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
     for (int i = 0; i < NEEDLE_RIM; i++) { /* unit couple: forces along e_z x arm */
@@ -152,7 +152,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* What the factor on Young's modulus takes from the stiffnesses that it was not chosen for. */
+/* Effect of the factor on Young's modulus on the stiffnesses for which it was not chosen. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.given;
     int z = 3 * s->segments + 2;
@@ -170,7 +170,7 @@ static void check_cost(rows *r, const subject *s) {
                            .error = fabs(torsion / tube - 1.0), .unit = "N m", .note = "torsion locks as bending does; the rod has GJ"});
 }
 
-/* ---- beside the rod --------------------------------------------------------------------------------------------------- */
+/* ---- compared with the rod -------------------------------------------------------------------------------------------- */
 
 static double seconds(void) {
     struct timespec t;
@@ -178,7 +178,7 @@ static double seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Least time of a Newton pass, s: linearised for contacts on the outer half, and advanced. */
+/* Shortest time of a Newton pass, s: linearisation for contacts on the outer half, and the update. */
 static double pass_time(needle_choice kind, int segments) {
     needle_model model = needle_made(kind, segments);
     needle_tangent *tangent = malloc(sizeof *tangent);

@@ -12,12 +12,12 @@ except ImportError:
     print("skipped: python3-gmsh is not installed")
     sys.exit(SKIPPED)
 
-LIMIT = 0.07  # what people notice of a force (Pang, Tan and Durlach 1991)
-TICK_LIMIT = 0.002  # forces for one direction's motion that point in the others: left out by rigid_needle.c
-ABREAST = "the springs' sum leaves out the force that one direction's motion meets in the others"
-BESIDE = "elements of 12 mm, 10 mm from a free side: too stiff; 3000 nodes are fine enough"
-BY_TICK = 6  # meshes on which the tick is asked; on finer ones, the sum of springs
-COARSE = 4  # meshes on which both are held against each other
+LIMIT = 0.07  # just noticeable difference of force (Pang, Tan and Durlach 1991)
+TICK_LIMIT = 0.002  # cross-coupling between directions, which rigid_needle.c neglects
+ABREAST = "the sum of springs neglects cross-coupling between directions"
+BESIDE = "too stiff: elements of 12 mm, 10 mm from a free side; 3000 nodes are enough"
+BY_TICK = 6  # number of meshes on which the tick is used; on finer ones, the sum of springs
+COARSE = 4  # number of meshes on which both are compared
 SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0125 * 0.999, 0.0078, 0.0053, 0.0040, 0.0030)}
 
 
@@ -46,7 +46,7 @@ def block(path, size, layered):
 
 
 def rigid_needle(rows, mesh, case):
-    """Nodes, contacts and the three forces by the project's own contact nodes; sideways and axial once more by the tick."""
+    """Nodes, contacts and the three forces by the project's contact nodes; sideways and axial again by the tick."""
     tip = case["tip"]
     command = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], tip,
                case["youngs_modulus_above"], case["youngs_modulus_below"]]
@@ -55,7 +55,7 @@ def rigid_needle(rows, mesh, case):
 
 
 def compare(rows, name, case, meshes):
-    """The needle by the tick, on the two finest meshes by the sum of springs; the tip's disc, whose shaft slides, by its own spring."""
+    """The needle by the tick (on the two finest meshes by the sum of springs); the tip's disc, whose shaft slides, by its own spring."""
     for index, mesh in enumerate(meshes):
         nodes, contacts, sideways, along, tip, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
         if index < BY_TICK:
@@ -69,7 +69,7 @@ def compare(rows, name, case, meshes):
 
 
 def compare_with_tick(rows, name, case, meshes):
-    """rigid_needle.c adds up the springs by itself, each direction alone; the tick has them all at once."""
+    """Compares rigid_needle.c, which adds the springs of each direction separately, with the tick, which solves all directions together."""
     apart = 0.0
     for mesh in meshes:
         _, _, sideways, along, _, tick_sideways, tick_along = rigid_needle(rows, mesh, case)

@@ -1,16 +1,16 @@
-/* The largest change of the base force from one tick to the next at 1 kHz, over random insertions with steering, drawing
-   back and going in again, on four meshes. People notice 7 % of a force, 0.05 N of a small one. */
+/* The largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on four
+   meshes. People notice changes of 7 %, or 0.05 N for small forces. */
 #include "lockstep.h"
 #include "random_hand.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* of the force, N */
-static const int RECOIL = 25;                 /* ticks that a needle springs forward after a puncture, at most */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable: fraction of the force; N */
+static const int RECOIL = 25;                 /* longest time for which a needle springs forward after a puncture, ticks */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 
-/* Changes over what is noticed, counted in logarithmic bins. */
+/* Changes relative to the noticeable ones, counted in logarithmic bins. */
 typedef struct {
     double largest;
     long count, excesses;
@@ -36,7 +36,7 @@ static double percentile(const distribution *d, double part) {
 
 typedef struct {
     distribution quiet;      /* ticks outside punctures, exits and their recoil */
-    distribution recoil;     /* ticks within it, but for the two in which the membrane gives way */
+    distribution recoil;     /* ticks within it, except the two of the puncture itself */
     unsigned events;
 } smoothness;
 
@@ -49,7 +49,7 @@ static void judge(smoothness *s, const lockstep *l, vec3 last, int *since, int r
     double change = v3_norm(v3_sub(l->wrench.force, last)) / fmax(NOTICED_LEAST, NOTICED * v3_norm(last));
     count_change(*since > RECOIL ? &s->quiet : &s->recoil, change);
     if (change > 1.0)
-        printf("run %d leg %d, %d ticks after a puncture: %.2f of what is noticed, at %.2f mm, %.3f to %.3f N, events %#x, tip %s\n", run, leg, *since,
+        printf("run %d leg %d, %d ticks after a puncture: %.2f of a noticeable change, at %.2f mm, %.3f to %.3f N, events %#x, tip %s\n", run, leg, *since,
                change, 1e3 * l->wrench.depth, v3_norm(last), v3_norm(l->wrench.force), l->wrench.events,
                l->state.tip.blocked_by == NOT_BLOCKED ? "free to cut" : "at a membrane");
 }
@@ -84,7 +84,7 @@ static void report_mesh(rows *r, const char *name, int runs, const smoothness *s
     snprintf(note, sizeof note, "the needle springs forward; p50 %.3f, p99 %.2f; %ld of %ld above", percentile(c, 0.5), percentile(c, 0.99), c->excesses,
              c->count);
     rows_add(r, (row){.check = check, .reference = "max(7 %, 0.05 N)", .value = c->largest, .expected = NAN, .error = c->largest, .limit = 1.0, .note = note});
-    snprintf(check, sizeof check, "%s: ticks without equilibrium or room", name);
+    snprintf(check, sizeof check, "%s: ticks without equilibrium or free contacts", name);
     bool lost = s->events & (EVENT_UNSTABLE | EVENT_FULL);
     rows_add(r, (row){.check = check, .reference = "none", .value = lost, .expected = 0.0, .error = lost, .limit = 0.0});
 }

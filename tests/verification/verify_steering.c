@@ -1,9 +1,8 @@
-/* Bevel-tip steering: the curvature of the track that a bevelled needle cuts, against measured needles, beam theory and
-   symmetry. */
+/* Bevel-tip steering: the curvature of a bevelled needle's track, against measured needles, beam theory and symmetry. */
 #include "rows.h"
 #include "steering.h"
 
-static const double FROM = 0.03, TO = 0.08; /* m, depths between which a track's curvature is taken */
+static const double FROM = 0.03, TO = 0.08; /* m, range of depths for the track's curvature */
 enum { MOST_SLOPES = 5 };
 
 static double curvature_of(const steering_case *c) {
@@ -11,8 +10,8 @@ static double curvature_of(const steering_case *c) {
     return steering_curvature(&track, FROM, TO, steering_direction(c->roll));
 }
 
-/* Inverse length over which a beam on an elastic foundation decays; subgrade modulus of Vesic (ASCE J. Soil Mech. Found.
-   Div. 87, 1961). */
+/* Inverse of the decay length of a beam on an elastic foundation, with Vesic's subgrade modulus (ASCE J. Soil Mech. Found. Div. 87,
+   1961). */
 static double foundation_wave_number(const steering_case *c, double poisson_ratio) {
     double d = c->needle.outer_diameter, inner = c->needle.inner_diameter;
     double bending = c->needle.youngs_modulus * M_PI / 64.0 * (pow(d, 4) - pow(inner, 4));
@@ -38,7 +37,8 @@ static void check_straight(rows *r, const char *check, steering_case c) {
                       .note = "deflection of the tip at 79 mm on 572 nodes, absolute error; unsymmetric elements push the tip aside, the less the finer they are"});
 }
 
-/* The half turn's S: where it ends; for a needle whose bending decays within a few millimetres, the curvature after it, too. */
+/* The S-shaped track of a half turn: its end, and for a needle whose bending decays within a few millimetres also the curvature
+   after the turn. */
 static void check_half_turn(rows *r, const char *name, steering_case c, bool decays_at_once) {
     char check[96];
     steering_track arc = steering_run(&c);
@@ -59,7 +59,7 @@ static void check_half_turn(rows *r, const char *name, steering_case c, bool dec
     draw_track(r, "steering-half-turn", check, &s);
 }
 
-/* Rolled by half a turn before it goes in: mirrored, as far as the mesh allows. */
+/* Rolled by half a turn before the insertion: the track is mirrored, as far as the mesh allows. */
 static void check_mirror(rows *r, const char *check, steering_case c) {
     c.x = c.y = 0.0;
     double upright = curvature_of(&c);

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Displacements of the tissue against CalculiX's C3D4 elements: same mesh, same nodal forces, one and three materials.
 
-CalculiX takes the volumetric strain by element, so core does too here (`volumetric_strain: element`)."""
+CalculiX evaluates the volumetric strain by element, so the core does too here (`volumetric_strain: element`)."""
 import sys
 
 import numpy as np
@@ -14,7 +14,7 @@ NOTE = "relative to the field's norm; CalculiX prints 7 digits"
 
 
 def layered_block(path, size):
-    """A block of three layers, the middle one tilted, so that their faces lie along no axis. Fixed: z = 0."""
+    """A block of three layers with tilted interfaces, not aligned with the axes. Fixed: z = 0."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, 0.06, 0.05, 0.06)
@@ -43,7 +43,7 @@ def layered_block(path, size):
 
 
 def load_cases(model):
-    """A few strong forces inside and outside, and a force on every node."""
+    """A few large forces inside and on the surface, and a force on every node."""
     random = np.random.default_rng(7)
     few, all_over = np.zeros_like(model.nodes), random.normal(size=model.nodes.shape)
     few[random.choice(len(model.nodes), 6, replace=False)] = random.normal(size=(6, 3))

@@ -2,8 +2,8 @@
 """The tissue against exact solutions: constant strain on an irregular mesh, and a manufactured trigonometric field.
 
 The manufactured field u = a sin(pi x/L) sin(pi y/L) sin(pi z/L) vanishes on the cube's faces, which are all fixed; the
-body force that it needs is loaded consistently. Linear elements should reach order 2 in the displacement and 1 in the
-energy norm (Strang and Fix 1973), whatever nu below 0.5. Volumetric strain by node is core's default, by element its
+corresponding body force is applied consistently. Linear elements should reach order 2 in the displacement and 1 in the
+energy norm (Strang and Fix 1973) for every nu below 0.5. Volumetric strain by node is the core's default; by element it is the
 plain linear tetrahedron.
 """
 import itertools
@@ -16,13 +16,13 @@ from rows import Rows
 
 SIDE = 0.1                            # m
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
-STRAINS = ("node", "element")         # where the volumetric strain is taken
+STRAINS = ("node", "element")         # where the volumetric strain is evaluated
 YOUNGS_MODULUS = 20e3                 # Pa
 ORDER_LIMIT = 0.05                    # relative, of the observed order on the finest pair of meshes
 
 
 def cube(path, size, fixed_faces):
-    """Free tetrahedra of this size; `fixed_faces` tells from a face's centre whether it is held."""
+    """An unstructured mesh of this size; `fixed_faces` decides by a face's centre whether it is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, SIDE, SIDE, SIDE)
@@ -66,7 +66,7 @@ def constant_traction(traction):
 
 
 def patch_test(rows):
-    """u = d z vanishes on the held face; its constant stress loads the others. Any mesh must give it exactly."""
+    """u = d z vanishes on the fixed face, and its constant stress loads the others. Any mesh must give it exactly."""
     rows.section = "Tissue: patch test"
     model = cube(rows.folder / "patch.msh", SIDE / 6, lambda centre: centre[2] < 1e-9)
     triangles = model.surfaces["free"]

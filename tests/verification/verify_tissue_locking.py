@@ -1,15 +1,15 @@
 #!/usr/bin/python3
-"""Volumetric locking: how much too stiff core's tetrahedra become when Poisson's ratio nears 0.5.
+"""Volumetric locking: the excess stiffness of the core's tetrahedra as Poisson's ratio approaches 0.5.
 
-The prostate's mesh, under a pressure patch on the skin and along a needle's track. What is compared is the compliance
-felt by a load of total force F, (f . u) / F^2; references are CalculiX's quadratic tetrahedra (C3D10, straight sides).
+The prostate's mesh, loaded by a pressure patch on the skin and along a needle's track. Compared is the compliance of a load of
+total force F, (f . u) / F^2; references are CalculiX's quadratic tetrahedra (C3D10, straight sides).
 - Loads that do not depend on the mesh, the patch and a force spread around the track over a radius that every mesh
-  resolves: against C3D10 on the finest mesh that it solves. The whole error of the elements: locking and coarseness.
-- Points along the track, each shared among the corners of its tetrahedron, as a needle loads the mesh: against C3D10 on
-  the same mesh under the same nodal forces. A point force has no finite answer, so elements of another order differ at
-  any nu, and the local compliance of the contacts stands for that.
-Locking is what is added to the error since nu = 0.3, for each of them. The figures show two formulations: volumetric
-strain by node, core's default, and by element, the plain linear tetrahedron. At nu = 0.499 the latter is off the figures.
+  resolves: against C3D10 on the finest mesh that it solves. The total error of the elements: locking and discretisation.
+- Points along the track, each distributed to the corners of its tetrahedron, as a needle loads the mesh: against C3D10 on
+  the same mesh under the same nodal forces. The response to a point force is not finite, so elements of different
+  order differ at any nu; the contacts' local compliance accounts for that.
+Locking is the increase of the error from nu = 0.3, for each of them. The figures show two formulations: volumetric
+strain by node, core's default, and by element, the plain linear tetrahedron. At nu = 0.499 the latter is outside the figures.
 """
 import itertools
 import json
@@ -22,7 +22,7 @@ import numpy as np
 import tissue_model as tm
 from rows import REPOSITORY, SKIPPED, Rows
 
-LIMIT = 0.07           # what people notice of a force
+LIMIT = 0.07           # just noticeable difference of force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
@@ -75,7 +75,7 @@ def linear(rows, model, nu, strain):
 
 
 def quadratic(rows, model, nu):
-    """By C3D10; kept in the folder above, as the larger meshes take minutes each."""
+    """By C3D10; cached in the parent folder, because the larger meshes take minutes each."""
     kept = rows.folder.parent / f"locking-{model.path.stem}-{nu}.json"
     if kept.exists() and kept.stat().st_mtime > max(Path(file).stat().st_mtime for file in (model.path, __file__, tm.__file__)):
         return json.loads(kept.read_text())

@@ -1,4 +1,4 @@
-// The page with a live server, as a person meets it, in headless Chromium; run by test_view.sh inside a private network.
+// The page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
 // usage: live_test.mjs BUILD_DIR SOURCE_DIR
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
@@ -57,7 +57,7 @@ try {
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
   })
 
-  await check('a key let go of while the needle was let go moves nothing', async () => {
+  await check('a key released after the needle was released moves nothing', async () => {
     await first.keyboard.down('w')
     await until(first, 'trocar.drive.command()[2] === 1')
     await first.click('#take')
@@ -78,20 +78,20 @@ try {
     assert(points > 10)
   })
 
-  await check('pause and scrub go back, and live comes again', async () => {
+  await check('pause and scrub show the past, and live returns', async () => {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
     await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
-    await first.keyboard.down('w') // the needle is not driven by what is not seen
+    await first.keyboard.down('w') // the needle is not driven while the page shows the past
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     await first.keyboard.up('w')
-    assert(await first.evaluate('trocar.status.drives'), 'it is still held')
+    assert(await first.evaluate('trocar.status.drives'), 'the needle is still held')
     await first.click('#banner button')
     await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
   })
 
-  await check('what the server says is shown', async () => {
+  await check('messages of the server are shown', async () => {
     const device = run('clients/trocar-device', '--duration', '0.5')
     await until(first, '/server: .*session.* holds the needle/.test(document.getElementById("notice").textContent)')
     await stop(device)
@@ -102,7 +102,7 @@ try {
     await until(second, 'trocar.shown !== null && trocar.status.driven')
     assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
     assert(await second.isDisabled('#take'))
-    assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots of the time before it came')
+    assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots from before it connected')
   })
 
   await check('every layer and cut draws', async () => {
@@ -118,7 +118,7 @@ try {
     await until(first, 'document.documentElement.dataset.theme === "light" && !trocar.stage.dirty')
   })
 
-  await check('a gamepad and the lever on the page drive, too', async () => {
+  await check('a gamepad and the lever on the page also drive the needle', async () => {
     const back = await tip(first)
     await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
     await until(first, `trocar.stage.needle.tip.z < ${back} - 0.005`) // the left trigger pulls
@@ -132,7 +132,7 @@ try {
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
   })
 
-  await check('ten minutes take no more room than one', async () => {
+  await check('ten minutes take no more memory than one', async () => {
     const held = await first.evaluate(async () => {
       const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
       const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
@@ -141,7 +141,7 @@ try {
         if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
         if (k % 6000) continue
         sizes.push([kept.pictures.length, kept.bytes, kept.marks.length, kept.columns[0].length])
-        await new Promise((done) => setTimeout(done)) // the page answers meanwhile: it keeps the needle
+        await new Promise((done) => setTimeout(done)) // lets the page answer, so that it keeps the needle
       }
       return sizes
     })
@@ -149,7 +149,7 @@ try {
     for (const size of held.slice(1)) size.forEach((value, i) => assert(value <= 1.02 * held[1][i], `${held}`))
   })
 
-  await check('pictures of cut tissue, and cuts, take no more of the graphics than the first', async () => {
+  await check('further pictures and cuts take no more graphics memory than the first', async () => {
     await first.selectOption('#cut-axis', 'x')
     await until(first, '!trocar.stage.dirty')
     await first.evaluate(() => {
@@ -160,7 +160,7 @@ try {
       }
     })
     const held = await first.evaluate(graphicsHeld), before = await first.evaluate('trocar.stage.renderer.info.render.frame')
-    await first.keyboard.down('a') // the roll has no end
+    await first.keyboard.down('a') // the roll has no limit
     await until(first, `trocar.stage.renderer.info.render.frame > ${before + 20}`)
     await first.keyboard.up('a')
     assert.equal(await first.evaluate('trocar.made'), 0)
@@ -179,7 +179,7 @@ try {
     })
   await first.setViewportSize({ width: 1000, height: 640 })
 
-  await check('only a Reset that is held resets', async () => {
+  await check('Reset must be held down', async () => {
     const deep = await tip(first), [reset] = [first.locator('#reset')]
     await reset.click()
     await first.waitForTimeout(1000)
@@ -196,7 +196,7 @@ try {
     await until(second, '!document.getElementById("take").disabled')
   })
 
-  await check('a server that dies lets the needle go, and the next one is driven only when a person asks for it', async () => {
+  await check('when the server dies the needle is released, and the next server is driven only on request', async () => {
     await second.click('#take')
     await until(second, 'trocar.status.drives && trocar.status.owned === "here"')
     await second.keyboard.down('w')
@@ -210,26 +210,26 @@ try {
     assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
     const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
     assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
-    assert(await tip(second) < 0, 'and shown there')
+    assert(await tip(second) < 0, 'and is shown outside')
     await second.keyboard.up('w')
     const back = await second.evaluate(`trocar.history.columns[0][${count}]`)
     assert(back - died > 0.5)
     await second.selectOption('#window', '60')
-    await second.waitForTimeout(500) // the plots are drawn at their own pace
+    await second.waitForTimeout(500) // plots are redrawn less often
     const end = await second.evaluate('trocar.history.end')
     const drawn = await second.evaluate(forceDrawn, [died - 0.5, (died + back) / 2, (back + end) / 2])
     assert.deepEqual(drawn, [true, false, true], 'the plot has a gap')
     assert(/let go/.test(await second.textContent('#drive-note')))
   })
 
-  await check('a trocar-view that does not answer is no live one', async () => {
+  await check('a trocar-view that does not answer is not live', async () => {
     view.kill('SIGSTOP')
     await until(second, `${badge('stale')} && ${banner('does not answer')}`)
     view.kill('SIGCONT')
     await until(second, badge('live'))
   })
 
-  await check('a browser that finds all places taken is told so', async () => {
+  await check('a browser is told that all places are taken', async () => {
     const others = await Promise.all(Array.from({ length: 15 }, joinRaw))
     const third = await open()
     await until(third, `${badge('refused')} && ${banner('16 browsers are connected already')}`)
@@ -238,7 +238,7 @@ try {
     await third.context().close()
   })
 
-  await check('trocar-view killed and back is seen', async () => {
+  await check('a restart of trocar-view is detected', async () => {
     const held = await second.evaluate(graphicsHeld)
     await stop(view, 'SIGKILL')
     await until(second, badge('no connection'))
@@ -264,10 +264,10 @@ try {
   await browser.close()
 }
 
-/** A browser as bytes, which answers all that it gets. */
+/** A browser as a raw socket that acknowledges everything. */
 async function joinRaw() {
   const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
-  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked by zeros; acknowledge
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked with zeros; acknowledge
   socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
   await once(socket, 'data')
   socket.on('data', () => socket.write(answer))

@@ -1,4 +1,4 @@
-// Recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh inside a private network.
+// Recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
 // usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
@@ -11,10 +11,10 @@ const out = process.argv[4]
 const LOG = path.join(source, 'tests/traces/figure8.log')
 const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks more of them
 
-const MOMENTS = [ // s; cut; what must be seen
+const MOMENTS = [ // name; s; cut; what must be visible
   ['before', 0.05, '', ({ contacts }) => contacts === 0],
   ['deep', 1.3, 'x', ({ depth, gland }) => depth > 0.06 && gland > 5e-5],
-  ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, the tissue sticks
+  ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, with the tissue sticking
 ]
 
 const player = await start('clients/view/trocar-view', '--log', LOG)
@@ -26,12 +26,12 @@ try {
     await until(page, `Math.abs(trocar.shown?.time - ${time}) < 0.05 && !trocar.stage.dirty && !trocar.stage.coarse && trocar.stage.finished() && !trocar.echo.dirty`)
     const scenery = await page.evaluate(sceneryShown)
     assert(seen(scenery), `${name}: ${JSON.stringify(scenery)}`)
-    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the colours of the cut are those of the legend')
-    await page.waitForTimeout(300) // the plots are drawn at their own pace
+    assert.deepEqual(await page.evaluate(coloursOfCut), await page.evaluate(`trocar.stage.recut(), (${coloursOfCut})()`), 'the cut has the colours of the legend')
+    await page.waitForTimeout(300) // plots are redrawn less often
     await page.screenshot({ path: path.join(out, `${name}.png`) })
     console.log(`ok picture ${name}`)
   }
-  await check('the pictures are like those kept', async () => {
+  await check('the pictures match the stored ones', async () => {
     for (const [name] of MOMENTS) {
       const difference = await page.evaluate(compareImages, [await read(path.join(out, `${name}.png`)), await read(path.join(source, 'clients/view/pictures', `${name}.png`))])
       console.log(`   ${name}: mean difference ${difference.mean.toFixed(2)} of 255, ${(100 * difference.far).toFixed(2)} % of pixels far off`)
@@ -39,12 +39,12 @@ try {
     }
   })
 
-  await check('the picture button saves what is shown, and the slice', async () => {
+  await check('the picture button saves the view and the slice', async () => {
     const [file] = await Promise.all([page.waitForEvent('download'), page.click('#screenshot')])
     await file.saveAs(path.join(out, 'button.png'))
     const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
     assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
-    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // a slice that is not drawn has 6
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // 6 if the slice is not drawn
     await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
   })
 
@@ -60,7 +60,7 @@ try {
     assert.deepEqual([plain, cut, small].map(({ width, height }) => [width, height]), [[1600, 1000], [1600, 1000], [640, 900]])
     assert(plain.slice > 25 && cut.slice === plain.slice && small.below > 25, said)
     assert(plain.ground > 200 && cut.ground > 200 && small.ground < 40, said)
-    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is seen')
+    assert((await page.evaluate(compareImages, [await read(file('plain')), await read(file('cut'))])).mean > 3, 'the cut is visible')
   })
 
   for (const [width, height] of SIZES)
@@ -81,7 +81,8 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: depth (m), force along z (N), contacts and those that stick, mean displacement of the gland along z (m). */
+/** Runs in the page: depth (m), force along z (N), number of contacts and of sticking ones, mean displacement of the gland along z
+   (m). */
 function sceneryShown() {
   const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
   const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.contacts.filter((value, i) => i % 8 === 7)
@@ -116,7 +117,7 @@ async function read(file) {
   return `data:image/png;base64,${(await readFile(file)).toString('base64')}`
 }
 
-/** Runs in the page: mean difference of a channel, and the share of pixels off by more than 40. */
+/** Runs in the page: mean difference per channel, and the share of pixels that differ by more than 40. */
 async function compareImages(urls) {
   const pixels = await Promise.all(urls.map(async (url) => {
     const image = new Image()

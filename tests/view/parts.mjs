@@ -1,4 +1,4 @@
-// What page.mjs, measure.mjs and soak.mjs share; all are called with BUILD_DIR SOURCE_DIR.
+// Common to page.mjs, measure.mjs and soak.mjs; all are called with BUILD_DIR SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'
@@ -8,13 +8,13 @@ import path from 'node:path'
 export const [programs, source] = process.argv.slice(2, 4).map((folder) => path.resolve(folder))
 const modules = createRequire(path.join(source, 'clients/view/page/package.json')), { chromium } = modules('playwright-core')
 
-/** The source of axe-core, which finds what people with poor eyes or without a mouse would miss. */
+/** The source of axe-core, which checks accessibility. */
 export const axe = modules('axe-core').source
 
 export const ADDRESS = 'http://127.0.0.1:8686/'
 export const scene = path.join(source, 'meshes/prostate.yaml')
 
-/** Starts a program; `said` is what it has printed. */
+/** Starts a program; `said` is its output so far. */
 export function run(name, ...options) {
   const child = spawn(path.join(programs, name), options, { stdio: ['ignore', 'pipe', 'inherit'] })
   child.said = ''
@@ -39,5 +39,5 @@ export async function stop(child, signal = 'SIGTERM') {
   if (child && !ended(child)) await once(child, 'exit')
 }
 
-/** Chromium as on a machine without a graphics card: the processor draws. */
+/** Chromium with software rendering, as on a machine without a graphics card. */
 export const launch = () => chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader'] })

@@ -1,14 +1,14 @@
-// By hand: memory of the page, of all of Chromium and of trocar-view while the figure 8 goes on in tissue that is cut open,
-// minute by minute; fails where it grows. In a private network, where no other Chromium runs:
+// Run by hand: memory of the page, of Chromium and of trocar-view per minute while the figure 8 is repeated with the tissue cut
+// open; fails if it grows. In a private network, so that no other Chromium is counted:
 //   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES]
 import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
 const FULL = 2        // minutes until the last minute's history is full
-const GROWTH = 1.1    // that counts as none: of the median of the later half to that of the earlier one
+const GROWTH = 1.1    // tolerated ratio of the median of the later half to that of the earlier one
 const minutes = Number(process.argv[4] ?? 10)
 
-/** MB of a process that are no file's, what it shares with others divided among them. */
+/** Private and proportional shared memory of a process without file mappings, MB. */
 function resident(id) {
   try {
     const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
@@ -22,7 +22,7 @@ function isChromium(id) {
   } catch { return false }
 }
 
-/** Of a private network: its process numbers are its own. */
+/** All Chromium processes: a private network has its own process numbers. */
 const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
 
 function grows(name) {

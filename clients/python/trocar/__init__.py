@@ -1,7 +1,6 @@
 """trocar: a flexible needle in soft tissue, from Python.
 
-A thin layer over libtrocar (see trocar.h): arrays are NumPy's, units are SI, the world frame is the mesh's. A `Scene` says what to
-simulate; a `Model` is built from it once and is constant; a `Sim` is all that changes. `rollout` runs many insertions on one model.
+A thin layer over libtrocar (see trocar.h): arrays are NumPy's, units are SI, the world frame is the mesh's. A `Scene` describes the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
 
     >>> import trocar
     >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
@@ -115,10 +114,10 @@ class Mesh:
 
 
 class Scene:
-    """What to simulate: the keys of a scene file."""
+    """Description of a simulation: the keys of a scene file."""
 
     def __init__(self) -> None:
-        """An empty scene with the default of every key; `mesh`, `regions` and `fixed` are to be given."""
+        """A scene with the default of every key; `mesh`, `regions` and `fixed` must be set."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_create(handle, why), why)
         self._handle = ffi.gc(handle[0], lib.trocar_scene_free)
@@ -135,7 +134,7 @@ class Scene:
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
         """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
 
-        An unknown name in a list appends an entry. Error when the key or the value is wrong; the scene is then as it was.
+        An unknown name in a list appends an entry. Error if the key or the value is wrong; the scene is then unchanged.
         """
         why = ffi.new("trocar_error *")
         if isinstance(value, (int, float, np.number)):
@@ -146,7 +145,7 @@ class Scene:
         _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
 
     def __getitem__(self, key: str) -> float | str:
-        """The value of a key: a number where it is one, else the text as in YAML."""
+        """The value of a key: a number if possible, else text as in YAML."""
         why, text = ffi.new("trocar_error *"), ffi.new("char[8192]")
         _check(lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why), why)
         value = ffi.string(text).decode()
@@ -156,7 +155,7 @@ class Scene:
             return value
 
     def set_mesh(self, mesh: Mesh) -> None:
-        """Takes the mesh from arrays in place of a file; they are copied."""
+        """Sets the mesh from arrays instead of a file; they are copied."""
         nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
         tets = np.ascontiguousarray(mesh.tets, np.int32).reshape(-1, 4)
         region = np.ascontiguousarray(np.zeros(len(tets)) if mesh.tet_region is None else mesh.tet_region, np.int32)
@@ -178,7 +177,7 @@ class Scene:
 
 
 class _View:
-    """The library's memory as NumPy takes it, read only; keeps its owner alive as long as an array looks at it."""
+    """Read-only view of the library's memory for NumPy; keeps its owner alive as long as an array uses it."""
 
     def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
         address = int(ffi.cast("uintptr_t", pointer))
@@ -223,7 +222,7 @@ class Model:
 
     @property
     def description(self) -> str:
-        """Which inverse was taken, and why."""
+        """The chosen inverse and the reason."""
         return ffi.string(lib.trocar_model_description(self._handle)).decode()
 
     @property
@@ -240,7 +239,7 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The needle and what it does to the tissue: all that changes. For one thread at a time."""
+    """The changing state: needle and tissue. For one thread at a time."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -250,13 +249,13 @@ class Sim:
         self._out = ffi.new("trocar_output *")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Tissue at rest, needle straight at `pose` (7,); where it lies in the tissue it counts as inserted without force."""
+        """Tissue at rest, needle straight at `pose` (7,); if it is in the tissue, it counts as inserted without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
-        """A tick of `dt` seconds with the base at `pose` (7,), and the mesh update that it asked for. Releases the GIL."""
+        """A tick of `dt` seconds with the base at `pose` (7,), and the mesh update that it requests. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
@@ -265,7 +264,7 @@ class Sim:
                       out.passes, out.switches)
 
     def save(self) -> bytes:
-        """All that changes, for `restore` of any simulation of the same model."""
+        """The complete state, for `restore` of any simulation of the same model."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
         state = bytearray(size)
         _check(lib.trocar_sim_save(self._handle, ffi.from_buffer(state), size, why), why)
@@ -312,8 +311,7 @@ def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int 
     """Many insertions on one model.
 
     poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, a tick of `dt` seconds a pose. Returns
-    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run side by side;
-    the GIL is released. The numbers do not depend on the number of threads (dense and condensed inverse).
+    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run in parallel; the GIL is released. The numbers do not depend on the number of threads (dense and condensed inverse).
     """
     given = np.ascontiguousarray(poses, np.float64)
     if given.ndim != 3 or given.shape[2] != 7:

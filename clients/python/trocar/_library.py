@@ -1,4 +1,4 @@
-"""libtrocar.so as cffi sees it: the declarations are those of the header that the build has put beside this file."""
+"""libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
 import os
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ from cffi import FFI
 
 
 def _declarations(header: str) -> str:
-    """The header without what cffi's parser does not know: comments, preprocessor, attributes."""
+    """The header without comments, preprocessor lines and attributes, which cffi's parser does not support."""
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
     text = re.sub(r'#ifdef __cplusplus\n.*?#endif', "", text, flags=re.S)
     text = re.sub(r"^#.*$", "", text, flags=re.M)

@@ -1,5 +1,5 @@
-/* Stands in for OpenHaptics' header of this name: only what docs/examples/bridge_openhaptics.c calls, so that the example is
-   compiled where there is no OpenHaptics. Written from its published programmer's guide; drives nothing. */
+/* Replaces OpenHaptics' header of this name: declares only what docs/examples/bridge_openhaptics.c calls, so that the example can
+   be compiled without OpenHaptics. Written from the published programmer's guide; does not drive a device. */
 #ifndef STANDIN_HD_H
 #define STANDIN_HD_H
 #define HDCALLBACK

@@ -1,0 +1,27 @@
+#!/bin/sh
+# The witness: a sanitizer's report counts wherever in the output it is, and no process left in the background holds it up.
+# usage: test_witness.sh WITNESS
+set -eu
+witness=$1
+
+# `ends_with STATUS [OPTION] COMMAND`: the command, run by a shell under the witness.
+ends_with() {
+    wanted=$1 status=0
+    shift
+    if [ $# -gt 1 ]; then set -- "$1" sh -c "$2"; else set -- sh -c "$1"; fi
+    timeout 20 "$witness" "$@" >/dev/null 2>&1 || status=$?
+    [ $status = "$wanted" ] || { echo "FAILED: status $status, not $wanted: $*"; exit 1; }
+}
+
+report='echo "WARNING: ThreadSanitizer: data race"'
+ends_with 0 'exit 0'
+ends_with 77 'exit 77'
+ends_with 137 'kill -KILL $$'
+ends_with 0 'sleep 60 &'
+ends_with 0 'yes &'
+ends_with 77 --reports 'exit 1'
+ends_with 1 --reports "$report"
+ends_with 1 --reports "$report & wait; yes &"
+ends_with 66 --reports "$report >&2; exit 66"
+ends_with 1 --reports 'head -c 100000 /dev/zero; printf "x: ThreadSanit"; sleep 0.1; printf "izer: x"; head -c 100000 /dev/zero'
+echo passed

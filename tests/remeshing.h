@@ -112,15 +112,21 @@ static inline void add_mixed(remesh_method method, int count) {
 /* Node of a handle in the refined mesh, -1 where the handle is not in use. */
 static int node_of(int handle) {
     if (handle >= MAX_CONTACTS) return snapshot.window[handle - MAX_CONTACTS];
-    if (handle >= snapshot.added_count) return -1;
-    return request.wanted.nodes[handle].moved >= 0 ? request.wanted.nodes[handle].moved : tested->mesh->node_count + handle;
+    if (snapshot.ids[handle] == 0) return -1;
+    int moved = request.wanted.nodes[handle].moved;
+    return moved >= 0 ? moved : tested->mesh->node_count + refinement_find(&request.wanted, snapshot.ids[handle]);
 }
 
 static void assert_labels_right(void) {
     assert_int_equal(snapshot.serial, request.serial);
-    assert_int_equal(snapshot.added_count, request.wanted.count);
-    for (int i = 0; i < snapshot.added_count; i++) assert_int_equal(snapshot.ids[i], request.wanted.nodes[i].id);
     int used = 0;
+    for (int i = 0; i < MAX_CONTACTS; i++) used += snapshot.ids[i] != 0;
+    assert_int_equal(used, request.wanted.count);
+    for (int i = 0; i < request.wanted.count; i++) {
+        int slot = request.wanted.order[i];
+        assert_int_equal(snapshot.ids[slot], request.wanted.nodes[slot].id);
+    }
+    used = 0;
     for (int k = 0; k < MAX_WINDOW; k++) used += snapshot.window[k] >= 0;
     assert_int_equal(used, request.window_count);
     for (int i = 0; i < request.window_count; i++) {

@@ -28,8 +28,8 @@ trocar_status remesher_create(inverse *inv, remesh_method method, remesher **cre
 void remesher_free(remesher *r);
 
 /* Brings the refined mesh to what is wanted, first the removals, then the new nodes in order, and fills the snapshot. A removal costs one
-   update of the inverse and those of the nodes that hang on the removed one (refinement_hangs_on); with the implicit method, and
-   where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
+   update of the inverse and those of the nodes that hang on the removed one (refinement_hangs_on); with the implicit
+   method and Woodbury's, and where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
 /* Prepares what the owner of the inverse will need further along the line of the last request served, one slice at a

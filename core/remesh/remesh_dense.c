@@ -62,7 +62,6 @@ static trocar_status dense_add(remesher *shared, int slot, report *why) {
     if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
     collect_change(r, slot, shared->refined.count);
     trocar_status status = r->operations->update(r, &r->change, why);
-    r->latest[slot] = true;
     r->spoilt = status != TROCAR_OK;
     return status;
 }
@@ -82,10 +81,8 @@ static void dense_remove(remesher *shared, int slot, int position) {
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);
-    r->change.latest = r->latest[slot] && position == refined->count;
     r->spoilt = r->operations->undo(r, &r->change, &unused) != TROCAR_OK;
     dense_isolate(r, &r->change, 0.0); /* later changes pass through free slots */
-    for (int i = position; i < refined->count; i++) r->latest[refined->order[i]] = false;
 }
 
 /* An update that failed half way leaves nothing of use: all nodes again, from the nominal inverse. */
@@ -121,7 +118,8 @@ static void dense_release(remesher *shared) {
     free(r->weighted);
 }
 
-static const remesh_operations dense = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release};
+static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release};
+static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release};
 
 /* Zeros. In pages of 4 KB a sweep through the matrix takes a third longer: so many are to be looked up. Large ones are a wish only. */
 static double *large_matrix(size_t n) {
@@ -136,7 +134,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     dense_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");
-    trocar_status status = remesher_init(*created, &dense, inv, why);
+    trocar_status status = remesher_init(*created, operations->any_order ? &in_any_order : &last_first, inv, why);
     size_t n = (size_t)inverse_tissue(inv)->dof_count + 3 * MAX_CONTACTS, ranks = (size_t)operations->ranks;
     r->operations = operations;
     r->ld = (int)n;

@@ -11,14 +11,14 @@ typedef struct {
     int n;                   /* dofs up to the last one in use */
     int first;               /* dofs touched by all changes before */
     int count, fresh;
-    bool latest;             /* undo: nothing has been undone since it was made but changes after it */
     int dofs[MAX_RANK];
     double change[MAX_RANK * MAX_RANK]; /* count square, N/m */
 } dense_change;
 
 typedef struct {
     trocar_status (*update)(dense_remesher *, const dense_change *, report *); /* adds it to the stiffness */
-    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* takes one away */
+    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* takes one away: any, or only the last one */
+    bool any_order;
     int ranks;               /* columns of `columns` and `weighted` that it needs */
 } dense_operations;
 
@@ -28,7 +28,6 @@ struct dense_remesher {
     dense_change change;
     bool spoilt;             /* an update or undo has failed: the matrix is to be made anew */
     int ranks[MAX_CONTACTS]; /* by slot: dofs that each contact node touches */
-    bool latest[MAX_CONTACTS]; /* by slot: as in dense_change */
     int ld;                  /* of `matrix` */
     double *matrix;          /* inverse, column-major, lower triangle: nominal dofs, then three for each contact node, m/N */
     double *columns, *weighted;        /* ld x ranks, column-major */

@@ -29,7 +29,9 @@ typedef struct {
     lcm_t *lcm;
     char host[80];               /* this machine and process */
     const char *inverse;         /* who owns it */
+    int needle_count;            /* of the scene */
     int64_t other_told;          /* the other server that stderr has named, 0: none; all from here on belongs to the thread */
+    bool malformed_told;         /* stderr has told of a malformed pose */
     char other_text[400];
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and to the hand, this interval */

@@ -38,7 +38,8 @@ static int open_fixture(void **state) {
         return -1;
     }
     trocar_sim_take_picture(f->host.sim, f->sight.picture);
-    assert_int_equal(viewer_messages_make(&f->sight, 77, 5000, &why), TROCAR_OK);
+    viewer_messages_make_needle(&f->sight, 0, 77, 5000);
+    assert_int_equal(viewer_messages_make_tissue(&f->sight, 77, &why), TROCAR_OK);
     return 0;
 }
 

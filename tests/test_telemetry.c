@@ -79,8 +79,10 @@ static void show_a_needle(fixture *f) {
     }
     trocar_sim_take_picture(f->host.sim, view->picture);
     view->tick = 499;
-    view->pose_utime = 1234;
-    view->flags = TROCAR_NEEDLE_WRENCH_T_STALE;
+    view->needles[0].engaged = true;
+    view->needles[0].pose_utime = 1234;
+    view->needles[0].flags = TROCAR_NEEDLE_WRENCH_T_STALE;
+    view->needles[0].contacts = 6;
     view->wrench_dropped = 3;
     triple_buffer_publish(&f->exchange.views);
 }
@@ -95,10 +97,10 @@ static void show_the_rest(fixture *f) {
     loop->misses = 2;
     triple_buffer_publish(&f->exchange.loops);
     arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
-    in->owner = 8;
-    in->received = monotonic_ns() - 500000000;
-    in->counts[POSE_ACCEPTED] = 490;
-    in->counts[POSE_JUMPED] = 4;
+    in->needles[0].owner = 8;
+    in->needles[0].received = monotonic_ns() - 500000000;
+    in->needles[0].counts[POSE_ACCEPTED] = 490;
+    in->needles[0].counts[POSE_JUMPED] = 4;
     strcpy(in->message, "session 9 refused: session 8 holds the needle");
     triple_buffer_publish(&f->exchange.intakes);
     int64_t latency = 3000000;
@@ -148,6 +150,8 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_int_equal(f->timing->context_switches, 6);
     assert_int_equal(f->timing->allocations, 7);
 
+    assert_true(f->status->needle == 0 && f->status->needle_count == 1 && f->status->contacts == 6);
+    assert_int_equal(f->timing->contacts, 6);
     assert_int_equal(f->status->owner, 8);
     assert_int_equal(f->status->poses_accepted, 490);
     assert_int_equal(f->status->poses_jumped, 4);

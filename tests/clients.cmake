@@ -23,6 +23,8 @@ add_test(NAME packets COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_packet
 set_tests_properties(packets PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE)
 add_test(NAME two_servers COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_two_servers.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(two_servers PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only)
+add_test(NAME two_needles COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_two_needles.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
+set_tests_properties(two_needles PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only)
 add_test(NAME hosts COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_hosts.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(hosts PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 RUN_SERIAL TRUE LABELS release_only)
 add_test(NAME soak COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_soak.py ${PROJECT_SOURCE_DIR})

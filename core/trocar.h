@@ -84,7 +84,7 @@ enum {
     TROCAR_EVENT_KEPT = 1 << 10       /* the closest node may not be moved: one was added instead */
 };
 
-enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65 };
+enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4 };
 
 /* One tick's result. */
 typedef struct trocar_output {

@@ -30,9 +30,17 @@ void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, dou
 }
 
 void dashboard_take_status(dashboard *d, const trocar_status_t *status, double now) {
+    int count = status->needle_count;
+    if (count < 1 || count > TROCAR_MAX_NEEDLES || status->needle < 0 || status->needle >= count) {
+        d->foreign++;
+        return;
+    }
     if (!follows(d, status->server, now)) return;
-    d->status = *status;
-    d->status.host = d->status.scene = d->status.inverse = d->status.message = NULL;
+    if (status->server != d->needles[0].server || count != d->needle_count) memset(d->needles, 0, sizeof d->needles);
+    d->needle_count = count;
+    trocar_status_t *kept = &d->needles[status->needle];
+    *kept = *status;
+    kept->host = kept->scene = kept->inverse = kept->message = NULL;
     snprintf(d->scene, sizeof d->scene, "%s", status->scene);
     snprintf(d->message, sizeof d->message, "%s", status->message);
 }
@@ -70,13 +78,28 @@ static duration duration_text(double s) {
     return d;
 }
 
-static void add_flags(page *p, const dashboard *d) {
+/* One before the first status. */
+static int shown_needles(const dashboard *d) { return d->needle_count > 0 ? d->needle_count : 1; }
+
+typedef struct { char text[24]; } label;
+
+/* With the needle's number where there are several. */
+static label needle_label(const dashboard *d, const char *word, int needle) {
+    label l;
+    if (d->needle_count > 1) snprintf(l.text, sizeof l.text, "%s %d", word, needle);
+    else snprintf(l.text, sizeof l.text, "%s", word);
+    return l;
+}
+
+static void add_needle(page *p, const dashboard *d, int needle) {
+    const trocar_status_t *s = &d->needles[needle];
     char text[160] = ", ";
-    flags_text((unsigned)d->status.flags, text + 2, sizeof text - 2);
-    if (!d->status.flags) text[0] = '\0';
-    bool alarm = d->status.flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* ramps are normal */
-    if (d->status.owner == 0) add(p, alarm, "needle      free%s", text);
-    else add(p, alarm, "needle      of session %" PRId64 ", %d contacts%s", d->status.owner, d->timing.contacts, text);
+    flags_text((unsigned)s->flags, text + 2, sizeof text - 2);
+    if (!s->flags) text[0] = '\0';
+    bool alarm = s->flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* a ramp is as it should be */
+    label name = needle_label(d, "needle", needle);
+    if (s->owner == 0) add(p, alarm, "%-12sfree%s", name.text, text);
+    else add(p, alarm, "%-12sof session %" PRId64 ", %d contacts%s", name.text, s->owner, s->contacts, text);
 }
 
 static void add_times(page *p, const char *name, double p50, double p99, double max, const char *rest) {
@@ -102,9 +125,34 @@ static void add_stages(page *p, const trocar_loop_timing_t *t) {
         1e6 * max[4], 1e6 * max[5]);
 }
 
+/* Sums over the needles; what is the server's is in the status of each. `pose_age`: of the needle that has been silent for longest. */
+static trocar_status_t total_of(const dashboard *d) {
+    trocar_status_t total = d->needles[0];
+    for (int i = 1; i < d->needle_count; i++) {
+        const trocar_status_t *s = &d->needles[i];
+        total.poses_accepted += s->poses_accepted;
+        total.poses_not_finite += s->poses_not_finite;
+        total.poses_not_unit += s->poses_not_unit;
+        total.poses_jumped += s->poses_jumped;
+        total.poses_refused += s->poses_refused;
+        total.poses_old += s->poses_old;
+        total.poses_lost += s->poses_lost;
+        total.saturated_ticks += s->saturated_ticks;
+        total.pose_age = fmax(total.pose_age, s->pose_age);
+    }
+    total.poses_refused += total.poses_no_needle;
+    return total;
+}
+
+static void add_energy(page *p, const dashboard *d, int needle) {
+    const trocar_status_t *s = &d->needles[needle];
+    add(p, s->energy_lowest < 0, "%-12s%.1f mJ, lowest %.1f mJ, coupling %.0f N/m", needle_label(d, "energy", needle).text, 1e3 * s->energy,
+        1e3 * s->energy_lowest, s->coupling_stiffness);
+}
+
 static void add_counters(page *p, const dashboard *d) {
     const trocar_loop_timing_t *t = &d->timing;
-    const trocar_status_t *s = &d->status;
+    const trocar_status_t total = total_of(d), *s = &total;
     bool loop_alarm = t->misses > d->first_misses || t->allocations || t->major_faults || t->minor_faults || t->wrenches_dropped;
     int64_t bad = s->poses_malformed + s->poses_not_finite + s->poses_not_unit + s->poses_jumped + s->poses_refused + s->poses_old + s->poses_lost;
     add(p, loop_alarm, "loop        missed %" PRId64 ", allocations %" PRId64 ", page faults %" PRId64 "+%" PRId64 ", preempted %" PRId64,
@@ -115,8 +163,7 @@ static void add_counters(page *p, const dashboard *d) {
         s->poses_jumped, s->poses_refused, s->poses_old, s->poses_lost, duration_text(s->pose_age).text);
     add(p, t->wrenches_dropped > 0, "wrenches    dropped %" PRId64 ", limited %" PRId64 "; malformed packets dropped %" PRId64, t->wrenches_dropped,
         s->saturated_ticks, s->packets_dropped);
-    add(p, s->energy_lowest < 0, "energy      %.1f mJ, lowest %.1f mJ, coupling %.0f N/m", 1e3 * s->energy, 1e3 * s->energy_lowest,
-        s->coupling_stiffness);
+    for (int i = 0; i < shown_needles(d); i++) add_energy(p, d, i);
     if (d->message[0]) add(p, true, "last fault  %s", d->message);
 }
 
@@ -165,7 +212,7 @@ int dashboard_draw(const dashboard *d, double now, int height, dashboard_line li
     if (now - d->heard_at > silence) add(&p, true, "server      silent for %.0f s", now - d->heard_at);
     if (server_choice_has_other(&d->servers, now))
         add(&p, true, "two servers %016" PRIx64 ", shown here, and %016" PRIx64 ": stop one", d->servers.followed, d->servers.other);
-    add_flags(&p, d);
+    for (int i = 0; i < shown_needles(d); i++) add_needle(&p, d, i);
     add_timing(&p, &d->timing);
     add_stages(&p, &d->timing);
     add_counters(&p, d);

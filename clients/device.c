@@ -16,14 +16,16 @@ typedef struct {
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
-       OPTION_WAIT, OPTION_SETTLE };
+       OPTION_WAIT, OPTION_SETTLE,
+       OPTION_NEEDLE };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
     {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer times repeat the script", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default 0.005,0.003,-0.201)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.201)", 0},
+    {"needle", OPTION_NEEDLE, "N", 0, "Which of the scene's needles to hold, from 0 (default 0)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
     {0, 0, 0, 0, "Connection:", 1},
@@ -73,6 +75,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case 'd': o->play.duration = parse_number(state, "duration", text, 1e-3, 1e5); break;
     case OPTION_SPEED: o->play.speed = parse_number(state, "speed", text, 1e-3, 10); break;
     case OPTION_START: o->play.start.position = parse_vector(state, "start", text); break;
+    case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
         o->play.closed_loop = true;
@@ -107,6 +110,7 @@ static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, co
         double t = (double)k / s->rate;
         pose base = motion_pose(s->script, s->start, t * s->speed);
         trocar_needle_pose_t message = message_of_pose(base, epoch + llround(1e6 * t), session, k);
+        message.needle = s->needle;
         trocar_status status = log_write_pose(log, &message, path, why);
         if (status != TROCAR_OK) return status;
     }

@@ -1,6 +1,7 @@
 #include "options.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 
 void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers) {
@@ -21,4 +22,10 @@ double parse_number(const struct argp_state *state, const char *option, const ch
     if (number < least || number > greatest)
         argp_error(state, "--%s: %s: must lie between %g and %g", option, text, least, greatest);
     return number;
+}
+
+int parse_index(const struct argp_state *state, const char *option, const char *text) {
+    double number = parse_number(state, option, text, 0, INT32_MAX);
+    if (number != floor(number)) argp_error(state, "--%s: %s: must be a whole number", option, text);
+    return (int)number;
 }

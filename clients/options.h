@@ -9,6 +9,9 @@ enum { EXIT_BAD_INPUT = 2 };
 /* `count` finite numbers separated by commas in `text`; otherwise exits through argp_error. */
 void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers);
 
+/* A whole number, 0 or more. */
+int parse_index(const struct argp_state *state, const char *option, const char *text);
+
 /* One finite number in [least, greatest]. */
 double parse_number(const struct argp_state *state, const char *option, const char *text, double least, double greatest);
 

@@ -79,6 +79,7 @@ static trocar_status send_pose(player *p, double t) {
     pose base = next_pose(p, t);
     trocar_needle_pose_t message = message_of_pose(base, wall_us(), r->session, r->sent_count);
     message.wrench_tick = p->wrench_tick;
+    message.needle = p->settings->needle;
     trocar_status status = recording_add_pose(r, now(), base, p->why);
     if (status != TROCAR_OK) return status;
     if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;
@@ -105,8 +106,9 @@ static trocar_status await_server(player *p) {
         if (status != TROCAR_OK) return status;
         if (now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
-                        "no answer in %g s: check that trocar-server runs with the same LCM URL and that no other device owns the needle",
-                        p->settings->patience);
+                        "no answer in %g s for needle %d: does trocar-server run with the same LCM URL, does its scene have this needle, and "
+                        "does no other device own it? trocar-top shows the server's last refusal",
+                        p->settings->patience, p->settings->needle);
     }
     return TROCAR_OK;
 }
@@ -129,7 +131,7 @@ static trocar_status play_script(player *p) {
 
 static void release_needle(player *p) {
     trocar_command_t release = {.utime = wall_us(), .session = p->record->session,
-                                .command = TROCAR_COMMAND_T_RELEASE};
+                                .command = TROCAR_COMMAND_T_RELEASE, .needle = p->settings->needle};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &release);
 }
 

@@ -10,6 +10,7 @@ typedef struct {
     const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL or LCM's default */
     const motion *script;
     pose start;
+    int needle;              /* index in the scene */
     double rate;             /* Hz */
     double speed;            /* script seconds per second */
     double duration;         /* s, real time */

@@ -17,8 +17,15 @@
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* Fingerprint of older wrenches, without the field `server`, which is now the last one. */
-static const uint64_t WRENCH_WITHOUT_SERVER = 0x9bb829ef4984e48c;
+/* Types of older releases, which lack fields at the end: `server` and `needle` of a wrench, what is told of needles in a status. */
+typedef struct {
+    uint64_t fingerprint;
+    int missing;             /* bytes */
+} older_type;
+
+static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
+static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
+static const older_type older_statuses[] = {{0xbcbe6819f8e2446a, 3 * 4 + 8}, {0}};
 
 /* A log being read. */
 typedef struct {
@@ -99,12 +106,23 @@ static trocar_status check_type(const reader *r, const unsigned char *data, cons
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
+/* Gives data of an older type the fields that it lacks, zero, and the fingerprint of the type as it is now. Returns their length
+   then. `data` has room for that and is zero behind the data. */
+static int64_t complete(unsigned char *data, int64_t length, const older_type *older, int64_t fingerprint) {
+    uint64_t found = (uint64_t)big_endian_64(data);
+    while (older->missing && older->fingerprint != found) older++;
+    if (!older->missing) return length;
+    for (int i = 0; i < 8; i++) data[i] = (unsigned char)((uint64_t)fingerprint >> (56 - 8 * i));
+    return length + older->missing;
+}
+
 static trocar_status read_pose(const reader *r, const event_header *h, trocar_needle_pose_t *p, report *why) {
     unsigned char data[DATA_MAX] = {0};
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    int64_t length = complete(data, h->data_length, older_poses, __trocar_needle_pose_t_get_hash());
     if (status == TROCAR_OK) status = check_type(r, data, "needle_pose_t", __trocar_needle_pose_t_get_hash(), why);
     if (status != TROCAR_OK) return status;
-    if (h->data_length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
+    if (length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
         return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
     pose base = raw_pose(p);
     pose_verdict verdict = safety_check_pose(&base);
@@ -112,18 +130,10 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
 }
 
-/* Appends the field that older wrenches lack, as zero. Returns the new length. */
-static int64_t complete_wrench(unsigned char data[DATA_MAX], int64_t length) {
-    if ((uint64_t)big_endian_64(data) != WRENCH_WITHOUT_SERVER) return length;
-    uint64_t fingerprint = (uint64_t)__trocar_needle_wrench_t_get_hash();
-    for (int i = 0; i < 8; i++) data[i] = (unsigned char)(fingerprint >> (56 - 8 * i));
-    return length + 8;
-}
-
 static trocar_status read_wrench(const reader *r, const event_header *h, trocar_needle_wrench_t *w, report *why) {
     unsigned char data[DATA_MAX] = {0};
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
-    int64_t length = complete_wrench(data, h->data_length);
+    int64_t length = complete(data, h->data_length, older_wrenches, __trocar_needle_wrench_t_get_hash());
     if (status == TROCAR_OK) status = check_type(r, data, "needle_wrench_t", __trocar_needle_wrench_t_get_hash(), why);
     if (status != TROCAR_OK) return status;
     if (length == trocar_needle_wrench_t_decode(data, 0, DATA_MAX, w)) return TROCAR_OK;
@@ -146,10 +156,11 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
-/* Accepts poses like the server: of one session, none repeated or out of order. */
+/* As the server takes them: of one needle and session, none twice or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
     const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
-    if (last && p->session != last->session) {
+    if (log->needle < 0) log->needle = p->needle;
+    if (p->needle != log->needle || (last && p->session != last->session)) {
         log->skipped_sessions++;
         return TROCAR_OK;
     }
@@ -192,11 +203,12 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_log *log = context;
-    unsigned char data[STATUS_MAX];
+    unsigned char data[STATUS_MAX] = {0};
     trocar_status_t m;
     trocar_status status = read_data(r, h, data, STATUS_MAX, why);
-    if (status != TROCAR_OK || h->data_length > STATUS_MAX || !status_fits(data, (size_t)h->data_length)) return status;
-    if (trocar_status_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
+    int64_t length = complete(data, h->data_length, older_statuses, __trocar_status_t_get_hash());
+    if (status != TROCAR_OK || length > STATUS_MAX || !status_fits(data, (size_t)length)) return status;
+    if (trocar_status_t_decode(data, 0, (int)length, &m) < 0) return TROCAR_OK;
     snprintf(log->inverse, sizeof log->inverse, "%s", m.inverse);
     trocar_status_t_decode_cleanup(&m);
     return TROCAR_OK;
@@ -231,18 +243,22 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
-static trocar_status read_poses(const char *path, pose_log *log, report *cut, report *why) {
-    *log = (pose_log){0};
+/* `needle` -1: that of the first pose. */
+static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
+    *log = (pose_log){.needle = needle};
     trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, log, cut, why);
+    if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
 }
 
-trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, log, NULL, why); }
+trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, -1, log, NULL, why); }
+
+trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why) { return read_poses(path, needle, log, NULL, why); }
 
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why) {
     *cut = (report){0};
-    return read_poses(path, log, cut, why);
+    return read_poses(path, -1, log, cut, why);
 }
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {

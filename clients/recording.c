@@ -220,13 +220,13 @@ static void csv_row(const received_wrench *row, double start, const pose *base, 
             w->raw_torque[1], w->raw_torque[2]);
     fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,", base->position.x, base->position.y, base->position.z,
             base->orientation.w, base->orientation.x, base->orientation.y, base->orientation.z);
-    fprintf(out, "%" PRId64 ",%" PRId64 ",%d,%.9g\n", w->tick, w->pose_seq, w->flags, row->round_trip);
+    fprintf(out, "%" PRId64 ",%" PRId64 ",%d,%.9g,%d\n", w->tick, w->pose_seq, w->flags, row->round_trip, w->needle);
 }
 
 void recording_write_csv(const recording *r, FILE *out) {
     fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,"
                  "raw_fx [N],raw_fy [N],raw_fz [N],raw_tx [N m],raw_ty [N m],raw_tz [N m],"
-                 "x [m],y [m],z [m],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s]\n");
+                 "x [m],y [m],z [m],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s],needle\n");
     for (int i = 0; i < r->received_count; i++) {
         const received_wrench *row = &r->received[i];
         if (row->time >= r->start) csv_row(row, r->start, &r->sent[row->wrench.pose_seq].base, out);

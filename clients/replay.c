@@ -1,4 +1,5 @@
-/* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. */
+/* trocar-replay: a recorded pose log through the mechanics in lockstep, one tick a pose, without a network or a clock. One needle is
+   replayed, alone: as needles are alike, it is needle 0 of the simulation whatever its number. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -25,7 +26,8 @@ typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
-    int every;               /* only every Nth wrench is logged */
+    int needle;              /* whose poses are replayed, -1: that of the first pose */
+    int every;               /* of the wrenches, one goes to the log */
     bool quiet;
 } options;
 
@@ -52,12 +54,13 @@ typedef struct {
 
 enum {
     OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
-    OPTION_SHIFT, OPTION_REGION
+    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE
 };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
+    {"needle", OPTION_NEEDLE, "N", 0, "Replay the poses of needle N of a log with several, alone (default: the needle of the first pose)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench and no poses to --out: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events", 0},
@@ -79,6 +82,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     switch (key) {
     case 's': o->scene_path = text; break;
     case 'p': o->pose_path = text; break;
+    case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
     case OPTION_OUT: o->log_path = text; break;
     case OPTION_CSV: o->csv_path = text; break;
     case OPTION_VTU: o->vtu_prefix = text; break;
@@ -129,7 +133,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     if (r->shift_file.file)
         fprintf(r->shift_file.file, "t [s],right [mm],anterior [mm],superior [mm],sagittal [deg],coronal [deg],axial [deg]\n");
     if (r->csv_file.file)
-        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events\n");
+        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle\n");
     return status;
 }
 
@@ -166,7 +170,9 @@ static trocar_status create_simulation(replay *r, report *why) {
 
 static trocar_status prepare(replay *r, report *why) {
     trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
-    if (status == TROCAR_OK) status = pose_log_read(r->options->pose_path, &r->poses, why);
+    const options *o = r->options;
+    if (status == TROCAR_OK)
+        status = o->needle < 0 ? pose_log_read(o->pose_path, &r->poses, why) : pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
@@ -198,6 +204,7 @@ static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     m.tick = tick;
     m.session = p->session;
     m.pose_seq = p->seq;
+    m.needle = p->needle;
     return m;
 }
 
@@ -214,7 +221,8 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
 static trocar_status log_origin(const replay *r, report *why) {
     lcm_eventlog_t log = {.f = r->log_file.file};
     trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
-                         .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = ""};
+                         .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = "", .needle = r->poses.needle,
+                         .needle_count = trocar_model_needles(r->model)};
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
@@ -224,8 +232,8 @@ static void csv_tick(const replay *r, int tick) {
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     events_text(w->events, membrane, events, sizeof events);
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s\n", pose_log_time(&r->poses, tick), w->force[0],
-            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events);
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d\n", pose_log_time(&r->poses, tick), w->force[0],
+            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events, r->poses.needle);
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
@@ -286,10 +294,10 @@ static trocar_status run_all(replay *r, report *why) {
 }
 
 static void summarise(const replay *r) {
-    fprintf(stderr, "%d poses over %.3f s\n", r->poses.count, pose_log_time(&r->poses, r->poses.count - 1));
-    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
+    fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, pose_log_time(&r->poses, r->poses.count - 1));
+    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)
-        fprintf(stderr, "%" PRId64 " poses of other sessions skipped\n", r->poses.skipped_sessions);
+        fprintf(stderr, "%" PRId64 " poses of other needles and sessions left out\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
 }
@@ -303,7 +311,7 @@ static void name_other_owner(const replay *r) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = NAN, .tolerance = NAN};
+    options o = {.at = NAN, .tolerance = NAN, .needle = -1};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     if (isnan(o.tolerance)) o.tolerance = 0.01;
     static replay r;

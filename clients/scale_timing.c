@@ -80,10 +80,10 @@ static void forget(scale_run *run, int kept) {
 static void follow_contacts(scale_run *run) {
     const refinement *now = &run->state.refined;
     int kept = 0;
-    while (kept < run->contact_count && kept < now->count && run->contacts[kept].id == now->nodes[kept].id) kept++;
+    while (kept < run->contact_count && kept < now->count && run->contacts[kept].id == now->nodes[now->order[kept]].id) kept++;
     forget(run, kept);
     for (; run->contact_count < now->count; run->contact_count++, run->result->contacts++)
-        run->contacts[run->contact_count] = (followed){.id = now->nodes[run->contact_count].id, .asked = run->now, .due = INFINITY};
+        run->contacts[run->contact_count] = (followed){.id = now->nodes[now->order[run->contact_count]].id, .asked = run->now, .due = INFINITY};
 }
 
 /* The contact node of an element should be active when the tip leaves it; after a leap at a membrane, when the tip would have left
@@ -91,7 +91,7 @@ static void follow_contacts(scale_run *run) {
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (int i = 0; i < contacts_passed(&run->state); i++)
-        if (run->state.refined.nodes[i].tet != run->state.tip.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
+        if (run->state.refined.nodes[run->state.refined.order[i]].tet != run->state.tip.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
     run->result->crossings++;
 }
 
@@ -99,7 +99,7 @@ static void note_progress(scale_run *run) {
     int known = snapshot_known_contacts(run->snapshot, &run->state.refined);
     for (int i = 0; i < run->contact_count; i++) {
         followed *contact = &run->contacts[i];
-        bool takes_part = i < run->state.active;
+        bool takes_part = contact_is_active(&run->state, i);
         if (i < known && !contact->answered) histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - contact->asked)));
         if (takes_part && !contact->active) histogram_add(&run->result->activation, (int64_t)(1e9 * fmax(run->now - contact->due, 0.0)));
         if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* pulled back over it */

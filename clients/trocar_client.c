@@ -68,6 +68,7 @@ struct trocar_client {
     lcm_t *lcm;
     char *url;               /* NULL: LCM's choice */
     int64_t session, seq;
+    int needle;
     server_choice servers;
 };
 
@@ -173,14 +174,14 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
 /* A pose that the network refuses is lost (and counted by the server); the next one follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
-    trocar_needle_pose_t m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick};
+    trocar_needle_pose_t m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
     memcpy(m.position, p->position, sizeof m.position);
     memcpy(m.orientation, p->orientation, sizeof m.orientation);
     trocar_needle_pose_t_publish(c->lcm, "TROCAR_POSE", &m);
 }
 
 static void send_command(trocar_client *c, int what) {
-    trocar_command_t m = {.utime = wall_clock(), .session = c->session, .command = what};
+    trocar_command_t m = {.utime = wall_clock(), .session = c->session, .command = what, .needle = c->needle};
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
@@ -237,6 +238,7 @@ static trocar_client *create_client(const trocar_client_options *o) {
     sem_init(&c->opened, 0, 0);
     c->watchdog = o->watchdog > 0 ? o->watchdog : WATCHDOG;
     c->servers.patience = PATIENCE;
+    c->needle = o->needle;
     c->url = o->url != NULL ? strdup(o->url) : NULL;
     c->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (getrandom(&c->session, sizeof c->session, 0) < 0) c->session = wall_clock();

@@ -84,7 +84,7 @@ enum {
     TROCAR_EVENT_KEPT = 1 << 10       /* the closest node may not be moved: one was added instead */
 };
 
-enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65 };
+enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4 };
 
 /* One tick's result. */
 typedef struct trocar_output {
@@ -101,14 +101,26 @@ typedef struct trocar_output {
 
 typedef enum trocar_contact_kind { TROCAR_CONTACT_TISSUE = 0, TROCAR_CONTACT_TIP = 1 } trocar_contact_kind;
 
+/* What a contact is doing. A tissue contact is planned, adding, then sticking or sliding until it is removed, or the needle buckles. */
+typedef enum trocar_contact_status {
+    TROCAR_CONTACT_PLANNED = 0,  /* ahead of the tip, which is not there yet */
+    TROCAR_CONTACT_ADDING = 1,   /* the tip has passed; the worker has not answered yet. Both bear no force */
+    TROCAR_CONTACT_STICKING = 2,
+    TROCAR_CONTACT_SLIDING = 3,  /* trocar_contact.state: which way */
+    TROCAR_CONTACT_DETACHED = 4  /* the needle buckled: no force until it is back (TROCAR_EVENT_UNSTABLE) */
+} trocar_contact_status;
+
 /* A point where the needle meets the tissue. */
 typedef struct trocar_contact {
-    int32_t kind;            /* trocar_contact_kind */
+    int32_t kind;            /* trocar_contact_kind; more kinds may come */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
     double arc;              /* m from the base */
     double depth;            /* m along the track from the skin */
     double position[3];      /* m, on the deformed needle, world frame */
     double force[3];         /* N, on the tissue, world frame */
+    uint64_t id;             /* of a tissue contact: the same from its addition to its removal, and never used again for this needle; 0 of the tip */
+    int32_t status;          /* trocar_contact_status */
+    int32_t slot;            /* of a tissue contact: the same as long, 0 to TROCAR_MAX_CONTACTS - 1; free for another one later. -1 of the tip */
 } trocar_contact;
 
 /* ---- scene ---------------------------------------------------------------------------------------------------------------- */
@@ -321,8 +333,12 @@ TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
 TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);
 
-/* Contacts from base to tip, the tip last if it is in the tissue. Fills at most `room` and returns how many there are. RT */
+/* Contacts that take part, from base to tip, the tip last if it is in the tissue. Fills at most `room` and returns how many there are. RT */
 TROCAR_API int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room);
+
+/* The tissue contacts that do not take part yet, from base to tip: status PLANNED, at most one, the last, or ADDING. The position of a
+   planned one is its place in the tissue at rest, and its arc the needle's length. As trocar_sim_contacts. RT */
+TROCAR_API int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room);
 
 /* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
 TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);

@@ -11,7 +11,7 @@
 #include "safety_limits.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { WRENCHES = 1024, LATENCIES = 4096 }; /* a second at 1 kHz; far more than a telemetry interval */
+enum { WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
@@ -44,11 +44,12 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     trocar_status status;
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
-    if ((status = triple_buffer_create(&x->poses, sizeof(pose_sample), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->poses, sizeof(newest_poses), why)) != TROCAR_OK) return status;
     if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
-    if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), WRENCHES, why)) != TROCAR_OK) return status;
+    size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
+    if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
     return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }

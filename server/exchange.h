@@ -17,18 +17,31 @@
 
 #include "base/spsc_ring.h"
 #include "base/triple_buffer.h"
+#include "safety_limits.h"
 #include "trocar.h"
 
-/* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
+/* IO -> haptic: the newest pose of each needle */
 typedef struct {
-    int64_t tick;
-    int64_t pose_utime;          /* us, of the tick's pose */
+    pose_sample needles[TROCAR_MAX_NEEDLES];
+} newest_poses;
+
+/* One needle in a view_sample */
+typedef struct {
+    bool engaged;                /* has been held since the start */
+    int64_t pose_utime;          /* us, of the pose that the tick answers */
     int flags;                   /* as in needle_wrench_t */
-    int64_t wrench_dropped, saturated_ticks; /* since start */
+    int64_t saturated_ticks;     /* since start */
     double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
-    double snapshot_age;         /* s since the oldest unanswered request, 0 if all are answered */
     int contacts;
+} needle_view;
+
+/* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
+typedef struct {
+    int64_t tick;
+    int64_t wrench_dropped;      /* since start */
+    double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
+    needle_view needles[TROCAR_MAX_NEEDLES];
     trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
 } view_sample;
 
@@ -40,7 +53,7 @@ void views_free(triple_buffer *views);
 void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
-    triple_buffer poses;          /* pose_sample */
+    triple_buffer poses;          /* newest_poses */
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */

@@ -1,4 +1,4 @@
-/* One tick of the server: newest pose -> safety limits -> simulation -> safety limits -> wrench. */
+/* One tick of the server, for each needle: newest pose -> safety limits -> simulation -> safety limits -> wrench. */
 #ifndef TROCAR_HAPTIC_H
 #define TROCAR_HAPTIC_H
 
@@ -7,8 +7,16 @@
 #include "loop.h"
 #include "virtual_coupling.h"
 
+/* What one needle has of its own: a needle that nobody holds, or whose device is silent, does not affect the others. */
 typedef struct {
-    trocar_sim *sim;             /* ticked by the haptic thread only */
+    safety_limits safety;
+    virtual_coupling coupling;
+    int64_t saturated_ticks;     /* since start */
+} haptic_needle;
+
+typedef struct {
+    trocar_sim *sim;             /* the haptic thread is the one that ticks it */
+    int needle_count;
     trocar_device_limits limits;
     double period;               /* s, nominal */
     int flags;                   /* of every wrench: NOT_REALTIME or 0 */
@@ -16,14 +24,13 @@ typedef struct {
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
-    safety_limits safety;        /* from here on used by the haptic thread only */
-    virtual_coupling coupling;
-    int64_t wrench_dropped, saturated_ticks; /* since start */
-    int64_t stages[LOOP_STAGES]; /* ns, of the last tick */
+    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* all below: the haptic thread's own */
+    int64_t wrench_dropped;      /* since start */
+    int64_t stages[LOOP_STAGES]; /* ns, of the last tick, all needles together */
 } haptic;
 
-/* `sim` and `x` must outlive it. The simulation's clock becomes the monotonic one. */
-void haptic_init(haptic *h, trocar_sim *sim, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x);
+/* `sim`, of a model with `needle_count` needles, and `x` must outlive it. The simulation's clock becomes the monotonic one. */
+void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x);
 
 /* A loop's tick; `context` is a haptic. False when it has ramped to zero after `wind_down`. RT */
 bool haptic_tick(void *context, const loop_wake *wake);

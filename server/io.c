@@ -12,10 +12,10 @@
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
 
-trocar_status io_create(io *o, const char *url, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
+trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
-    arbiter_init(&o->arbiter, limits);
+    arbiter_init(&o->arbiter, needle_count, limits);
     atomic_init(&o->stop, false);
     /* Generated code computes a type's hash on first use, without a lock. Two threads use this type. */
     __trocar_status_t_get_hash();
@@ -71,7 +71,8 @@ static trocar_status receive(io *o) {
 }
 
 static void hand_over(io *o) {
-    *(pose_sample *)triple_buffer_slot(&o->exchange->poses) = o->arbiter.newest;
+    newest_poses *poses = triple_buffer_slot(&o->exchange->poses);
+    for (int i = 0; i < o->arbiter.needle_count; i++) poses->needles[i] = o->arbiter.needles[i].newest;
     triple_buffer_publish(&o->exchange->poses);
     *(arbiter_record *)triple_buffer_slot(&o->exchange->intakes) = o->arbiter.record;
     triple_buffer_publish(&o->exchange->intakes);

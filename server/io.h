@@ -24,7 +24,7 @@ typedef struct {
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 
-trocar_status io_create(io *o, const char *url, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
+trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why);
 void io_free(io *o);
 

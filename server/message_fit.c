@@ -15,7 +15,7 @@ static int64_t length_at(const void *data, size_t size, size_t offset) {
 }
 
 bool contacts_fit(const void *data, size_t size) {
-    enum { JOINTS = FINGERPRINT + 4 * 8 + 4 * 8, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
+    enum { JOINTS = FINGERPRINT + 4 * 8 + 4 * 8 + 4, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 };
     int64_t joints = length_at(data, size, JOINTS);
     if (joints < 2 || joints > TROCAR_MAX_JOINTS) return false;
     size_t count_at = JOINTS + 4 + JOINT * (size_t)joints;
@@ -29,14 +29,14 @@ bool deformation_fits(const void *data, size_t size, int node_count) {
 }
 
 bool status_fits(const void *data, size_t size) {
-    enum { STRINGS = 4 };
+    enum { STRINGS = 4, AFTER_STRINGS = 3 * 4 + 8 };
     trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
-    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1); /* an empty string: length and terminating zero */
+    size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1) - AFTER_STRINGS; /* an empty string: its length, its zero */
     for (int string = 0; string < STRINGS; string++) {
         int64_t length = length_at(data, size, offset);
         if (length < 1 || offset + 4 + (size_t)length > size) return false;
         offset += 4 + (size_t)length;
         if (((const char *)data)[offset - 1] != '\0') return false;
     }
-    return offset == size;
+    return offset + AFTER_STRINGS == size;
 }

@@ -11,8 +11,9 @@ static const double OWNER_SILENCE = 2.0;  /* s after which another session may t
 static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer gap means a client that numbers poses differently */
 static const double ARRIVAL_JITTER = 5e-3; /* s: poses may be delayed by this much and then arrive together */
 
-void arbiter_init(pose_arbiter *in, const trocar_device_limits *limits) {
-    *in = (pose_arbiter){.limits = *limits, .newest = {.seq = -1}, .begin_anew = true};
+void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits) {
+    *in = (pose_arbiter){.limits = *limits, .needle_count = needle_count};
+    for (int i = 0; i < TROCAR_MAX_NEEDLES; i++) in->needles[i] = (arbiter_needle){.newest = {.seq = -1}, .begin_anew = true};
 }
 
 __attribute__((format(printf, 2, 3)))
@@ -39,45 +40,72 @@ static pose pose_of(const trocar_needle_pose_t *m) {
     return (pose){{x[0], x[1], x[2]}, {q[0], q[1], q[2], q[3]}};
 }
 
-static double since_last(const pose_arbiter *in, int64_t now) { return 1e-9 * (double)(now - in->record.received); }
+static bool has_needle(const pose_arbiter *in, int needle) { return needle >= 0 && needle < in->needle_count; }
 
-static bool may_hold(const pose_arbiter *in, int64_t session, int64_t now) {
-    return in->record.owner == 0 || in->record.owner == session || since_last(in, now) > OWNER_SILENCE;
+static int64_t owner_of(const pose_arbiter *in, int needle) { return in->record.needles[needle].owner; }
+
+static double since_last(const pose_arbiter *in, int needle, int64_t now) { return 1e-9 * (double)(now - in->record.needles[needle].received); }
+
+static bool is_silent(const pose_arbiter *in, int needle, int64_t now) { return since_last(in, needle, now) > OWNER_SILENCE; }
+
+static bool may_hold(const pose_arbiter *in, int needle, int64_t session, int64_t now) {
+    int64_t owner = owner_of(in, needle);
+    return owner == 0 || owner == session || is_silent(in, needle, now);
 }
 
-/* The limits apply to the mean speed, not to that between two poses that the network has delivered together: unused time is
-   credited, up to the jitter. Once the wrench has been ramped to zero for lack of poses, any position is accepted: the safety
-   limits then decide whether the needle continues or engages again. */
-static bool motion_possible(pose_arbiter *in, const pose *p, int64_t now) {
-    double elapsed = since_last(in, now);
+/* Another needle that the session owns, -1: none. */
+static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) {
+    for (int i = 0; i < in->needle_count; i++)
+        if (i != needle && owner_of(in, i) == session) return i;
+    return -1;
+}
+
+/* The limits bound the mean speed, not that of two poses which the network has bunched: unused time is credit, up to
+   the jitter. Once the wrench has been ramped out for want of poses, any place is good: the safety limits then decide whether
+   the needle goes on or begins anew. */
+static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
+    arbiter_needle *n = &in->needles[needle];
+    double elapsed = since_last(in, needle, now);
     if (elapsed > in->limits.hold_time + in->limits.ramp_time) {
-        in->travel_credit = 0.0;
+        n->travel_credit = 0.0;
         return true;
     }
-    double credit = fmin(in->travel_credit + elapsed, fmax(elapsed, ARRIVAL_JITTER));
-    double needed = safety_travel_time(&in->limits, &in->newest.base, p);
+    double credit = fmin(n->travel_credit + elapsed, fmax(elapsed, ARRIVAL_JITTER));
+    double needed = safety_travel_time(&in->limits, &n->newest.base, p);
     if (needed > credit) return false;
-    in->travel_credit = credit - needed;
+    n->travel_credit = credit - needed;
     return true;
 }
 
-/* Counts lost poses of the owner. */
+/* Counts poses of the owner that never arrived. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
-    if (in->record.owner == 0 || m->session != in->record.owner || m->seq <= in->heard) return;
-    uint64_t gap = (uint64_t)m->seq - (uint64_t)in->heard - 1;
-    if (gap < LONGEST_GAP) in->record.poses_lost += (int64_t)gap;
-    in->heard = m->seq;
+    arbiter_needle *n = &in->needles[m->needle];
+    int64_t owner = owner_of(in, m->needle);
+    if (owner == 0 || m->session != owner || m->seq <= n->heard) return;
+    uint64_t gap = (uint64_t)m->seq - (uint64_t)n->heard - 1;
+    if (gap < LONGEST_GAP) in->record.needles[m->needle].poses_lost += (int64_t)gap;
+    n->heard = m->seq;
+}
+
+static void release(pose_arbiter *in, int needle) {
+    in->needles[needle].newest.held = false;
+    in->needles[needle].begin_anew = true;
+    in->record.needles[needle].owner = 0;
 }
 
 static void accept(pose_arbiter *in, const trocar_needle_pose_t *m, pose p, int64_t now) {
-    bool anew = in->begin_anew || m->session != in->record.owner;
-    if (m->session != in->record.owner) in->heard = m->seq;
-    in->newest = (pose_sample){.held = true, .engagement = in->newest.engagement + (anew ? 1 : 0), .session = m->session,
-                               .seq = m->seq, .utime = m->utime, .wrench_tick = m->wrench_tick, .received = now, .base = p};
-    if (anew) in->travel_credit = ARRIVAL_JITTER;
-    in->begin_anew = false;
-    in->record.owner = m->session;
-    in->record.received = now;
+    arbiter_needle *n = &in->needles[m->needle];
+    needle_record *record = &in->record.needles[m->needle];
+    int left = other_needle_of(in, m->needle, m->session);
+    if (left >= 0) release(in, left);
+    bool anew = n->begin_anew || m->session != record->owner;
+    if (m->session != record->owner) n->heard = m->seq;
+    n->newest = (pose_sample){.held = true, .engagement = n->newest.engagement + (anew ? 1 : 0), .session = m->session,
+                              .seq = m->seq, .utime = m->utime, .wrench_tick = m->wrench_tick, .received = now, .base = p};
+    if (anew) n->travel_credit = ARRIVAL_JITTER;
+    n->begin_anew = false;
+    record->owner = m->session;
+    record->received = now;
 }
 
 static pose_verdict judge_numbers(pose_arbiter *in, const trocar_needle_pose_t *m, const pose *p) {
@@ -90,72 +118,96 @@ static pose_verdict judge_numbers(pose_arbiter *in, const trocar_needle_pose_t *
 
 static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
     int64_t seq = m->seq, session = m->session;
+    const pose_sample *newest = &in->needles[m->needle].newest;
     if (session == 0) {
         say(in, "session 0 refused: 0 means nobody; choose another number");
         return POSE_REFUSED;
     }
-    if (!may_hold(in, session, now)) {
-        say(in, "session %" PRId64 " refused: session %" PRId64 " holds the needle", session, in->record.owner);
+    if (!may_hold(in, m->needle, session, now)) {
+        say(in, "session %" PRId64 " refused for needle %d: session %" PRId64 " holds the needle", session, m->needle, owner_of(in, m->needle));
         return POSE_REFUSED;
     }
-    if (session == in->newest.session && seq <= in->newest.seq) {
-        say(in, "pose %" PRId64 " of session %" PRId64 ": out of order, after %" PRId64, seq, session, in->newest.seq);
+    int other = other_needle_of(in, m->needle, session);
+    if (other >= 0 && !is_silent(in, other, now)) {
+        say(in, "session %" PRId64 " refused for needle %d: it holds needle %d; release that first, or use a session for each", session,
+            m->needle, other);
+        return POSE_REFUSED;
+    }
+    if (session == newest->session && seq <= newest->seq) {
+        say(in, "pose %" PRId64 " of session %" PRId64 ": %" PRId64 " came before", seq, session, newest->seq);
         return POSE_OLD;
     }
     return POSE_ACCEPTED;
 }
 
 static pose_verdict judge_motion(pose_arbiter *in, const trocar_needle_pose_t *m, const pose *p, int64_t now) {
-    bool same_insertion = m->session == in->record.owner && !in->begin_anew;
-    if (!same_insertion || motion_possible(in, p, now)) return POSE_ACCEPTED;
+    bool same_insertion = m->session == owner_of(in, m->needle) && !in->needles[m->needle].begin_anew;
+    if (!same_insertion || motion_possible(in, m->needle, p, now)) return POSE_ACCEPTED;
     say(in, "pose %" PRId64 " of session %" PRId64 ": faster than the scene's limits", m->seq, m->session);
     return POSE_JUMPED;
 }
 
-static pose_verdict judge(pose_arbiter *in, const void *data, size_t size, int64_t now) {
-    trocar_needle_pose_t m = {0};
-    if (!decode_pose(data, size, &m)) {
-        say(in, "pose of %zu bytes: not a trocar.needle_pose_t of this version", size);
-        return POSE_MALFORMED;
-    }
-    count_lost(in, &m);
-    pose p = pose_of(&m);
-    pose_verdict verdict = judge_numbers(in, &m, &p);
-    if (verdict == POSE_ACCEPTED) verdict = judge_sender(in, &m, now);
+static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
+    count_lost(in, m);
+    pose p = pose_of(m);
+    pose_verdict verdict = judge_numbers(in, m, &p);
+    if (verdict == POSE_ACCEPTED) verdict = judge_sender(in, m, now);
     if (verdict != POSE_ACCEPTED) return verdict;
     p.orientation = q_unit(p.orientation);
-    verdict = judge_motion(in, &m, &p, now);
-    if (verdict == POSE_ACCEPTED) accept(in, &m, p, now);
+    verdict = judge_motion(in, m, &p, now);
+    if (verdict == POSE_ACCEPTED) accept(in, m, p, now);
     return verdict;
+}
+
+/* A message of before it had `needle`, its last field, comes from a client that is older than this server. */
+static const char *advice(size_t size, int size_now) {
+    bool without_needle = size + sizeof(int32_t) == (size_t)size_now;
+    return without_needle ? "; it has no `needle`: build its sender with this release's trocar.lcm" : "";
+}
+
+static void say_no_needle(pose_arbiter *in, const char *what, int64_t session, int needle) {
+    say(in, "%s of session %" PRId64 " refused for needle %d: the scene's `needles` is %d, counted from 0", what, session, needle,
+        in->needle_count);
 }
 
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now) {
-    pose_verdict verdict = judge(in, data, size, now);
-    in->record.counts[verdict]++;
+    trocar_needle_pose_t m = {0};
+    if (!decode_pose(data, size, &m)) {
+        in->record.poses_malformed++;
+        say(in, "pose of %zu bytes refused: not a trocar.needle_pose_t of this version%s", size,
+            advice(size, trocar_needle_pose_t_encoded_size(&m)));
+        return POSE_MALFORMED;
+    }
+    if (!has_needle(in, m.needle)) {
+        in->record.poses_no_needle++;
+        say_no_needle(in, "pose", m.session, m.needle);
+        return POSE_NO_NEEDLE;
+    }
+    pose_verdict verdict = judge(in, &m, now);
+    in->record.needles[m.needle].counts[verdict]++;
     return verdict;
-}
-
-static void release(pose_arbiter *in) {
-    in->newest.held = false;
-    in->begin_anew = true;
-    in->record.owner = 0;
 }
 
 bool arbiter_command(pose_arbiter *in, const void *data, size_t size) {
     trocar_command_t m = {0};
     if (!decode_command(data, size, &m)) {
         in->record.commands_refused++;
-        say(in, "command of %zu bytes refused: not a trocar.command_t of this version", size);
+        say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size, advice(size, trocar_command_t_encoded_size(&m)));
         return false;
     }
     if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return true;
-    bool allowed = in->record.owner == 0 || in->record.owner == m.session;
-    if (allowed && m.command == TROCAR_COMMAND_T_RESET) in->begin_anew = true;
-    else if (allowed && m.command == TROCAR_COMMAND_T_RELEASE) release(in);
+    if (!has_needle(in, m.needle)) {
+        in->record.commands_refused++;
+        say_no_needle(in, "command", m.session, m.needle);
+        return false;
+    }
+    bool allowed = owner_of(in, m.needle) == 0 || owner_of(in, m.needle) == m.session;
+    if (allowed && m.command == TROCAR_COMMAND_T_RESET) in->needles[m.needle].begin_anew = true;
+    else if (allowed && m.command == TROCAR_COMMAND_T_RELEASE) release(in, m.needle);
     else {
         in->record.commands_refused++;
-        say(in, "command %d of session %" PRId64 " refused: %s", m.command, m.session,
-            allowed ? "unknown" : "another session holds the needle");
+        if (allowed) say(in, "command %d of session %" PRId64 " refused: unknown", m.command, m.session);
+        else say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
     }
     return false;
 }

@@ -88,8 +88,6 @@ static trocar_status create_simulation(server *s, report *why) {
     trocar_model_options options = {.progress = progress_show, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
     if (status != TROCAR_OK) return status;
-    if (trocar_model_needles(s->model) > 1)
-        fprintf(stderr, "trocar-server: the scene has %d needles; the server moves the first one only\n", trocar_model_needles(s->model));
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
@@ -118,8 +116,9 @@ static trocar_status create_parts(server *s, report *why) {
     exchange *x = &s->exchange;
     int flags = s->realtime ? 0 : TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME;
     trocar_device_limits limits = trocar_scene_device(s->scene);
-    haptic_init(&s->haptic, s->sim, &limits, s->rate_hz, flags, x);
-    trocar_status status = io_create(&s->io, s->options.lcm_url, &limits, s->realtime, s->shutdown_wake, x, why);
+    int needles = trocar_model_needles(s->model);
+    haptic_init(&s->haptic, s->sim, needles, &limits, s->rate_hz, flags, x);
+    trocar_status status = io_create(&s->io, s->options.lcm_url, needles, &limits, s->realtime, s->shutdown_wake, x, why);
     if (status != TROCAR_OK) return status;
     s->haptic.server = s->io.server = s->id;
     s->loop = (loop){.rate_hz = s->rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
@@ -294,6 +293,7 @@ void server_describe(const server *s, FILE *out) {
             trocar_model_tet_count(m), trocar_scene_count(s->scene, "regions"), trocar_scene_count(s->scene, "membranes"));
     if (remarks[0]) fprintf(out, "warning    %s\n", remarks);
     fprintf(out, "inverse    %s\n", trocar_model_description(m));
+    if (trocar_model_needles(m) > 1) fprintf(out, "needles    %d, one session each\n", trocar_model_needles(m));
     fprintf(out, "unknowns   %d; node addition by %s\n", trocar_model_unknowns(m), remeshing);
     fprintf(out, "rate       %g Hz\n", s->rate_hz);
     fprintf(out, "memory     %.0f MiB%s\n", resident_mebibytes(), s->realtime ? ", locked" : "");
@@ -322,7 +322,11 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
             s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
     fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
-    fprintf(out, "poses      %lld accepted, %lld lost\n", (long long)s->io.arbiter.record.counts[POSE_ACCEPTED],
-            (long long)s->io.arbiter.record.poses_lost);
+    for (int i = 0; i < s->haptic.needle_count; i++) {
+        const needle_record *record = &s->io.arbiter.record.needles[i];
+        fprintf(out, "poses      %lld accepted, %lld lost", (long long)record->counts[POSE_ACCEPTED], (long long)record->poses_lost);
+        if (s->haptic.needle_count > 1) fprintf(out, ", needle %d", i);
+        fputc('\n', out);
+    }
     fprintf(out, "packets    %lld malformed ones dropped\n", (long long)lcm_filter_dropped());
 }

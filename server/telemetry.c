@@ -15,7 +15,7 @@ enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
 trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why) {
     const char *url = given->lcm_url;
-    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = trocar_model_inverse(model)};
+    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = trocar_model_inverse(model), .needle_count = trocar_model_needles(model)};
     gethostname(t->host, HOST_NAME);
     snprintf(t->host + strlen(t->host), sizeof t->host - strlen(t->host), ", process %d", (int)getpid());
     atomic_init(&t->stop, false);
@@ -67,6 +67,9 @@ static void publish_timing(telemetry *t, const view_sample *view) {
     collect(&t->exchange->latencies, t->latency);
     collect(&t->exchange->round_trips, t->round_trip);
 
+    int contacts = 0;
+    for (int i = 0; i < t->needle_count; i++) contacts += view->needles[i].contacts;
+
     trocar_loop_timing_t m = {
         .utime = wall_us(), .ticks = loop->ticks, .rate_hz = t->given.rate_hz,
         .lateness_p50 = histogram_quantile(&loop->lateness, 0.50),
@@ -85,7 +88,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
         .lateness_max_total = loop->lateness_max_total, .compute_max_total = loop->compute_max_total,
         .misses = loop->misses, .allocations = loop->usage.allocations, .minor_faults = loop->usage.minor_faults,
         .major_faults = loop->usage.major_faults, .context_switches = loop->usage.context_switches,
-        .wrenches_dropped = view->wrench_dropped, .contacts = view->contacts, .server = t->given.server};
+        .wrenches_dropped = view->wrench_dropped, .contacts = contacts, .server = t->given.server};
     histogram_bins(&loop->lateness, m.lateness_bins);
     histogram_bins(&loop->compute, m.compute_bins);
     for (int i = 0; i < LOOP_STAGES; i++) {
@@ -106,7 +109,15 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
     return t->other_text;
 }
 
-/* Persistent faults take precedence over the last refusal. */
+/* A client that sends other types than this server's never gets a needle, and may not read this status either: stderr has its
+   first message. */
+static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
+    if (t->malformed_told || in->poses_malformed == 0) return;
+    t->malformed_told = true;
+    fprintf(stderr, "trocar-server: %s\n", in->message);
+}
+
+/* What lasts until somebody does something about it comes before the last refusal. */
 static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
     if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
     return accompanied ? other_server_text(t, &in->other) : in->message;
@@ -114,32 +125,50 @@ static const char *message_of(telemetry *t, const arbiter_record *in, bool accom
 
 static char *text(const char *constant) { return (char *)(uintptr_t)constant; } /* LCM's structs have no const */
 
+static trocar_status_t status_of(const telemetry *t, const arbiter_record *in, const view_sample *view, int needle) {
+    const needle_record *poses = &in->needles[needle];
+    const needle_view *seen = &view->needles[needle];
+    return (trocar_status_t){
+        .utime = wall_us(), .owner = poses->owner, .flags = seen->flags | t->given.flags,
+        .poses_accepted = poses->counts[POSE_ACCEPTED], .poses_malformed = in->poses_malformed, .poses_no_needle = in->poses_no_needle,
+        .poses_not_finite = poses->counts[POSE_NOT_FINITE], .poses_not_unit = poses->counts[POSE_NOT_UNIT],
+        .poses_jumped = poses->counts[POSE_JUMPED], .poses_refused = poses->counts[POSE_REFUSED],
+        .poses_old = poses->counts[POSE_OLD], .poses_lost = poses->poses_lost, .commands_refused = in->commands_refused,
+        .pose_age = poses->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - poses->received),
+        .energy = seen->energy, .energy_lowest = seen->energy_lowest, .coupling_stiffness = seen->coupling_stiffness,
+        .saturated_ticks = seen->saturated_ticks, .packets_dropped = lcm_filter_dropped(), .server = t->given.server,
+        .needle = needle, .needle_count = t->needle_count, .contacts = seen->contacts,
+        .host = text(t->host), .scene = text(t->given.scene_path), .inverse = text(t->inverse)};
+}
+
 static void publish_status(telemetry *t, const view_sample *view) {
     const arbiter_record *in = triple_buffer_read(&t->exchange->intakes, NULL);
     bool accompanied = other_server_present(&in->other, monotonic_ns());
-    trocar_status_t m = {
-        .utime = wall_us(), .owner = in->owner, .flags = view->flags | t->given.flags,
-        .poses_accepted = in->counts[POSE_ACCEPTED], .poses_malformed = in->counts[POSE_MALFORMED],
-        .poses_not_finite = in->counts[POSE_NOT_FINITE], .poses_not_unit = in->counts[POSE_NOT_UNIT],
-        .poses_jumped = in->counts[POSE_JUMPED], .poses_refused = in->counts[POSE_REFUSED],
-        .poses_old = in->counts[POSE_OLD], .poses_lost = in->poses_lost, .commands_refused = in->commands_refused,
-        .pose_age = in->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - in->received),
-        .energy = view->energy, .energy_lowest = view->energy_lowest,
-        .coupling_stiffness = view->coupling_stiffness, .saturated_ticks = view->saturated_ticks,
-        .packets_dropped = lcm_filter_dropped(), .server = t->given.server, .other_server = accompanied ? in->other.id : 0,
-        .host = t->host, .scene = text(t->given.scene_path), .inverse = text(t->inverse), .message = text(message_of(t, in, accompanied))};
-    trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
+    tell_of_malformed(t, in);
+    for (int i = 0; i < t->needle_count; i++) {
+        trocar_status_t m = status_of(t, in, view, i);
+        m.other_server = accompanied ? in->other.id : 0;
+        m.message = text(message_of(t, in, accompanied));
+        trocar_status_t_publish(t->lcm, "TROCAR_STATUS", &m);
+    }
 }
 
-/* Sends the needle first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
+/* The needles first: a viewer's picture is complete with the deformation. Without memory for it there is no picture. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
-    trocar_picture_copy(view->picture, t->messages.picture);
-    if (viewer_messages_make(&t->messages, view->tick, view->pose_utime, &ignored) != TROCAR_OK) return;
-    t->messages.contacts.utime = t->messages.deformation.utime = wall_us();
-    t->messages.contacts.server = t->messages.deformation.server = t->given.server;
-    trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &t->messages.contacts);
-    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &t->messages.deformation);
+    viewer_messages *m = &t->messages;
+    trocar_picture_copy(view->picture, m->picture);
+    if (viewer_messages_make_tissue(m, view->tick, &ignored) != TROCAR_OK) return;
+    for (int i = 0; i < t->needle_count; i++) {
+        if (!view->needles[i].engaged) continue;
+        viewer_messages_make_needle(m, i, view->tick, view->needles[i].pose_utime);
+        m->contacts.utime = wall_us();
+        m->contacts.server = t->given.server;
+        trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m->contacts);
+    }
+    m->deformation.utime = wall_us();
+    m->deformation.server = t->given.server;
+    trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &m->deformation);
 }
 
 static bool stopped(const telemetry *t) { return atomic_load_explicit(&t->stop, memory_order_relaxed); }

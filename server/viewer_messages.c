@@ -36,14 +36,14 @@ void viewer_messages_free(viewer_messages *v) {
     *v = (viewer_messages){0};
 }
 
-static void make_needle(viewer_messages *v) {
+void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime) {
     trocar_contact contacts[VIEWER_CONTACTS];
-    trocar_pose base = trocar_picture_base(v->picture, 0);
-    v->contacts = (trocar_contacts_t){.centreline = v->joint_rows, .position = v->position_rows, .force = v->force_rows, .arc = v->arc,
-                                      .state = v->sliding};
+    trocar_pose base = trocar_picture_base(v->picture, needle);
+    v->contacts = (trocar_contacts_t){.needle = needle, .tick = tick, .pose_utime = pose_utime, .centreline = v->joint_rows,
+                                      .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding};
     memcpy(v->contacts.orientation, base.orientation, sizeof base.orientation);
-    v->contacts.joint_count = trocar_picture_centreline(v->picture, 0, v->joints[0], TROCAR_MAX_JOINTS);
-    v->contacts.contact_count = trocar_picture_contacts(v->picture, 0, contacts, VIEWER_CONTACTS);
+    v->contacts.joint_count = trocar_picture_centreline(v->picture, needle, v->joints[0], TROCAR_MAX_JOINTS);
+    v->contacts.contact_count = trocar_picture_contacts(v->picture, needle, contacts, VIEWER_CONTACTS);
     for (int i = 0; i < v->contacts.contact_count; i++) {
         memcpy(v->positions[i], contacts[i].position, sizeof v->positions[i]);
         memcpy(v->forces[i], contacts[i].force, sizeof v->forces[i]);
@@ -52,18 +52,10 @@ static void make_needle(viewer_messages *v) {
     }
 }
 
-static trocar_status make_tissue(viewer_messages *v, report *why) {
+trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why) {
     trocar_status status = trocar_picture_displacements(v->picture, v->nodal, why);
     if (status != TROCAR_OK) return status;
     for (size_t i = 0; i < 3 * (size_t)v->node_count; i++) v->displacement[i] = (float)v->nodal[i];
-    v->deformation = (trocar_deformation_t){.node_count = v->node_count, .displacement = v->displacement_rows};
+    v->deformation = (trocar_deformation_t){.tick = tick, .node_count = v->node_count, .displacement = v->displacement_rows};
     return TROCAR_OK;
-}
-
-trocar_status viewer_messages_make(viewer_messages *v, int64_t tick, int64_t pose_utime, report *why) {
-    make_needle(v);
-    trocar_status status = make_tissue(v, why);
-    v->contacts.tick = v->deformation.tick = tick;
-    v->contacts.pose_utime = pose_utime;
-    return status;
 }

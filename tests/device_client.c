@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <spawn.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
@@ -34,10 +35,12 @@ static double now(void) {
 
 static double norm(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-static void start_server(void) {
-    char *const command[] = {server_path, "--scene", MESHES "/figure8.yaml", "--allow-non-rt", NULL};
+static void start_server_with(char *scene) {
+    char *const command[] = {server_path, "--scene", scene, "--allow-non-rt", NULL};
     assert_int_equal(posix_spawn(&server, command[0], NULL, NULL, command, environ), 0);
 }
+
+static void start_server(void) { start_server_with(MESHES "/figure8.yaml"); }
 
 static void kill_server(void) {
     if (server == 0) return;
@@ -123,8 +126,68 @@ static void one_device_at_a_time(void **state) {
     for (double end = now() + 1; !exchange(second, &w);) assert_true(now() < end);
 }
 
-/* The server is killed in the middle of an insertion: the force is zero within the watchdog's time and stays zero. The next server
-   ramps it up again. */
+/* The scene with two needles, in a temporary file whose name goes to `path`. */
+static void write_pair(char path[]) {
+    FILE *in = fopen(MESHES "/figure8.yaml", "r"), *out = fdopen(mkstemp(path), "w");
+    assert_true(in && out);
+    for (char line[256]; fgets(line, sizeof line, in);)
+        if (strncmp(line, "mesh: ", 6) == 0) fprintf(out, "mesh: " MESHES "/%s", line + 6);
+        else fputs(line, out);
+    fputs("needles: 2\n", out);
+    fclose(in);
+    fclose(out);
+}
+
+/* A period of both loops: the needles side by side, 60 mm apart. */
+static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench w[2]) {
+    nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+    for (int n = 0; n < 2; n++) {
+        double at[3] = {n == 0 ? -0.03 : 0.03, position[1], position[2]};
+        assert_true(trocar_client_publish(clients[n], at, orientation));
+        trocar_client_newest(clients[n], &w[n]);
+    }
+}
+
+/* A reset takes one needle's force, and a close lets it go; the other one is as it was. There is no third needle. */
+static void two_clients_hold_two_needles(void **state) {
+    char scene[] = "/tmp/trocar-pair-XXXXXX";
+    write_pair(scene);
+    const trocar_client_options second = {.needle = 1}, third = {.needle = 2};
+    trocar_client *clients[2] = {*state, trocar_client_open(&second, NULL, 0)}, *none = trocar_client_open(&third, NULL, 0);
+    trocar_client_wrench w[2], nothing;
+    assert_true(clients[1] && none);
+    start_server_with(scene);
+    double end = now() + 10;
+    do {
+        exchange_pair(clients, w);
+        assert_true(now() < end);
+    } while (w[0].tick == 0 || w[1].tick == 0);
+    for (int i = 0; i < 310; i++) {
+        position[2] += 0.1e-3;
+        exchange_pair(clients, w);
+    }
+    for (int i = 0; i < 200; i++) exchange_pair(clients, w);
+    print_message("forces %.3f N and %.3f N\n", norm(w[0].force), norm(w[1].force));
+    assert_true(norm(w[0].force) > 0.2 && norm(w[1].force) > 0.2);
+
+    double force = norm(w[1].force), depth = w[1].depth;
+    assert_false(exchange(none, &nothing));
+    trocar_client_reset(clients[0]);
+    for (int i = 0; i < 300; i++) {
+        exchange_pair(clients, w);
+        assert_true(fabs(norm(w[1].force) - force) < 0.1 * force && fabs(w[1].depth - depth) < 1e-3);
+    }
+    print_message("after the reset of one %.3f N and %.3f N\n", norm(w[0].force), norm(w[1].force));
+    assert_true(norm(w[0].force) < 0.1 * force); /* where it lies in the tissue it counts as inserted without force */
+
+    assert_false(exchange(none, &nothing));
+    trocar_client_close(clients[1]);
+    trocar_client_close(none);
+    unlink(scene);
+}
+
+/* The server is killed in the middle of an insertion: within the watchdog's time the force is zero, and stays so. From the next
+   server it comes back by a ramp. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -172,6 +235,7 @@ int main(int count, char **arguments) {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),
         cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
+        cmocka_unit_test_setup_teardown(two_clients_hold_two_needles, open_client, close_client),
         cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -14,14 +14,18 @@ typedef struct {
     trocar_output output;    /* of the last tick */
 } host;
 
-static inline host host_open(const char *path) {
+/* With one key of the scene set to another value; NULL: as it is. */
+static inline host host_open_with(const char *path, const char *key, const char *value) {
     host h = {NULL};
     trocar_error why;
-    if (trocar_scene_load(path, &h.scene, &why) == TROCAR_OK && trocar_model_create(h.scene, NULL, &h.model, &why) == TROCAR_OK
+    if (trocar_scene_load(path, &h.scene, &why) == TROCAR_OK && (key == NULL || trocar_scene_set(h.scene, key, value, &why) == TROCAR_OK)
+        && trocar_model_create(h.scene, NULL, &h.model, &why) == TROCAR_OK
         && trocar_sim_create(h.model, &h.sim, &why) == TROCAR_OK) return h;
     fprintf(stderr, "%s\n", why.text);
     abort();
 }
+
+static inline host host_open(const char *path) { return host_open_with(path, NULL, NULL); }
 
 static inline void host_close(host *h) {
     trocar_sim_free(h->sim);

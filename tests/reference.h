@@ -192,8 +192,9 @@ static inline void reference_build(const tissue *t, const refinement *added, ref
         r->material[e] = &t->materials[t->mesh->region[e]];
     }
     for (int i = 0; i < added->count; i++) {
-        if (added->nodes[i].moved >= 0) reference_move(r, added->nodes[i].moved, added->nodes[i].position);
-        else reference_split(r, added->nodes[i].position);
+        const added_node *node = &added->nodes[added->order[i]];
+        if (node->moved >= 0) reference_move(r, node->moved, node->position);
+        else reference_split(r, node->position);
     }
     reference_assemble(r, t->volumetric == STRAIN_BY_NODE);
     for (int n = 0; n < t->mesh->node_count && t->volumetric == STRAIN_BY_NODE; n++)

@@ -72,7 +72,7 @@ static inline steering_track steering_run(const steering_case *given) {
         lockstep_move(l, v3(0, 0, given->way - before), 20.0 * (given->way - before), 1e-3);
     }
     steering_track track = {.count = 1, .points = {l->state.entry}};
-    for (int i = 0; i < l->state.active; i++) track.points[track.count++] = l->state.contacts[i].track;
+    for (int i = 0; i < contacts_active(&l->state); i++) track.points[track.count++] = l->state.contacts[i].track;
     track.points[track.count++] = l->state.tip.nominal;
     lockstep_free(l);
     return track;

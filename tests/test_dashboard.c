@@ -15,7 +15,7 @@ static dashboard_line lines[DASHBOARD_LINES];
 
 static trocar_loop_timing_t sample_timing(void) {
     trocar_loop_timing_t t = {.ticks = 5000, .rate_hz = 1000, .lateness_p50 = 35e-6, .lateness_p99 = 1.25e-3, .lateness_max = 2,
-                              .misses = 7, .contacts = 12, .snapshot_age = 3e-3};
+                              .misses = 7, .snapshot_age = 3e-3};
     t.stage_mean[3] = 12.34e-6;
     t.lateness_bins[10] = 99;
     t.lateness_bins[20] = 1;
@@ -26,7 +26,8 @@ static trocar_loop_timing_t sample_timing(void) {
 static dashboard sample(void) {
     dashboard d = {0};
     trocar_loop_timing_t timing = sample_timing();
-    trocar_status_t status = {.owner = 42, .scene = "scene.yaml", .message = "", .poses_accepted = 123, .pose_age = 0.5e-3};
+    trocar_status_t status = {.owner = 42, .scene = "scene.yaml", .message = "", .poses_accepted = 123, .pose_age = 0.5e-3,
+                              .needle_count = 1, .contacts = 12};
     dashboard_take_timing(&d, &timing, 10.0);
     dashboard_take_status(&d, &status, 10.0);
     return d;
@@ -70,14 +71,14 @@ static void faults_raise_alarms(void **state) {
     d.timing.allocations = 1;
     expect(&d, "loop", "allocations 1", true);
     d = sample();
-    d.status.poses_jumped = 3;
+    d.needles[0].poses_jumped = 3;
     expect(&d, "            too fast", "too fast 3", true);
-    d.status.energy_lowest = -2e-3;
+    d.needles[0].energy_lowest = -2e-3;
     expect(&d, "wrenches", "dropped 0", false);
     expect(&d, "energy", "lowest -2.0 mJ", true);
-    d.status.flags = TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_RAMPING;
+    d.needles[0].flags = TROCAR_NEEDLE_WRENCH_T_STALE | TROCAR_NEEDLE_WRENCH_T_RAMPING;
     expect(&d, "needle", "stale, ramping", true);
-    trocar_status_t status = {.scene = "", .message = "the worker failed"};
+    trocar_status_t status = {.scene = "", .message = "the worker failed", .needle_count = 1};
     dashboard_take_status(&d, &status, 10.0);
     expect(&d, "needle", "free", false);
     expect(&d, "last fault", "the worker failed", true);
@@ -95,7 +96,7 @@ static void first_of_two_servers_is_shown(void **state) {
     (void)state;
     dashboard d = sample();
     trocar_loop_timing_t other = {.server = 77, .ticks = 1};
-    trocar_status_t status = {.server = 77, .host = "", .scene = "other.yaml", .inverse = "", .message = ""};
+    trocar_status_t status = {.server = 77, .host = "", .scene = "other.yaml", .inverse = "", .message = "", .needle_count = 1};
     dashboard_take_timing(&d, &other, 10.05);
     dashboard_take_status(&d, &status, 10.05);
     expect(&d, "trocar", "scene.yaml, 1000 Hz, tick 5000", false);
@@ -148,6 +149,26 @@ static void works_at_any_height(void **state) {
     }
 }
 
+static void each_needle_has_its_lines(void **state) {
+    (void)state;
+    dashboard d = sample();
+    trocar_status_t first = {.owner = 42, .scene = "pair.yaml", .message = "", .needle_count = 2, .poses_accepted = 100, .contacts = 3};
+    trocar_status_t second = {.owner = 43, .scene = "pair.yaml", .message = "", .needle_count = 2, .needle = 1, .poses_accepted = 20,
+                              .contacts = 4, .flags = TROCAR_NEEDLE_WRENCH_T_STALE, .energy_lowest = -1e-3, .poses_no_needle = 5};
+    first.poses_no_needle = 5;
+    dashboard_take_status(&d, &first, 10.0);
+    dashboard_take_status(&d, &second, 10.0);
+    expect(&d, "needle 0", "of session 42, 3 contacts", false);
+    expect(&d, "needle 1", "of session 43, 4 contacts, stale", true);
+    expect(&d, "energy 0", "lowest 0.0 mJ", false);
+    expect(&d, "energy 1", "lowest -1.0 mJ", true);
+    expect(&d, "poses", "taken 120", true);
+    expect(&d, "            too fast", "refused 5", true);
+    second.needle = 2; /* out of its own range */
+    dashboard_take_status(&d, &second, 10.0);
+    assert_int_equal(d.foreign, 1);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(numbers_have_readable_units),
@@ -157,6 +178,7 @@ int main(void) {
         cmocka_unit_test(silence_and_invalid_messages_are_reported),
         cmocka_unit_test(histograms_accumulate_on_logarithmic_axes),
         cmocka_unit_test(works_at_any_height),
+        cmocka_unit_test(each_needle_has_its_lines),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

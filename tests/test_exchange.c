@@ -22,8 +22,8 @@ static void initially_empty(void **unused) {
     bool fresh;
     int64_t latency;
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
-    const pose_sample *s = triple_buffer_read(&x.poses, &fresh);
-    assert_false(fresh || s->held);
+    const newest_poses *s = triple_buffer_read(&x.poses, &fresh);
+    assert_false(fresh || s->needles[0].held);
     triple_buffer_read(&x.views, &fresh);
     assert_false(fresh);
     assert_false(spsc_ring_pop(&x.latencies, &latency));

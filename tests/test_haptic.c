@@ -23,6 +23,7 @@ typedef struct {
     host host;
     exchange exchange;
     haptic haptic;
+    newest_poses poses;      /* last ones put */
     int64_t tick;
 } fixture;
 
@@ -51,11 +52,12 @@ static int begin(void **state) {
     fixture *f = *state;
     report why;
     f->tick = made_time = 0;
+    f->poses = (newest_poses){0};
     trocar_sim_free(f->host.sim);
     assert_int_equal(trocar_sim_create(f->host.model, &f->host.sim, &why), TROCAR_OK);
     assert_int_equal(exchange_create(&f->exchange, f->host.model, &why), TROCAR_OK);
     trocar_device_limits limits = trocar_scene_device(f->host.scene);
-    haptic_init(&f->haptic, f->host.sim, &limits, RATE, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange);
+    haptic_init(&f->haptic, f->host.sim, trocar_model_needles(f->host.model), &limits, RATE, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange);
     trocar_sim_set_clock(f->host.sim, made_clock);
     return 0;
 }
@@ -77,18 +79,20 @@ static void serve_worker(fixture *f) {
     assert_int_equal(done.latency, MS / 4);
 }
 
-static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) {
-    pose_sample *s = triple_buffer_slot(&f->exchange.poses);
-    *s = (pose_sample){.held = true, .engagement = engagement, .session = 8, .seq = seq, .utime = 1000 + seq,
-                       .received = f->tick * MS, .base = {{0.005, 0.003, z}, {1, 0, 0, 0}}};
+static void put_pose_of(fixture *f, int needle, uint64_t engagement, int64_t seq, double x, double z) {
+    f->poses.needles[needle] = (pose_sample){.held = true, .engagement = engagement, .session = 8 + needle, .seq = seq, .utime = 1000 + seq,
+                                             .received = f->tick * MS, .base = {{x, 0.003, z}, {1, 0, 0, 0}}};
+    *(newest_poses *)triple_buffer_slot(&f->exchange.poses) = f->poses;
     triple_buffer_publish(&f->exchange.poses);
 }
 
-/* Marks the waiting pose as sent after this wrench. */
+static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) { put_pose_of(f, 0, engagement, seq, 0.005, z); }
+
+/* The pose that waits was sent after this wrench. */
 static void name_wrench(fixture *f, int64_t tick) {
-    pose_sample sample = *(const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL);
-    sample.wrench_tick = tick;
-    *(pose_sample *)triple_buffer_slot(&f->exchange.poses) = sample;
+    newest_poses waiting = *(const newest_poses *)triple_buffer_read(&f->exchange.poses, NULL);
+    waiting.needles[0].wrench_tick = tick;
+    *(newest_poses *)triple_buffer_slot(&f->exchange.poses) = waiting;
     triple_buffer_publish(&f->exchange.poses);
 }
 
@@ -147,11 +151,11 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     assert_true(f->host.sim->needles[0].posted > 1);
     bool fresh;
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
-    assert_true(fresh && view->contacts >= 1);
+    assert_true(fresh && view->needles[0].contacts >= 1);
     assert_true(view->snapshot_age < 2e-3);
     trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
-    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), view->contacts + 1);
-    assert_true(view->pose_utime > 0 && view->pose_utime <= w.pose_utime);
+    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), view->needles[0].contacts + 1);
+    assert_true(view->needles[0].pose_utime > 0 && view->needles[0].pose_utime <= w.pose_utime);
 }
 
 static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
@@ -277,6 +281,93 @@ static void stage_times_add_up_to_the_tick(void **state) {
     assert_true(sum <= lasted && sum > f->haptic.stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT]);
 }
 
+/* ---- two needles, 60 mm apart ---- */
+
+static int open_pair(void **state) {
+    fixture *f = *state = calloc(1, sizeof *f);
+    f->host = host_open_with(MESHES "/figure8.yaml", "needles", "2");
+    return 0;
+}
+
+enum { PUSHED = 400, AT_REST = 100 }; /* ticks of 0.05 mm: 20 mm; ticks after that */
+static double depth_at(int i) { return -0.205 + 0.05e-3 * (i < PUSHED ? i : PUSHED); }
+static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 1, i, 0.06 * (needle - 0.5), depth_at(i)); }
+
+static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
+    tick(f, &w[0]);
+    assert_true(spsc_ring_pop(&f->exchange.wrenches, &w[1]));
+    assert_true(w[0].needle == 0 && w[1].needle == 1 && w[0].tick == w[1].tick);
+    for (trocar_work done = {.answered = 1}; done.answered;) assert_int_equal(trocar_sim_work(f->host.sim, &done, NULL), TROCAR_OK);
+}
+
+/* Pushes one or both of them in. */
+static void push_pair(fixture *f, bool first, bool second, trocar_needle_wrench_t w[2]) {
+    for (int i = 0; i <= PUSHED + AT_REST; i++) {
+        if (first) put_in_pair(f, 0, i);
+        if (second) put_in_pair(f, 1, i);
+        tick_pair(f, w);
+    }
+}
+
+/* The bound is that of tests/library/test_needles.c: what one needle does to the tissue at the other is less than a tenth. */
+static void each_device_feels_its_own_needle(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t both[2], alone[2][2];
+    push_pair(f, true, true, both);
+    for (int n = 0; n < 2; n++) {
+        end(state);
+        begin(state);
+        push_pair(f, n == 0, n == 1, alone[n]);
+        const trocar_needle_wrench_t *other = &alone[n][1 - n];
+        assert_true(other->session == 0 && other->pose_seq == -1 && norm(other->force) == 0.0 && other->depth == 0.0);
+        double off = 0.0;
+        for (int a = 0; a < 3; a++) off = fmax(off, fabs(both[n].force[a] - alone[n][n].force[a]));
+        print_message("needle %d: %.4f N, alone %.4f N\n", n, norm(both[n].force), norm(alone[n][n].force));
+        assert_true(both[n].session == 8 + n && both[n].contacts >= 1 && norm(both[n].force) > 0.2);
+        assert_true(off < 0.1 * norm(both[n].force));
+    }
+}
+
+static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t before[2], w[2];
+    push_pair(f, true, true, before);
+    f->host.sim->needles[0].state.tip.depth = NAN;
+    put_in_pair(f, 0, PUSHED + AT_REST + 1);
+    put_in_pair(f, 1, PUSHED + AT_REST + 1);
+    tick_pair(f, w);
+    assert_true(w[0].flags & TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
+    assert_false(w[1].flags & TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
+    assert_true(fabs(norm(w[1].force) - norm(before[1].force)) < 0.01);
+
+    for (int i = 0; i < 115; i++) { /* the device of needle 0 is silent */
+        put_in_pair(f, 1, PUSHED + AT_REST + 2 + i);
+        tick_pair(f, w);
+    }
+    assert_true(w[0].flags & TROCAR_NEEDLE_WRENCH_T_STALE && norm(w[0].force) == 0.0);
+    assert_true(w[1].flags == TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME && norm(w[1].force) > 0.2 && w[1].depth >= before[1].depth);
+
+    int contacts = w[1].contacts;
+    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* it comes back and begins anew */
+    tick_pair(f, w);
+    assert_true(w[0].depth == 0.0 && w[0].contacts == 0);
+    assert_true(w[1].depth >= before[1].depth && w[1].contacts == contacts);
+}
+
+static void both_needles_wind_down(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w[2];
+    push_pair(f, true, true, w);
+    atomic_store(&f->haptic.wind_down, true);
+    int ticks = 1;
+    for (bool on = true; on; ticks++) {
+        on = tick(f, &w[0]);
+        assert_true(spsc_ring_pop(&f->exchange.wrenches, &w[1]));
+    }
+    assert_in_range(ticks, 95, 110);
+    assert_true(norm(w[0].force) == 0.0 && norm(w[1].force) == 0.0);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(zero_wrench_before_the_first_pose, begin, end),
@@ -291,5 +382,11 @@ int main(void) {
         cmocka_unit_test_setup_teardown(round_trip_ends_with_the_first_acknowledging_pose, begin, end),
         cmocka_unit_test_setup_teardown(stage_times_add_up_to_the_tick, begin, end),
     };
-    return cmocka_run_group_tests(tests, open_scene, close_scene);
+    const struct CMUnitTest pair[] = {
+        cmocka_unit_test_setup_teardown(each_device_feels_its_own_needle, begin, end),
+        cmocka_unit_test_setup_teardown(a_fault_of_one_needle_leaves_the_other_alone, begin, end),
+        cmocka_unit_test_setup_teardown(both_needles_wind_down, begin, end),
+    };
+    int failed = cmocka_run_group_tests(tests, open_scene, close_scene);
+    return failed + cmocka_run_group_tests(pair, open_pair, close_scene);
 }

@@ -29,7 +29,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
         lockstep_move(l, v3(0, 0, 0.001), 0.05, 1e-3);
         if (l->state.tip.blocked_by != NOT_BLOCKED || l->state.tip.friction != SLIP_FORWARD || l->wrench.events || l->wrench.depth < 2e-3) continue;
         bool all_slide = l->state.tip.shaft_friction == SLIP_FORWARD;
-        for (int k = 0; k < l->state.active; k++) all_slide = all_slide && l->state.contacts[k].friction == SLIP_FORWARD;
+        for (int k = 0; k < contacts_active(&l->state); k++) all_slide = all_slide && l->state.contacts[k].friction == SLIP_FORWARD;
         if (!all_slide) continue;
         assert_true(fabs(l->wrench.force.z + 0.4 + 8.0 * l->wrench.depth) < 1e-3);
         checked++;
@@ -235,7 +235,7 @@ static void moved_nodes_are_restored(void **unused) {
         for (int k = 0; k < l->state.refined.count; k++) {
             const added_node *node = &l->state.refined.nodes[k];
             if (node->moved >= 0) assert_false(m->anatomical[node->moved] || l->simulation.tissue.fixed[node->moved]);
-            if (k >= l->state.active) continue; /* only contacts on the shaft in tissue */
+            if (k >= contacts_active(&l->state)) continue; /* only contacts on the shaft in tissue */
             assert_true(v3_norm(v3_sub(v3(node->position.x, node->position.y, 0), v3(0.005, 0.003, 0))) < 1e-3);
         }
         if (count_moved(&l->state.refined) > most) most = count_moved(&l->state.refined);

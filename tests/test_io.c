@@ -40,7 +40,7 @@ static int open_fixture(void **state) {
     memset(&f, 0, sizeof f);
     f.shutdown = eventfd(0, EFD_NONBLOCK);
     assert_int_equal(exchange_create(&f.exchange, NULL, &why), TROCAR_OK);
-    assert_int_equal(io_create(&f.io, "memq://", &limits, false, f.shutdown, &f.exchange, &why), TROCAR_OK);
+    assert_int_equal(io_create(&f.io, "memq://", 1, &limits, false, f.shutdown, &f.exchange, &why), TROCAR_OK);
     assert_int_equal(io_open(&f.io), TROCAR_OK);
     f.subscription = trocar_needle_wrench_t_subscribe(f.io.lcm, "TROCAR_WRENCH", on_wrench, &f);
     *state = &f;
@@ -72,12 +72,12 @@ static void one_round_reads_all_poses_and_keeps_the_newest(void **state) {
     for (int64_t seq = 1; seq <= 5; seq++) send_pose(f, seq);
     assert_int_equal(io_round(&f->io), TROCAR_OK);
     bool fresh;
-    const pose_sample *s = triple_buffer_read(&f->exchange.poses, &fresh);
+    const pose_sample *s = ((const newest_poses *)triple_buffer_read(&f->exchange.poses, &fresh))->needles;
     assert_true(fresh && s->held);
     assert_int_equal(s->seq, 5);
     assert_true(s->base.position.z == 0.005);
     const arbiter_record *in = triple_buffer_read(&f->exchange.intakes, NULL);
-    assert_int_equal(in->counts[POSE_ACCEPTED], 5);
+    assert_int_equal(in->needles[0].counts[POSE_ACCEPTED], 5);
 }
 
 static void invalid_messages_are_counted(void **state) {
@@ -89,9 +89,9 @@ static void invalid_messages_are_counted(void **state) {
     lcm_publish(f->io.lcm, "TROCAR_COMMAND", noise, sizeof noise);
     io_round(&f->io);
     const arbiter_record *in = triple_buffer_read(&f->exchange.intakes, NULL);
-    assert_int_equal(in->counts[POSE_MALFORMED], (sizeof noise + 6) / 7);
+    assert_int_equal(in->poses_malformed, (sizeof noise + 6) / 7);
     assert_int_equal(in->commands_refused, 1);
-    assert_int_equal(((const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL))->seq, 1);
+    assert_int_equal(((const newest_poses *)triple_buffer_read(&f->exchange.poses, NULL))->needles[0].seq, 1);
     assert_false(readable(f->shutdown));
 }
 
@@ -117,7 +117,7 @@ static void a_release_reaches_the_loop(void **state) {
     trocar_command_t m = {.session = 4, .command = TROCAR_COMMAND_T_RELEASE};
     trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
     io_round(&f->io);
-    assert_false(((const pose_sample *)triple_buffer_read(&f->exchange.poses, NULL))->held);
+    assert_false(((const newest_poses *)triple_buffer_read(&f->exchange.poses, NULL))->needles[0].held);
 }
 
 static void a_shutdown_wakes_the_server(void **state) {
@@ -135,7 +135,7 @@ static void bad_url_is_reported(void **unused) {
     report why;
     device_limits limits = device_defaults();
     assert_int_equal(exchange_create(&x, NULL, &why), TROCAR_OK);
-    assert_int_equal(io_create(&o, "nonsense://x", &limits, false, -1, &x, &why), TROCAR_OK);
+    assert_int_equal(io_create(&o, "nonsense://x", 1, &limits, false, -1, &x, &why), TROCAR_OK);
     assert_int_equal(io_open(&o), TROCAR_BAD_INPUT);
     assert_non_null(strstr(o.why.text, "nonsense://x"));
     io_close(&o);

@@ -83,8 +83,8 @@ typedef struct {
     loop loop;
     worker worker;
     int64_t ticks_wanted;
-    int most_contacts;
-    thread_usage start, used;    /* of the haptic thread: at the first tick, and since then */
+    int most_contacts[TROCAR_MAX_NEEDLES];
+    thread_usage start, used;    /* of the haptic thread: at the first tick, and from there on */
     int64_t wrenches;
 } rig;
 
@@ -102,10 +102,12 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
-    static const pose start = {{0.005, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm before the skin */
-    pose_sample *sample = triple_buffer_slot(&r->exchange.poses);
-    *sample = (pose_sample){.held = true, .engagement = 1, .session = 1, .seq = wake->tick, .received = wake->now,
-                            .base = motion_pose(motion_find("figure8"), start, 1e-3 * (double)wake->tick)};
+    newest_poses *poses = triple_buffer_slot(&r->exchange.poses);
+    for (int n = 0; n < r->haptic.needle_count; n++) {
+        const pose start = {{0.005 - 0.03 * n, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm before the skin */
+        poses->needles[n] = (pose_sample){.held = true, .engagement = 1, .session = 1 + n, .seq = wake->tick, .received = wake->now,
+                                          .base = motion_pose(motion_find("figure8"), start, 1e-3 * (double)wake->tick)};
+    }
     triple_buffer_publish(&r->exchange.poses);
 
     haptic_tick(&r->haptic, wake);
@@ -113,7 +115,8 @@ static bool rigged_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t wrench;
     while (spsc_ring_pop(&r->exchange.wrenches, &wrench)) {
         r->wrenches++;
-        if (wrench.contacts > r->most_contacts) r->most_contacts = wrench.contacts;
+        int *most = &r->most_contacts[wrench.needle];
+        if (wrench.contacts > *most) *most = wrench.contacts;
     }
     if (wake->tick + 1 < r->ticks_wanted) return true;
     r->used = thread_usage_since(&r->start);
@@ -130,13 +133,13 @@ static void *haptic_thread(void *context) {
     return NULL;
 }
 
-static rig *rig_create(int64_t ticks) {
+static rig *rig_create(int64_t ticks, const char *needles) {
     rig *r = calloc(1, sizeof *r);
     report why = {""};
-    r->host = host_open(MESHES "/figure8.yaml");
+    r->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
     if (exchange_create(&r->exchange, r->host.model, &why) != TROCAR_OK) fail_msg("%s", why.text);
     trocar_device_limits limits = trocar_scene_device(r->host.scene);
-    haptic_init(&r->haptic, r->host.sim, &limits, RATE, 0, &r->exchange);
+    haptic_init(&r->haptic, r->host.sim, trocar_model_needles(r->host.model), &limits, RATE, 0, &r->exchange);
     r->ticks_wanted = ticks;
     r->loop = (loop){.rate_hz = RATE, .tick = rigged_tick, .context = r, .records = &r->exchange.loops};
     r->worker = (worker){.exchange = &r->exchange, .sim = r->host.sim};
@@ -158,14 +161,13 @@ static void rig_free(rig *r) {
     free(r);
 }
 
-static void no_allocations_and_no_page_faults(void **unused) {
-    (void)unused;
-    rig *r = rig_create(2 * RATE);
+static void expect_a_quiet_loop(int64_t ticks, const char *needles) {
+    rig *r = rig_create(ticks, needles);
     report why;
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
-    assert_int_equal(r->wrenches, 2 * RATE);
-    assert_true(r->most_contacts >= 5); /* the needle really was in contact */
+    assert_int_equal(r->wrenches, ticks * r->haptic.needle_count);
+    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the model was really at work */
     assert_true(r->worker.served > 10);
     assert_int_equal(r->loop.usage.allocations, 0);
     if (locked && ALLOCATIONS_ARE_COUNTED) {
@@ -175,10 +177,20 @@ static void no_allocations_and_no_page_faults(void **unused) {
     rig_free(r);
 }
 
+static void no_allocations_and_no_page_faults(void **unused) {
+    (void)unused;
+    expect_a_quiet_loop(2 * RATE, "1");
+}
+
+static void nor_with_two_needles(void **unused) {
+    (void)unused;
+    expect_a_quiet_loop(RATE, "2");
+}
+
 static void a_slow_worker_never_stalls_the_loop(void **unused) {
     (void)unused;
     nap_ms = 50;
-    rig *r = rig_create(2 * RATE);
+    rig *r = rig_create(2 * RATE, "1");
     rig_run(r);
     assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: only the newest request, no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
@@ -190,6 +202,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(missed_periods_are_skipped_and_counted),
         cmocka_unit_test(no_allocations_and_no_page_faults),
+        cmocka_unit_test(nor_with_two_needles),
         cmocka_unit_test(a_slow_worker_never_stalls_the_loop),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -37,7 +37,7 @@ static void contacts_must_have_their_exact_size(void **unused) {
 
 static void contacts_with_wrong_counts_are_rejected(void **unused) {
     (void)unused;
-    size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8;
+    size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8 + 4;
     for (size_t byte = joint_count_at; byte < joint_count_at + 4; byte++)
         for (int value = 1; value < 256; value++) {
             bytes[byte] ^= (unsigned char)value;
@@ -63,10 +63,11 @@ static void strings_must_be_terminated(void **unused) {
     size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
     assert_true(status_fits(bytes, size));
     for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !status_fits(bytes, wrong));
-    bytes[size - 1] = 'x';
+    size_t strings_end = size - (3 * 4 + 8);
+    bytes[strings_end - 1] = 'x';
     assert_false(status_fits(bytes, size));
-    bytes[size - 1] = 0;
-    size_t scene_end = size - (4 + sizeof "late") - (4 + sizeof "") - 1;
+    bytes[strings_end - 1] = 0;
+    size_t scene_end = strings_end - (4 + sizeof "late") - (4 + sizeof "") - 1;
     assert_int_equal(bytes[scene_end], 0);
     bytes[scene_end] = 'x';
     assert_false(status_fits(bytes, size));

@@ -46,7 +46,7 @@ static bool command(pose_arbiter *in, int64_t session, int what) {
 static pose_arbiter fresh(void) {
     pose_arbiter in;
     device_limits limits = device_defaults(); /* 2 m/s */
-    arbiter_init(&in, &limits);
+    arbiter_init(&in, 1, &limits);
     return in;
 }
 
@@ -56,13 +56,13 @@ static void valid_pose_arrives_unchanged(void **unused) {
     trocar_needle_pose_t m = {.utime = 77, .session = -5, .seq = 3, .position = {1, 2, 3},
                               .orientation = {0.6, 0, 0.8005, 0}};
     assert_int_equal(take(&in, &m, 9 * MS), POSE_ACCEPTED);
-    assert_true(in.newest.held && in.newest.utime == 77 && in.newest.session == -5 && in.newest.seq == 3);
-    assert_int_equal(in.newest.received, 9 * MS);
-    assert_true(in.newest.base.position.y == 2);
-    quat q = in.newest.base.orientation;
-    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* normalised */
-    assert_int_equal(in.record.owner, -5);
-    assert_int_equal(in.record.counts[POSE_ACCEPTED], 1);
+    assert_true(in.needles[0].newest.held && in.needles[0].newest.utime == 77 && in.needles[0].newest.session == -5 && in.needles[0].newest.seq == 3);
+    assert_int_equal(in.needles[0].newest.received, 9 * MS);
+    assert_true(in.needles[0].newest.base.position.y == 2);
+    quat q = in.needles[0].newest.base.orientation;
+    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* made exactly unit */
+    assert_int_equal(in.record.needles[0].owner, -5);
+    assert_int_equal(in.record.needles[0].counts[POSE_ACCEPTED], 1);
 }
 
 /* Every length but the right one, every flipped bit of the fingerprint, and noise. */
@@ -83,9 +83,9 @@ static void invalid_pose_messages_are_counted(void **unused) {
         assert_int_equal(arbiter_pose(&in, q.data, q.size, 0), POSE_MALFORMED);
         bad++;
     }
-    assert_int_equal(in.record.counts[POSE_MALFORMED], bad);
-    assert_int_equal(in.record.owner, 0);
-    assert_false(in.newest.held);
+    assert_int_equal(in.record.poses_malformed, bad);
+    assert_int_equal(in.record.needles[0].owner, 0);
+    assert_false(in.needles[0].newest.held);
     assert_non_null(strstr(in.record.message, "needle_pose_t"));
 }
 
@@ -97,15 +97,15 @@ static void random_payloads_never_pass_unchecked(void **unused) {
     for (int i = 0; i < 200000; i++) {
         trocar_needle_pose_t m = message(1, i, 0);
         packet p = pack_pose(&m);
-        for (size_t k = 8; k < p.size; k++) {
+        for (size_t k = 8; k < p.size - 4; k++) { /* all but the needle, its last field */
             random = 1664525u * random + 1013904223u;
             p.data[k] = (unsigned char)(random >> 24);
         }
         if (arbiter_pose(&in, p.data, p.size, i * MS) == POSE_ACCEPTED)
-            assert_int_equal(safety_check_pose(&in.newest.base), POSE_ACCEPTED);
+            assert_int_equal(safety_check_pose(&in.needles[0].newest.base), POSE_ACCEPTED);
     }
-    assert_true(in.record.counts[POSE_NOT_UNIT] > 100000);
-    assert_true(in.record.counts[POSE_NOT_FINITE] > 0);
+    assert_true(in.record.needles[0].counts[POSE_NOT_UNIT] > 100000);
+    assert_true(in.record.needles[0].counts[POSE_NOT_FINITE] > 0);
 }
 
 static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
@@ -117,9 +117,9 @@ static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
     m = message(1, 2, 0.25);
     m.orientation[0] = 0.99;
     assert_int_equal(take(&in, &m, MS), POSE_NOT_UNIT);
-    assert_int_equal(in.newest.seq, 1);
-    assert_int_equal(in.newest.received, 0);
-    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* the refused pose did not use up its number */
+    assert_int_equal(in.needles[0].newest.seq, 1);
+    assert_int_equal(in.needles[0].newest.received, 0);
+    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* its number was not used up */
 }
 
 static void sequence_numbers_must_increase(void **unused) {
@@ -135,13 +135,13 @@ static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
-    uint64_t engagement = in.newest.engagement;
+    uint64_t engagement = in.needles[0].newest.engagement;
     assert_int_equal(take_pose(&in, 2, 1, 0, 1999 * MS), POSE_REFUSED);
     assert_non_null(strstr(in.record.message, "session 2"));
-    assert_int_equal(in.record.owner, 1);
-    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* at any place: a new insertion */
-    assert_int_equal(in.record.owner, 2);
-    assert_true(in.newest.engagement > engagement);
+    assert_int_equal(in.record.needles[0].owner, 1);
+    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* anywhere: it begins anew */
+    assert_int_equal(in.record.needles[0].owner, 2);
+    assert_true(in.needles[0].newest.engagement > engagement);
     assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
     assert_int_equal(take_pose(&in, 0, 1, 0, 9000 * MS), POSE_REFUSED); /* 0 means nobody */
 }
@@ -151,12 +151,12 @@ static void a_release_frees_the_needle_at_once(void **unused) {
     pose_arbiter in = fresh();
     take_pose(&in, 1, 5, 0, 0);
     command(&in, 2, TROCAR_COMMAND_T_RELEASE);
-    assert_true(in.newest.held); /* only the owner may release */
+    assert_true(in.needles[0].newest.held); /* not the owner's to give up */
     assert_int_equal(in.record.commands_refused, 1);
     command(&in, 1, TROCAR_COMMAND_T_RELEASE);
-    assert_false(in.newest.held);
-    assert_int_equal(in.record.owner, 0);
-    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a late pose does not take the needle back */
+    assert_false(in.needles[0].newest.held);
+    assert_int_equal(in.record.needles[0].owner, 0);
+    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a straggler does not take it back */
     assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
 }
 
@@ -164,13 +164,13 @@ static void reset_engages_again_with_the_next_pose(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
-    uint64_t engagement = in.newest.engagement;
+    uint64_t engagement = in.needles[0].newest.engagement;
     command(&in, 1, TROCAR_COMMAND_T_RESET);
-    assert_int_equal(in.newest.engagement, engagement);
+    assert_int_equal(in.needles[0].newest.engagement, engagement);
     assert_int_equal(take_pose(&in, 1, 2, 3.0, MS), POSE_ACCEPTED); /* far away: no jump in a new insertion */
-    assert_int_equal(in.newest.engagement, engagement + 1);
+    assert_int_equal(in.needles[0].newest.engagement, engagement + 1);
     assert_int_equal(take_pose(&in, 1, 3, 3.0, 2 * MS), POSE_ACCEPTED);
-    assert_int_equal(in.newest.engagement, engagement + 1);
+    assert_int_equal(in.needles[0].newest.engagement, engagement + 1);
 }
 
 static void only_a_valid_shutdown_shuts_down(void **unused) {
@@ -198,19 +198,19 @@ static void lost_poses_are_counted(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1000, 0, 0);
-    assert_int_equal(in.record.poses_lost, 0);
+    assert_int_equal(in.record.needles[0].poses_lost, 0);
     take_pose(&in, 1, 1001, 0, 1 * MS);
     take_pose(&in, 1, 1005, 0, 5 * MS);
-    assert_int_equal(in.record.poses_lost, 3);
+    assert_int_equal(in.record.needles[0].poses_lost, 3);
     assert_int_equal(take_pose(&in, 1, 1006, 9, 6 * MS), POSE_JUMPED);
     take_pose(&in, 1, 1007, 0, 7 * MS);
     assert_int_equal(take_pose(&in, 1, 1003, 0, 8 * MS), POSE_OLD);
     assert_int_equal(take_pose(&in, 2, 5000, 0, 9 * MS), POSE_REFUSED);
-    assert_int_equal(in.record.poses_lost, 3);
+    assert_int_equal(in.record.needles[0].poses_lost, 3);
     command(&in, 1, TROCAR_COMMAND_T_RELEASE);
     take_pose(&in, 2, 5001, 0, 10 * MS);
     take_pose(&in, 2, INT64_MAX, 0, 11 * MS);
-    assert_int_equal(in.record.poses_lost, 3);
+    assert_int_equal(in.record.needles[0].poses_lost, 3);
 }
 
 /* The network may delay poses and deliver them together; the mean speed counts. */
@@ -238,6 +238,92 @@ static void jump_is_accepted_after_the_wrench_has_ramped_out(void **unused) {
     assert_int_equal(take_pose(&in, 1, 3, 5.0, 111 * MS), POSE_ACCEPTED);
 }
 
+/* ---- two needles ---- */
+
+static pose_arbiter fresh_pair(void) {
+    pose_arbiter in;
+    device_limits limits = device_defaults();
+    arbiter_init(&in, 2, &limits);
+    return in;
+}
+
+static pose_verdict take_at(pose_arbiter *in, int needle, int64_t session, int64_t seq, int64_t now) {
+    trocar_needle_pose_t m = message(session, seq, 0);
+    m.needle = needle;
+    return take(in, &m, now);
+}
+
+static void command_to(pose_arbiter *in, int needle, int64_t session, int what) {
+    trocar_command_t m = {.session = session, .command = what, .needle = needle};
+    unsigned char data[128];
+    int size = trocar_command_t_encode(data, 0, sizeof data, &m);
+    arbiter_command(in, data, (size_t)size);
+}
+
+static void each_needle_has_its_own_session(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh_pair();
+    assert_int_equal(take_at(&in, 0, 7, 1, 0), POSE_ACCEPTED);
+    assert_int_equal(take_at(&in, 1, 8, 500, 0), POSE_ACCEPTED);
+    assert_int_equal(take_at(&in, 0, 9, 1, MS), POSE_REFUSED);
+    assert_string_equal(in.record.message, "session 9 refused for needle 0: session 7 holds the needle");
+    assert_int_equal(take_at(&in, 0, 7, 3, 2 * MS), POSE_ACCEPTED);
+    assert_int_equal(take_at(&in, 1, 8, 501, 2 * MS), POSE_ACCEPTED);
+    const needle_record *records = in.record.needles;
+    assert_true(records[0].owner == 7 && records[1].owner == 8);
+    assert_true(records[0].poses_lost == 1 && records[1].poses_lost == 0);
+    assert_true(records[0].counts[POSE_REFUSED] == 1 && records[1].counts[POSE_REFUSED] == 0);
+
+    uint64_t other = in.needles[1].newest.engagement, own = in.needles[0].newest.engagement;
+    command_to(&in, 1, 7, TROCAR_COMMAND_T_RESET); /* not its needle */
+    assert_int_equal(in.record.commands_refused, 1);
+    assert_non_null(strstr(in.record.message, "needle 1: another session holds the needle"));
+    command_to(&in, 0, 7, TROCAR_COMMAND_T_RESET);
+    take_at(&in, 0, 7, 4, 3 * MS);
+    take_at(&in, 1, 8, 502, 3 * MS);
+    assert_true(in.needles[0].newest.engagement == own + 1 && in.needles[1].newest.engagement == other);
+    command_to(&in, 1, 8, TROCAR_COMMAND_T_RELEASE);
+    assert_true(in.needles[0].newest.held && !in.needles[1].newest.held);
+}
+
+static void a_session_holds_one_needle(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh_pair();
+    take_at(&in, 0, 7, 1, 0);
+    assert_int_equal(take_at(&in, 1, 7, 2, 1999 * MS), POSE_REFUSED);
+    assert_string_equal(in.record.message, "session 7 refused for needle 1: it holds needle 0; release that first, or use a session for each");
+    assert_true(in.record.needles[0].owner == 7 && in.record.needles[1].owner == 0);
+    assert_int_equal(take_at(&in, 1, 7, 3, 2001 * MS), POSE_ACCEPTED); /* needle 0 was left alone for two seconds */
+    assert_true(in.record.needles[0].owner == 0 && in.record.needles[1].owner == 7);
+    assert_true(!in.needles[0].newest.held && in.needles[1].newest.held);
+}
+
+static void needles_that_the_scene_lacks_are_refused(void **unused) {
+    (void)unused;
+    static const int absent[] = {2, 3, -1, INT32_MIN, INT32_MAX};
+    pose_arbiter in = fresh_pair();
+    for (int i = 0; i < 5; i++) assert_int_equal(take_at(&in, absent[i], 7, i, 0), POSE_NO_NEEDLE);
+    assert_int_equal(in.record.poses_no_needle, 5);
+    take_at(&in, 2, 7, 9, 0);
+    assert_string_equal(in.record.message, "pose of session 7 refused for needle 2: the scene's `needles` is 2, counted from 0");
+    for (int i = 0; i < 5; i++) command_to(&in, absent[i], 7, TROCAR_COMMAND_T_RESET);
+    assert_int_equal(in.record.commands_refused, 5);
+    assert_int_equal(take_at(&in, 1, 7, 1, 0), POSE_ACCEPTED); /* its number was not used up */
+}
+
+/* A needle_pose_t of before it had `needle`: the same bytes with another fingerprint, and no last field. */
+static void an_older_device_is_told_what_to_do(void **unused) {
+    (void)unused;
+    static const unsigned char older[] = {0xbe, 0x3a, 0xf9, 0x6b, 0xc7, 0x21, 0xe5, 0xea};
+    pose_arbiter in = fresh();
+    trocar_needle_pose_t m = message(1, 1, 0);
+    packet p = pack_pose(&m);
+    memcpy(p.data, older, sizeof older);
+    assert_int_equal(arbiter_pose(&in, p.data, p.size - 4, 0), POSE_MALFORMED);
+    assert_string_equal(in.record.message, "pose of 96 bytes refused: not a trocar.needle_pose_t of this version; it has no `needle`: build its "
+                                           "sender with this release's trocar.lcm");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(valid_pose_arrives_unchanged),
@@ -253,6 +339,10 @@ int main(void) {
         cmocka_unit_test(lost_poses_are_counted),
         cmocka_unit_test(bunched_poses_are_accepted_but_fast_motion_is_a_jump),
         cmocka_unit_test(jump_is_accepted_after_the_wrench_has_ramped_out),
+        cmocka_unit_test(each_needle_has_its_own_session),
+        cmocka_unit_test(a_session_holds_one_needle),
+        cmocka_unit_test(needles_that_the_scene_lacks_are_refused),
+        cmocka_unit_test(an_older_device_is_told_what_to_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -72,7 +72,7 @@ static void reads_what_was_written(void **state) {
     pose_log_free(&log);
 }
 
-enum { POSE_EVENT = 28 + 11 + 96, WRENCH_EVENT = 28 + 13 + 176, PAIR = POSE_EVENT + WRENCH_EVENT };
+enum { POSE_EVENT = 28 + 11 + 100, WRENCH_EVENT = 28 + 13 + 180, PAIR = POSE_EVENT + WRENCH_EVENT };
 
 /* Lengths that do not end at an event are refused; none may crash or allocate too much. */
 static void refuses_truncated_logs(void **state) {
@@ -182,6 +182,49 @@ static void ignores_duplicate_and_late_poses(void **state) {
         assert_int_equal(log.poses[4].seq, 5);
         pose_log_free(&log);
     }
+}
+
+/* Two devices at once: each needle's poses on their own, by default those of the first pose's needle. */
+static void reads_one_needle_of_several(void **state) {
+    (void)state;
+    report why;
+    pose_log log;
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    for (int64_t k = 0; k < 10; k++) {
+        trocar_needle_pose_t p = sample(k / 2);
+        p.needle = k % 2 ? 2 : 1;
+        p.session = 10 + p.needle;
+        assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
+    }
+    lcm_eventlog_destroy(out);
+    static const int wanted[] = {-1, 1, 2};
+    for (int i = 0; i < 3; i++) {
+        trocar_status status = wanted[i] < 0 ? pose_log_read(path, &log, &why) : pose_log_read_needle(path, wanted[i], &log, &why);
+        assert_int_equal(status, TROCAR_OK);
+        assert_int_equal(log.needle, i == 2 ? 2 : 1);
+        assert_int_equal(log.count, 5);
+        assert_int_equal(log.skipped_sessions, 5);
+        for (int k = 0; k < 5; k++) assert_true(log.poses[k].session == 10 + log.needle && log.poses[k].needle == log.needle);
+        pose_log_free(&log);
+    }
+    assert_int_equal(pose_log_read_needle(path, 0, &log, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "no pose of needle 0"));
+}
+
+/* Recorded before messages had `needle`: these are needle 0's. */
+static void logs_without_needles_can_still_be_read(void **state) {
+    (void)state;
+    report why;
+    pose_log poses;
+    wrench_log wrenches;
+    assert_int_equal(pose_log_read(SOURCE_DIR "/tests/traces/figure8.log", &poses, &why), TROCAR_OK);
+    assert_true(poses.count == 1201 && poses.needle == 0);
+    for (int i = 0; i < poses.count; i++) assert_int_equal(poses.poses[i].needle, 0);
+    pose_log_free(&poses);
+    assert_int_equal(wrench_log_read(SOURCE_DIR "/tests/traces/figure8-golden.log", &wrenches, &why), TROCAR_OK);
+    assert_true(wrenches.count == 121 && wrenches.wrenches[120].needle == 0);
+    assert_string_equal(wrenches.inverse, "dense");
+    wrench_log_free(&wrenches);
 }
 
 static void distinguishes_other_types_from_damage(void **state) {
@@ -294,6 +337,8 @@ int main(void) {
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),
         cmocka_unit_test(ignores_duplicate_and_late_poses),
+        cmocka_unit_test(reads_one_needle_of_several),
+        cmocka_unit_test(logs_without_needles_can_still_be_read),
         cmocka_unit_test(distinguishes_other_types_from_damage),
         cmocka_unit_test(reads_wrenches_of_poses),
         cmocka_unit_test(non_finite_wrenches_are_skipped_and_counted),

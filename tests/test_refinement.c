@@ -102,6 +102,68 @@ static void full_refinement_rejects_nodes(void **state) {
     assert_int_equal(r.count, MAX_CONTACTS);
 }
 
+/* ---- removal ---- */
+
+/* A random one of many in a few elements, again and again: the leaves are still a partition, and nothing else has changed place. */
+static void removed_nodes_leave_the_others_where_they_are(void **state) {
+    (void)state;
+    refinement r = {0};
+    cube_refine(&body, &r, 8, 4);
+    for (int n = 0; n < 12; n++) refinement_add_on_face(&body.mesh, &r, 37 * (n % 4) + 11, cube_point(&body, 37 * (n % 4) + 11, 0.0), 100 + n);
+    while (r.count > 0) {
+        static refinement before;
+        before = r;
+        int position = (7 * r.count) % before.count, slot = before.order[position];
+        assert_int_equal(refinement_remove(&body.mesh, &r, before.nodes[slot].id), slot);
+        assert_int_equal(r.count, before.count - 1);
+        for (int i = 0; i < r.count; i++) {
+            int kept = before.order[i + (i >= position)];
+            assert_int_equal(r.order[i], kept);
+            assert_int_equal(r.nodes[kept].id, before.nodes[kept].id);
+            assert_memory_equal(&r.nodes[kept].position, &before.nodes[kept].position, sizeof(vec3));
+            assert_false(refinement_hangs_on(&r.nodes[kept], UINT64_C(1) << slot));
+        }
+        for (int n = 0; n < 100; n++) {
+            int tet = 37 * (n % 4) + 11;
+            vec3 x = cube_point(&body, tet, 0.0);
+            leaf_point p = refinement_locate(&body.mesh, &r, r.count, tet, x);
+            vec3 sum = v3(0, 0, 0);
+            for (int i = 0; i < 4; i++) {
+                assert_true(p.weights[i] > -1e-9);
+                sum = v3_axpy(p.weights[i], refinement_position(&body.mesh, &r, r.count, p.corners[i]), sum);
+            }
+            assert_close_vector(sum, x, 1e-15);
+        }
+    }
+}
+
+static void freed_slots_are_used_again(void **state) {
+    (void)state;
+    refinement r = {0};
+    cube_refine(&body, &r, 16, 4);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 12), 11);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 12), -1);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 4), 3);
+    assert_int_equal(refinement_span(&r), MAX_CONTACTS);
+    assert_int_equal(refinement_add(&body.mesh, &r, 300, cube_point(&body, 300, 0.1), 99), 3);
+    assert_int_equal(refinement_add(&body.mesh, &r, 301, cube_point(&body, 301, 0.1), 100), 11);
+    assert_int_equal(refinement_add(&body.mesh, &r, 302, cube_point(&body, 302, 0.1), 101), -1);
+    assert_int_equal(refinement_find(&r, 100), MAX_CONTACTS - 1);
+}
+
+/* What was added after a move may not fit into the mesh without it. */
+static void moved_nodes_go_last_first(void **state) {
+    (void)state;
+    refinement r = {0};
+    int tet = 200, moved = -1;
+    refinement_add(&body.mesh, &r, tet, cube_point(&body, tet, 0.1), 1);
+    for (int n = 0; n < 500 && moved < 0; n++) moved = refinement_move(&body.tissue, &r, n, mesh_point(&body.mesh, n, (double[]){0.8, 0.1, 0.1, 0}), 2);
+    assert_int_equal(moved, 1);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 1), -1);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 2), 1);
+    assert_int_equal(refinement_remove(&body.mesh, &r, 1), 0);
+}
+
 /* ---- explicit mesh ---- */
 
 static double volume_of(const refined_mesh *m, int tet) {
@@ -137,6 +199,9 @@ int main(void) {
         cmocka_unit_test(added_node_is_at_the_requested_point),
         cmocka_unit_test(nodes_on_corners_edges_and_faces_are_handled),
         cmocka_unit_test(full_refinement_rejects_nodes),
+        cmocka_unit_test(removed_nodes_leave_the_others_where_they_are),
+        cmocka_unit_test(freed_slots_are_used_again),
+        cmocka_unit_test(moved_nodes_go_last_first),
         cmocka_unit_test(children_partition_their_parent),
     };
     return cmocka_run_group_tests(tests, create, destroy);

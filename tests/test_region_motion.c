@@ -127,8 +127,8 @@ static double shift_by_reciprocity(const followed *f, vec3 direction) {
     for (int i = 0; i < gland->node_count; i++) unit[gland->nodes[i]] = v3_scale(1.0 / gland->node_count, direction);
     inverse_apply(parts->inverse, unit, field);
     double work = 0.0;
-    for (int i = 0; i <= state->active; i++) {
-        bool tip = i == state->active;
+    for (int i = 0; i <= contacts_active(state); i++) {
+        bool tip = i == contacts_active(state);
         int tet = tip ? state->tip.tet : state->refined.nodes[i].tet;
         double weights[4];
         mesh_barycentric(m, tet, tip ? state->tip.nominal : state->refined.nodes[i].position, weights);

@@ -18,9 +18,18 @@ static int region_of_tet[2] = {0, 1};
 static mesh two_regions = {.tet_count = 2, .region = region_of_tet};
 static const insertion_model MODEL = {.mesh = &two_regions, .materials = MATERIALS, .settings = {.weakening_distance = 2e-3}};
 
+static void activate(insertion_state *s, int count) {
+    s->refined.count = count;
+    for (int i = 0; i < count; i++) {
+        s->refined.order[i] = i;
+        s->contacts[i].status = CONTACT_ACTIVE;
+    }
+}
+
 /* Contacts at 4, 10 and 11 mm, the tip at 20 mm; the second region from 9 mm on. */
 static insertion_state inserted(void) {
-    insertion_state state = {.active = 3, .stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
+    insertion_state state = {.stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
+    activate(&state, 3);
     state.contacts[0].depth = 4e-3;
     state.contacts[1].depth = 10e-3;
     state.contacts[2].depth = 11e-3;
@@ -44,7 +53,7 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     assert_share(&s, 3, true, 15.5e-3, 20e-3);
     assert_share(&s, 1, false, 7e-3, 10.5e-3);
     assert_share(&s, 2, false, 10.5e-3, 20e-3);
-    s.active = 0;
+    activate(&s, 0);
     assert_share(&s, 0, true, 0.0, 20e-3);
     s.tip.depth = 0.0; /* on the skin */
     assert_share(&s, 0, true, 0.0, 1e-6);
@@ -55,7 +64,7 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
 static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
-    s.active = 1; /* a contact at 4 mm, the next region from 9 mm on */
+    activate(&s, 1); /* a contact at 4 mm, the next region from 9 mm on */
     double last = 6.5e-3;
     for (double tip = 9e-3; tip < 20e-3; tip += 1e-6) {
         s.tip.depth = tip;

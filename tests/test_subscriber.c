@@ -38,7 +38,8 @@ static int open_fixture(void **state) {
         return -1;
     }
     trocar_sim_take_picture(f->host.sim, f->sight.picture);
-    assert_int_equal(viewer_messages_make(&f->sight, 77, 5000, &why), TROCAR_OK);
+    viewer_messages_make_needle(&f->sight, 0, 77, 5000);
+    assert_int_equal(viewer_messages_make_tissue(&f->sight, 77, &why), TROCAR_OK);
     return 0;
 }
 
@@ -135,7 +136,27 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* As the network might deliver them: no crash, all counted. */
+/* Of two needles the first one is shown; the other one's messages come between its own. */
+static void the_first_needle_is_shown(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t first = {.tick = 77, .depth = 1}, second = {.tick = 77, .depth = 2, .needle = 1};
+    trocar_status_t statuses[2] = {{.owner = 5, .host = "", .scene = "", .inverse = "", .message = "", .needle_count = 2},
+                                   {.owner = 6, .host = "", .scene = "", .inverse = "", .message = "", .needle_count = 2, .needle = 1}};
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &first);
+    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &second);
+    for (int i = 0; i < 2; i++) trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &statuses[i]);
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    f->sight.contacts.needle = 1;
+    f->sight.contacts.pose_utime = 6000;
+    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+    handle_all(f);
+    assert_true(f->feed.wrench.depth == 1 && f->feed.status->owner == 5 && f->feed.contacts->pose_utime == 5000);
+    assert_int_equal(f->timeline.picture_end, 1);
+    assert_int_equal(f->feed.refused, 0);
+}
+
+/* As they would come in by the network: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};
@@ -161,6 +182,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(change_of_server_is_detected, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(first_of_two_servers_is_followed, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_first_needle_is_shown, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

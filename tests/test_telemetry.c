@@ -27,6 +27,9 @@ typedef struct {
     trocar_status_t *status;
     trocar_deformation_t *deformation;
     trocar_contacts_t *contacts;
+    int statuses[2], pictures[2];      /* messages of each needle */
+    int64_t owners[2];
+    double tips[2];                    /* m, along z */
 } fixture;
 
 #define KEEP_FIRST(name, type)                                                                                  \
@@ -40,11 +43,11 @@ KEEP_FIRST(status, trocar_status_t)
 KEEP_FIRST(deformation, trocar_deformation_t)
 KEEP_FIRST(contacts, trocar_contacts_t)
 
-static int open_fixture(void **state) {
+static int open_with(void **state, const char *needles) {
     fixture *f = calloc(1, sizeof *f);
     report why = {""};
     *state = f;
-    f->host = host_open(MESHES "/figure8.yaml");
+    f->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
     telemetry_settings given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,
                                 .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55};
     if (exchange_create(&f->exchange, f->host.model, &why) != TROCAR_OK
@@ -54,6 +57,9 @@ static int open_fixture(void **state) {
     }
     return 0;
 }
+
+static int open_fixture(void **state) { return open_with(state, "1"); }
+static int open_pair(void **state) { return open_with(state, "2"); }
 
 static int close_fixture(void **state) {
     fixture *f = *state;
@@ -79,8 +85,10 @@ static void show_a_needle(fixture *f) {
     }
     trocar_sim_take_picture(f->host.sim, view->picture);
     view->tick = 499;
-    view->pose_utime = 1234;
-    view->flags = TROCAR_NEEDLE_WRENCH_T_STALE;
+    view->needles[0].engaged = true;
+    view->needles[0].pose_utime = 1234;
+    view->needles[0].flags = TROCAR_NEEDLE_WRENCH_T_STALE;
+    view->needles[0].contacts = 6;
     view->wrench_dropped = 3;
     triple_buffer_publish(&f->exchange.views);
 }
@@ -95,10 +103,10 @@ static void show_the_rest(fixture *f) {
     loop->misses = 2;
     triple_buffer_publish(&f->exchange.loops);
     arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
-    in->owner = 8;
-    in->received = monotonic_ns() - 500000000;
-    in->counts[POSE_ACCEPTED] = 490;
-    in->counts[POSE_JUMPED] = 4;
+    in->needles[0].owner = 8;
+    in->needles[0].received = monotonic_ns() - 500000000;
+    in->needles[0].counts[POSE_ACCEPTED] = 490;
+    in->needles[0].counts[POSE_JUMPED] = 4;
     strcpy(in->message, "session 9 refused: session 8 holds the needle");
     triple_buffer_publish(&f->exchange.intakes);
     int64_t latency = 3000000;
@@ -148,6 +156,8 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_int_equal(f->timing->context_switches, 6);
     assert_int_equal(f->timing->allocations, 7);
 
+    assert_true(f->status->needle == 0 && f->status->needle_count == 1 && f->status->contacts == 6);
+    assert_int_equal(f->timing->contacts, 6);
     assert_int_equal(f->status->owner, 8);
     assert_int_equal(f->status->poses_accepted, 490);
     assert_int_equal(f->status->poses_jumped, 4);
@@ -194,11 +204,59 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_true(pull > 0.2); /* the tissue is pushed forward */
 }
 
+static void count_status(const lcm_recv_buf_t *b, const char *channel, const trocar_status_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    assert_true(m->needle_count == 2 && m->needle >= 0 && m->needle < 2);
+    f->statuses[m->needle]++;
+    f->owners[m->needle] = m->owner;
+}
+
+static void count_contacts(const lcm_recv_buf_t *b, const char *channel, const trocar_contacts_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    f->pictures[m->needle]++;
+    f->tips[m->needle] = m->centreline[m->joint_count - 1][2];
+}
+
+/* Of two needles, the one that nobody has held yet is not shown; status comes for both. */
+static void each_needle_has_its_messages(void **state) {
+    fixture *f = *state;
+    for (int held = 1; held <= 2; held++) {
+        view_sample *view = triple_buffer_slot(&f->exchange.views);
+        for (int n = 0; n < held; n++) {
+            trocar_pose base = {{0.06 * (n - 0.5), 0.003, -0.201 - 0.01 * n}, {1, 0, 0, 0}};
+            assert_int_equal(trocar_sim_reset(f->host.sim, n, &base, NULL), TROCAR_OK);
+            view->needles[n].engaged = true;
+        }
+        trocar_sim_take_picture(f->host.sim, view->picture);
+        triple_buffer_publish(&f->exchange.views);
+        arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
+        for (int n = 0; n < held; n++) in->needles[n].owner = 8 + n;
+        triple_buffer_publish(&f->exchange.intakes);
+
+        lcm_t *lcm = f->telemetry.lcm;
+        memset(f->statuses, 0, sizeof f->statuses);
+        memset(f->pictures, 0, sizeof f->pictures);
+        trocar_status_t_subscription_t *a = trocar_status_t_subscribe(lcm, "TROCAR_STATUS", count_status, f);
+        trocar_contacts_t_subscription_t *b = trocar_contacts_t_subscribe(lcm, "TROCAR_CONTACTS", count_contacts, f);
+        atomic_store(&f->telemetry.stop, false);
+        receive(f);
+        trocar_status_t_unsubscribe(lcm, a);
+        trocar_contacts_t_unsubscribe(lcm, b);
+        assert_true(f->statuses[0] > 0 && f->statuses[0] == f->statuses[1]);
+        assert_true(f->owners[0] == 8 && f->owners[1] == (held == 2 ? 9 : 0));
+        assert_true(f->pictures[0] > 0 && f->pictures[1] == (held == 2 ? f->pictures[0] : 0));
+    }
+    assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(each_needle_has_its_messages, open_pair, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -49,7 +49,8 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
 /* Adds a picture of the tick just played. */
 static trocar_status add_picture(playback *p, int tick, timeline *t, report *why) {
     trocar_sim_take_picture(p->sim, p->messages.picture);
-    trocar_status status = viewer_messages_make(&p->messages, tick, p->poses.poses[tick].utime, why);
+    viewer_messages_make_needle(&p->messages, 0, tick, p->poses.poses[tick].utime);
+    trocar_status status = viewer_messages_make_tissue(&p->messages, tick, why);
     if (status != TROCAR_OK) return status;
     return timeline_add_picture(t, pose_log_time(&p->poses, tick), &p->messages.contacts, &p->messages.deformation, why);
 }

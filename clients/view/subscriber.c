@@ -7,7 +7,8 @@
 #include "timing.h"
 #include "trocar_deformation_t.h"
 
-enum { QUEUE = 512 }; /* half a second of wrenches */
+enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
+enum { NEEDLE = 0 };   /* the one that is shown */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
 
@@ -44,6 +45,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
         return;
     }
     if (!server_choice_follows(&f->choice, w.server, 1e-9 * (double)monotonic_ns())) return;
+    if (w.needle != NEEDLE) return;
     note_server(f, &w);
     f->wrench = w;
     f->heard = monotonic_ns();
@@ -73,7 +75,7 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed) {
+    if (m.server == f->choice.followed && m.needle == NEEDLE) {
         if (f->status) trocar_status_t_destroy(f->status);
         f->status = trocar_status_t_copy(&m);
     }
@@ -89,7 +91,7 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed) {
+    if (m.server == f->choice.followed && m.needle == NEEDLE) {
         if (f->contacts) trocar_contacts_t_destroy(f->contacts);
         f->contacts = trocar_contacts_t_copy(&m);
     }

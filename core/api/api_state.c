@@ -71,21 +71,45 @@ static void put(vec3 v, double out[3]) {
     out[2] = v.z;
 }
 
+static trocar_contact_status status_of(const insertion_state *state, friction_state friction) {
+    if (state->buckled) return TROCAR_CONTACT_DETACHED;
+    return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
+}
+
 int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
     const needle_model *model = &parent->parts.needle;
-    for (int i = 0; i < s->active && i < room; i++) {
-        const shaft_contact *c = &s->contacts[i];
-        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->friction, .arc = c->arc, .depth = c->depth};
+    int active = contacts_active(s);
+    for (int i = 0; i < active && i < room; i++) {
+        int slot = s->refined.order[i];
+        const shaft_contact *c = &s->contacts[slot];
+        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->friction, .arc = c->arc, .depth = c->depth,
+                                       .id = s->refined.nodes[slot].id, .status = status_of(s, c->friction), .slot = slot};
         put(needle_at(model, &s->needle, c->arc).position, contacts[i].position);
         put(c->force, contacts[i].force);
     }
-    if (s->tip.phase != TIP_INSIDE) return s->active;
-    if (s->active < room) {
-        contacts[s->active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = model->given.length, .depth = s->tip.depth};
-        put(s->needle.joints[model->given.segments], contacts[s->active].position);
-        put(s->tip.force, contacts[s->active].force);
+    if (s->tip.phase != TIP_INSIDE) return active;
+    if (active < room) {
+        contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = model->given.length, .depth = s->tip.depth,
+                                            .status = status_of(s, s->tip.friction), .slot = -1};
+        put(s->needle.joints[model->given.segments], contacts[active].position);
+        put(s->tip.force, contacts[active].force);
     }
-    return s->active + 1;
+    return active + 1;
+}
+
+static int pending_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
+    const needle_model *model = &parent->parts.needle;
+    int active = contacts_active(s), pending = s->refined.count - active;
+    for (int i = 0; i < pending && i < room; i++) {
+        int slot = s->refined.order[active + i];
+        const shaft_contact *c = &s->contacts[slot];
+        bool planned = c->status == CONTACT_PLANNED;
+        double arc = planned ? model->given.length : c->arc;
+        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .arc = arc, .depth = c->depth, .id = s->refined.nodes[slot].id,
+                                       .status = planned ? TROCAR_CONTACT_PLANNED : TROCAR_CONTACT_ADDING, .slot = slot};
+        put(planned ? c->track : needle_at(model, &s->needle, arc).position, contacts[i].position);
+    }
+    return pending;
 }
 
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room) {
@@ -106,6 +130,11 @@ static const insertion_state *state_of(const trocar_sim *sim, int needle) { retu
 int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
     const insertion_state *state = state_of(sim, needle);
     return state ? contacts_of(sim->model, state, contacts, room) : 0;
+}
+
+int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? pending_contacts_of(sim->model, state, contacts, room) : 0;
 }
 
 int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room) {

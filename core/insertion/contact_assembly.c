@@ -12,26 +12,43 @@ static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in 
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
-void locate_points(const tick_context *tick) {
-    const insertion_model *model = tick->model;
+void list_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < state->active; i++) {
-        w->points[i] = needle_at(model->needle, &state->needle, state->contacts[i].arc);
-        w->nominal[i] = v3_add(state->contacts[i].track, tick->snapshot->u_free[i]);
+    int count = 0;
+    for (; contact_is_active(state, count); count++) {
+        contact_point *p = &w->points[count];
+        p->kind = POINT_TISSUE;
+        p->handle = state->refined.order[count];
+        p->share = shaft_share_of(state, count, w->tip);
     }
+    w->point_count = count + w->tip;
     if (!w->tip) return;
-    w->points[state->active] = needle_at(model->needle, &state->needle, model->needle->given.length);
-    w->nominal[state->active] = v3_add(tip_place(&state->tip), w->free_at_tip);
+    contact_point *p = &w->points[count];
+    p->kind = POINT_TIP;
+    p->handle = NO_HANDLE;
+    p->arc = tick->model->needle->given.length;
+    p->share = shaft_share_of(state, count, true);
+}
+
+void locate_points(const tick_context *tick) {
+    const insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->point_count; i++) {
+        contact_point *p = &w->points[i];
+        p->at = needle_at(tick->model->needle, &state->needle, p->arc);
+        p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
+                                         : v3_add(state->contacts[p->handle].track, tick->snapshot->u_free[p->handle]);
+    }
 }
 
 void load_needle(const tick_context *tick) {
-    const insertion_state *state = tick->state;
+    insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     memset(w->load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->load);
-    for (int i = 0; i < w->problem.count; i++) {
-        vec3 force = i < state->active ? state->contacts[i].force : state->tip.force;
-        const needle_point *p = &w->points[i];
+    for (int i = 0; i < w->point_count; i++) {
+        vec3 force = *point_force(state, &w->points[i]);
+        const needle_point *p = &w->points[i].at;
         for (int k = 0; k < 3; k++) w->load[p->first + k] = v3_axpy(-p->weights[k], force, w->load[p->first + k]);
     }
 }
@@ -39,35 +56,36 @@ void load_needle(const tick_context *tick) {
 /* ---- compliance of the tissue -------------------------------------------------------------------------------------- */
 
 void find_tip_rows(const tick_context *tick, const int handles[4]) {
-    const insertion_state *state = tick->state;
-    const double *weights = state->tip.known_weights;
+    insertion_workspace *w = tick->scratch;
+    const double *weights = tick->state->tip.known_weights;
+    int tip = w->point_count - 1;
     mat3 own = {{{0}}};
-    tick->scratch->free_at_tip = v3(0, 0, 0);
+    w->free_at_tip = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) {
-        tick->scratch->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], tick->scratch->free_at_tip);
+        w->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], w->free_at_tip);
         mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
         m3_add_scaled(&own, weights[c], &row);
     }
-    for (int i = 0; i < state->active; i++) tick->scratch->tip_row[i] = compliance_to_point(tick->snapshot, handles, weights, i);
-    tick->scratch->tip_row[state->active] = own;
+    for (int i = 0; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle);
+    w->tip_row[tip] = own;
 }
 
 void find_local_compliance(const tick_context *tick) {
     const insertion_model *model = tick->model;
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < state->active; i++) {
-        const shaft_contact *contact = &state->contacts[i];
-        shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[i], 0.0);
+    int t = w->point_count - w->tip;
+    for (int i = 0; i < t; i++) {
+        const shaft_contact *contact = &state->contacts[w->points[i].handle];
+        shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus_lateral);
         w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
     }
     if (!w->tip) return;
-    int t = state->active;
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
     double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
-    shaft_resistance shaft = shaft_resistance_of(model, state, w->shares[t], 0.0);
+    shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
     lateral_axial logarithm = local_logarithm(model, &tip->resolved);
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
     w->lateral[t] = logarithm.lateral / (shaft.lateral + radius / line.lateral); /* one radius more */
@@ -91,14 +109,16 @@ void keep_shear(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < state->active; i++) {
-        shaft_contact *contact = &state->contacts[i];
-        contact->arc += lead_gained(model, state, w->shares[i], contact->log_axial, contact->traction, &contact->softness);
+    int t = w->point_count - w->tip;
+    for (int i = 0; i < t; i++) {
+        contact_point *p = &w->points[i];
+        shaft_contact *contact = &state->contacts[p->handle];
+        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, contact->traction, &contact->softness);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    tip->stretch += lead_gained(model, state, w->shares[state->active], logarithm, tip->shaft_traction, &tip->shaft_softness);
+    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, tip->shaft_traction, &tip->shaft_softness);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
@@ -117,21 +137,22 @@ static void bound_tip(const tick_context *tick) {
     const insertion_model *model = tick->model;
     contact_problem *p = &tick->scratch->problem;
     const needle_tip *tip = &tick->state->tip;
-    int t = tick->state->active;
+    int t = p->count - 1;
     p->upper[t] = tip_resistance(model, tip);
     p->lower[t] = 0.0;
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt;
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, tick->scratch->shares[t], tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction);
+    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction);
 }
 
 void bound_contacts(const tick_context *tick) {
-    for (int i = 0; i < tick->state->active; i++) {
-        const shaft_contact *contact = &tick->state->contacts[i];
-        bound_friction(tick, i, tick->scratch->shares[i], contact->slid + fabs(contact->slip), contact->friction);
+    const insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->point_count - w->tip; i++) {
+        const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
+        bound_friction(tick, i, w->points[i].share, contact->slid + fabs(contact->slip), contact->friction);
     }
-    if (tick->scratch->tip) bound_tip(tick);
+    if (w->tip) bound_tip(tick);
 }
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
@@ -169,7 +190,7 @@ static void repeat_tip(contact_problem *p) {
 static void add_local_compliance(contact_problem *p, const insertion_workspace *w, int point, vec3 track, bool tip) {
     int first = unknown(p->count, point, 0), face = unknown(p->count, point, 2), axial = face + tip;
     const int row[] = {first, first + 1, axial};
-    vec3 share = m3_apply_transposed(&w->points[point].frame, track); /* of each force, along the track */
+    vec3 share = m3_apply_transposed(&w->points[point].at.frame, track); /* of each force, along the track */
     const double along[] = {share.x, share.y, share.z};
     double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
     for (int i = 0; i < 3; i++)
@@ -184,25 +205,27 @@ void assemble_compliance(const tick_context *tick) {
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
-            mat3 sum = i == state->active ? w->tip_row[j] : compliance_between(tick->snapshot, i, j);
-            mat3 needle = needle_block(&w->tangent, &w->points[i], &w->points[j]);
+            const contact_point *at = &w->points[i], *other = &w->points[j];
+            mat3 sum = at->kind == POINT_TIP ? w->tip_row[j] : compliance_between(tick->snapshot, at->handle, other->handle);
+            mat3 needle = needle_block(&w->tangent, &at->at, &other->at);
             m3_add_scaled(&sum, 1.0, &needle);
             for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
-            put_block(p, i, j, &sum, &w->points[i].frame, &w->points[j].frame);
+            put_block(p, i, j, &sum, &at->at.frame, &other->at.frame);
         }
     if (w->tip) repeat_tip(p);
-    for (int i = 0; i < state->active; i++) add_local_compliance(p, w, i, state->contacts[i].direction, false);
+    int t = w->point_count - w->tip;
+    for (int i = 0; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
     if (!w->tip) return;
-    add_local_compliance(p, w, state->active, state->tip.direction, true);
-    for (int a = 0; a < 2; a++) p->compliance[2 * state->active + a][2 * state->active + a] += w->loose;
+    add_local_compliance(p, w, t, state->tip.direction, true);
+    for (int a = 0; a < 2; a++) p->compliance[2 * t + a][2 * t + a] += w->loose;
 }
 
 void assemble_gaps(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
-        const needle_point *at = &w->points[i];
-        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->nominal[i]);
+        const needle_point *at = &w->points[i].at;
+        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->points[i].target);
         for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
         gap = m3_apply_transposed(&at->frame, gap);
         p->gap[unknown(p->count, i, 0)] = gap.x;

@@ -5,8 +5,8 @@
 static const double PLAN_TOLERANCE = 2e-4; /* m, a planned contact node is used if the tip passes this close to it */
 
 double last_contact_depth(const insertion_state *state) {
-    int passed = contacts_passed(state);
-    return passed > 0 ? state->contacts[passed - 1].depth : -INFINITY;
+    const shaft_contact *last = last_contact(state);
+    return last ? last->depth : -INFINITY;
 }
 
 void set_beside(needle_tip *tip, vec3 beside) {
@@ -16,8 +16,8 @@ void set_beside(needle_tip *tip, vec3 beside) {
 
 /* Adds a node on the face, or inside the element if moved nodes have displaced the face. */
 static int add_instead(const mesh *m, refinement *r, int tet, vec3 position, uint64_t id) {
-    int index = refinement_add_on_face(m, r, tet, position, id);
-    if (v3_norm(v3_sub(r->nodes[index].position, position)) < PLAN_TOLERANCE) return index;
+    int slot = refinement_add_on_face(m, r, tet, position, id);
+    if (v3_norm(v3_sub(r->nodes[slot].position, position)) < PLAN_TOLERANCE) return slot;
     r->count--;
     return refinement_add(m, r, tet, position, id);
 }
@@ -26,34 +26,33 @@ static int move_or_add(const tick_context *tick, int near, vec3 position, uint64
     const insertion_model *model = tick->model;
     refinement *r = &tick->state->refined;
     double weights[4];
-    int tet = refinement_element(model->mesh, r, r->count, near, position, weights), index = refinement_move(model->tissue, r, tet, position, id);
-    if (index >= 0) return index;
+    int tet = refinement_element(model->mesh, r, r->count, near, position, weights), slot = refinement_move(model->tissue, r, tet, position, id);
+    if (slot >= 0) return slot;
     tick->output->events |= EVENT_KEPT;
     return add_instead(model->mesh, r, tet, position, id);
 }
 
-/* Adds a contact node; false when there is no room. */
-static bool add_contact(const tick_context *tick, vec3 position, double depth) {
+/* Adds a planned contact. Returns its slot, or -1 when there is no room. */
+static int add_contact(const tick_context *tick, vec3 position, double depth) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     if (state->refined.count == MAX_CONTACTS) {
         tick->output->events |= EVENT_FULL;
-        return false;
+        return -1;
     }
     uint64_t id = ++state->next_id;
-    int tet = state->tip.tet, index;
+    int tet = state->tip.tet, slot;
     switch (model->settings.placement) {
-    case PLACE_ON_FACES: index = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
-    case PLACE_MOVED: index = move_or_add(tick, tet, position, id); break;
-    default: index = refinement_add(model->mesh, &state->refined, tet, position, id); break;
+    case PLACE_ON_FACES: slot = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
+    case PLACE_MOVED: slot = move_or_add(tick, tet, position, id); break;
+    default: slot = refinement_add(model->mesh, &state->refined, tet, position, id); break;
     }
-    state->contacts[index] = (shaft_contact){.track = position, .depth = depth};
-    return true;
+    state->contacts[slot] = (shaft_contact){.status = CONTACT_PLANNED, .track = position, .depth = depth};
+    return slot;
 }
 
 void drop_plan(insertion_state *state) {
-    if (state->tip.planned) state->refined.count--;
-    state->tip.planned = false;
+    if (contact_planned(state) >= 0) state->refined.count--;
     state->tip.next_contact = NAN;
 }
 
@@ -69,43 +68,44 @@ void plan_contact(const tick_context *tick, vec3 direction) {
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
     if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
         if (tip->depth + chord >= earliest)
-            tip->planned = add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord);
+            add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord);
         return;
     }
     double due = fmax(tip->depth + 0.5 * chord, earliest);
     if (due >= tip->depth + 0.95 * chord) return;
     tip->next_contact = due;
-    tip->planned = add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due);
+    add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due);
 }
 
 void leave_contact(const tick_context *tick) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    bool met = tip->planned && v3_norm(v3_sub(state->contacts[state->refined.count - 1].track, tip->nominal)) < PLAN_TOLERANCE;
-    if (!met) drop_plan(state);
-    if (met || add_contact(tick, tip->nominal, tip->depth)) {
-        shaft_contact *contact = &state->contacts[state->refined.count - 1];
-        *contact = (shaft_contact){.arc = tick->model->needle->given.length, .track = tip_place(tip), .beside = tip->beside, .direction = tip->direction, .depth = tip->depth, .slip = tip->shaft_slip, .slid = tip->shaft_slid,
-                                   .friction = tip->shaft_friction};
+    int slot = contact_planned(state);
+    if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->nominal)) >= PLAN_TOLERANCE) {
+        drop_plan(state);
+        slot = add_contact(tick, tip->nominal, tip->depth);
     }
-    tip->planned = false;
+    if (slot >= 0)
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
+                                                .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
+                                                .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction};
     tip->next_contact = INFINITY;
 }
 
 void take_up_contact(const tick_context *tick) {
     insertion_state *state = tick->state;
-    int last = --state->refined.count;
+    int last = state->refined.order[--state->refined.count];
     const added_node *node = &state->refined.nodes[last];
+    const shaft_contact *contact = &state->contacts[last];
     needle_tip *tip = &state->tip;
     double weights[4];
-    tip->nominal = v3_sub(state->contacts[last].track, state->contacts[last].beside);
-    set_beside(tip, state->contacts[last].beside);
+    tip->nominal = v3_sub(contact->track, contact->beside);
+    set_beside(tip, contact->beside);
     tip->tet = refinement_element(tick->model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
-    tip->direction = state->contacts[last].direction;
-    tip->depth = state->contacts[last].depth;
-    tip->shaft_slid = state->contacts[last].slid;
+    tip->direction = contact->direction;
+    tip->depth = contact->depth;
+    tip->shaft_slid = contact->slid;
     tip->next_contact = NAN;
     leave_strata(state);
-    if (state->active > last) state->active = last;
     tick->output->events |= EVENT_REMOVED;
 }

@@ -26,21 +26,22 @@ static void take_forces(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
-        bool at_tip = i == state->active;
+        const contact_point *point = &w->points[i];
+        bool at_tip = point->kind == POINT_TIP;
+        double length = point->share.to - point->share.from;
         double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
-        vec3 force = m3_apply(&w->points[i].frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
+        *point_force(state, point) = m3_apply(&point->at.frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
         if (at_tip) {
-            state->tip.force = force;
-            state->tip.shaft_traction = p->force[2 * p->count + i + 1] / (w->shares[i].to - w->shares[i].from);
+            state->tip.shaft_traction = p->force[2 * p->count + i + 1] / length;
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
             state->tip.shaft_friction = p->state[i + 1];
         } else {
-            state->contacts[i].force = force;
-            state->contacts[i].traction = along / (w->shares[i].to - w->shares[i].from);
-            state->contacts[i].slip = p->slip[i];
-            state->contacts[i].friction = p->state[i];
+            shaft_contact *contact = &state->contacts[point->handle];
+            contact->traction = along / length;
+            contact->slip = p->slip[i];
+            contact->friction = p->state[i];
         }
     }
 }
@@ -49,9 +50,9 @@ static void take_forces(const tick_context *tick) {
 static void prepare(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    w->problem.count = state->active + w->tip;
-    w->problem.axial_count = w->problem.count + w->tip;
-    for (int i = 0; i < w->problem.count; i++) w->shares[i] = shaft_share_of(state, i, w->tip);
+    list_points(tick);
+    w->problem.count = w->point_count;
+    w->problem.axial_count = w->point_count + w->tip;
     if (w->tip) find_tip_rows(tick, handles);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
@@ -63,7 +64,7 @@ static void prepare(const tick_context *tick, const int handles[4]) {
 
 static int first_joint(const insertion_workspace *w) {
     int first = NEEDLE_MAX_SEGMENTS;
-    for (int i = 0; i < w->problem.count; i++) first = w->points[i].first < first ? w->points[i].first : first;
+    for (int i = 0; i < w->point_count; i++) first = w->points[i].at.first < first ? w->points[i].at.first : first;
     return first;
 }
 
@@ -101,9 +102,10 @@ static bool solve_pass(const tick_context *tick, double *turned) {
 /* ---- without equilibrium ------------------------------------------------------------------------------------------- */
 
 void equilibrium_release(insertion_state *state) {
-    for (int i = 0; i < state->active; i++) {
-        state->contacts[i].force = v3(0, 0, 0);
-        state->contacts[i].slip = 0.0;
+    for (int k = 0; contact_is_active(state, k); k++) {
+        shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        contact->force = v3(0, 0, 0);
+        contact->slip = 0.0;
     }
     state->tip.force = state->tip.damping = v3(0, 0, 0);
     state->tip.dent = 0.0;
@@ -144,8 +146,9 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
 /* Sum of the forces of all points on the tissue, N. */
 static vec3 push_on(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    vec3 sum = tick->scratch->tip ? state->tip.force : v3(0, 0, 0);
-    for (int i = 0; i < state->active; i++) sum = v3_add(sum, state->contacts[i].force);
+    const insertion_workspace *w = tick->scratch;
+    vec3 sum = w->tip ? state->tip.force : v3(0, 0, 0);
+    for (int i = 0; i < w->point_count - w->tip; i++) sum = v3_add(sum, state->contacts[w->points[i].handle].force);
     return sum;
 }
 
@@ -173,11 +176,10 @@ static pass_result run_passes(const tick_context *tick, int most) {
 
 /* Shape and forces at the start of the tick. */
 static void remember(const tick_context *tick) {
-    const insertion_state *state = tick->state;
+    insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     w->start = state->needle;
-    for (int i = 0; i < state->active; i++) w->start_force[i] = state->contacts[i].force;
-    w->start_force[state->active] = state->tip.force;
+    for (int i = 0; i < w->point_count; i++) w->start_force[i] = *point_force(state, &w->points[i]);
     w->start_traction = state->tip.shaft_traction;
 }
 
@@ -187,16 +189,16 @@ static void find_lag(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
-    int tip = state->active, all = unknown(p->count, p->count, 2) + w->tip;
+    int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->tip;
     linearise(tick);
     for (int i = 0; i < p->count; i++) {
-        vec3 f = m3_apply_transposed(&w->points[i].frame, i < tip ? state->contacts[i].force : state->tip.force);
+        vec3 f = m3_apply_transposed(&w->points[i].at.frame, *point_force(state, &w->points[i]));
         force[unknown(p->count, i, 0)] = f.x;
         force[unknown(p->count, i, 1)] = f.y;
         force[unknown(p->count, i, 2)] = f.z;
     }
     if (w->tip) {
-        double shaft = state->tip.shaft_traction * (w->shares[tip].to - w->shares[tip].from);
+        double shaft = state->tip.shaft_traction * (w->points[tip].share.to - w->points[tip].share.from);
         force[all - 2] -= shaft;
         force[all - 1] = shaft;
     }
@@ -211,8 +213,7 @@ static void recall(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     state->needle = w->start;
-    for (int i = 0; i < state->active; i++) state->contacts[i].force = w->start_force[i];
-    state->tip.force = w->start_force[state->active];
+    for (int i = 0; i < w->point_count; i++) *point_force(state, &w->points[i]) = w->start_force[i];
     state->tip.shaft_traction = w->start_traction;
     locate_points(tick);
     load_needle(tick);
@@ -254,5 +255,5 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     else if (r.found && !r.diverging) judge_stability(tick, r.converged);
     else give_up(tick);
     if (w->tip && !state->buckled) spring_back(tick);
-    if (w->tip) follow_pressing(&state->tip, &w->points[state->active], tick->dt);
+    if (w->tip) follow_pressing(&state->tip, &w->points[w->point_count - 1].at, tick->dt);
 }

@@ -29,13 +29,16 @@ static double slid_on(double slid, double slip, friction_state friction) { retur
 
 /* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet by their neighbour's. */
 static void slide_shaft(insertion_state *state) {
-    for (int i = 0; i < state->active; i++) {
-        shaft_contact *contact = &state->contacts[i];
+    int k = 0;
+    double neighbour = 0.0;
+    for (; contact_is_active(state, k); k++) {
+        shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        neighbour = contact->slip;
         contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
     }
-    double neighbour = state->tip.phase == TIP_INSIDE ? state->tip.slip : state->active > 0 ? state->contacts[state->active - 1].slip : 0.0;
-    for (int i = state->active; i < contacts_passed(state); i++) state->contacts[i].arc -= neighbour;
+    if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;
+    for (; k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].arc -= neighbour;
     state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
 }
 
@@ -86,9 +89,9 @@ static void cross(const tick_context *tick, vec3 gradient) {
     tip_move(tick, gradient);
     if (tip->phase != TIP_INSIDE) return;
     tip->stretch += tip->depth - before - slid;
-    int last = contacts_passed(state) - 1;
+    int passed = contacts_passed(state);
     bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
-    if (beyond) tip->stretch = last < 0 || next_body ? 0.0 : shaft_ahead(tick->model, state, last, tick->dt);
+    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : shaft_ahead(tick->model, state, passed - 1, tick->dt);
     if (tip->depth == 0.0) tip_glide_on_surface(tick);
 }
 
@@ -97,23 +100,25 @@ static void solve(const tick_context *tick) {
     int handles[4];
     accept_snapshot(tick);
     tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
-    if (tick->state->active + tick->scratch->tip > 0) equilibrium_find(tick, handles);
+    tick->scratch->point_count = 0;
+    if (tick->scratch->tip || contact_is_active(tick->state, 0)) equilibrium_find(tick, handles);
     else tick->state->base_shift = v3(0, 0, 0);
 }
 
 /* Sums the forces of all points into the wrench on the base. */
 static void answer(const tick_context *tick) {
-    const insertion_state *state = tick->state;
+    insertion_state *state = tick->state;
     tick_output *output = tick->output;
     output->force = output->torque = v3(0, 0, 0);
-    for (int i = 0; i < state->active + tick->scratch->tip; i++) {
-        vec3 on_needle = v3_scale(-1.0, i < state->active ? state->contacts[i].force : state->tip.force);
-        vec3 lever = v3_sub(tick->scratch->points[i].position, state->needle.base.position);
+    for (int i = 0; i < tick->scratch->point_count; i++) {
+        const contact_point *point = &tick->scratch->points[i];
+        vec3 on_needle = v3_scale(-1.0, *point_force(state, point));
+        vec3 lever = v3_sub(point->at.position, state->needle.base.position);
         output->force = v3_add(output->force, on_needle);
         output->torque = v3_add(output->torque, v3_cross(lever, on_needle));
     }
     output->depth = state->tip.phase == TIP_FREE ? 0.0 : state->tip.depth;
-    output->contacts = state->active;
+    output->contacts = contacts_active(state);
 }
 
 /* ---- the tick ------------------------------------------------------------------------------------------------------ */
@@ -123,7 +128,7 @@ static void step(const tick_context *tick) {
     if (state->buckled) {
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
-        tick->output->contacts = state->active;
+        tick->output->contacts = contacts_active(state);
         if (!returned) return;
     } else if (state->tip.phase == TIP_FREE) {
         move_freely(tick);
@@ -167,9 +172,10 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
     double sum = sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
                + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point;
-    for (int i = 0; i < state->refined.count; i++) {
-        const shaft_contact *c = &state->contacts[i];
-        sum += sum_of(state->refined.nodes[i].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
+    for (int k = 0; k < state->refined.count; k++) {
+        int slot = state->refined.order[k];
+        const shaft_contact *c = &state->contacts[slot];
+        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
              + c->surplus_axial + c->softness + c->traction;
     }
     return isfinite(sum);
@@ -183,13 +189,12 @@ void insertion_start_over(const insertion_model *model, pose base, insertion_sta
 /* ---- export -------------------------------------------------------------------------------------------------------- */
 
 void insertion_refinement(const insertion_state *state, refinement *out) {
-    out->count = state->active;
-    memcpy(out->nodes, state->refined.nodes, (size_t)state->active * sizeof *out->nodes);
+    refinement_compact(&state->refined, contacts_active(state), out);
 }
 
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added) {
     const needle_tip *tip = &state->tip;
-    for (int i = 0; i < state->active; i++) added[i] = state->contacts[i].force;
+    for (int k = 0; contact_is_active(state, k); k++) added[k] = state->contacts[state->refined.order[k]].force;
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
@@ -199,10 +204,11 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
 
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     const needle_tip *tip = &state->tip;
-    for (int i = 0; i < state->active && loads->count < MAX_LOADS; i++) {
-        const added_node *node = &state->refined.nodes[i];
+    for (int k = 0; contact_is_active(state, k) && loads->count < MAX_LOADS; k++) {
+        int slot = state->refined.order[k];
+        const added_node *node = &state->refined.nodes[slot];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = node->tet, .force = state->contacts[i].force};
+        *load = (tissue_load){.tet = node->tet, .force = state->contacts[slot].force};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
     }
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;

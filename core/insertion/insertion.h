@@ -17,10 +17,10 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 /* After a tick that was not finite: starts over at `base`. The wrench becomes zero, its event UNSTABLE. RT */
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output);
 
-/* The refined mesh as the needle sees it now: the active contact nodes. */
+/* The refined mesh as the needle sees it now: the active contact nodes, from base to tip, in slots without gaps. */
 void insertion_refinement(const insertion_state *state, refinement *out);
 
-/* Adds the forces on the tissue to `nominal` (node_count) and writes those on the active contact nodes to `added`; N, world
+/* Adds the forces on the tissue to `nominal` (node_count) and writes those on the active contact nodes to `added`, in the same order; N, world
    frame. The tip's is spread over its element's corners. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 

@@ -10,8 +10,13 @@ enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
 typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on the far side or in a gap, shaft still in the tissue */
 
+/* Planned: its node is asked for, the tip is not there yet. Waiting: the tip has left it, its row of the inverse has not come. Active: it
+   takes part in the solve, and `friction` says whether it sticks. They are in this order along the track, active ones first. */
+typedef enum { CONTACT_PLANNED, CONTACT_WAITING, CONTACT_ACTIVE } contact_status;
+
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
+    contact_status status;
     double arc;              /* m from the base: the needle's material point that is there */
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
     vec3 beside;             /* m, by how much that is outside an outer face: as in needle_tip */
@@ -53,7 +58,6 @@ typedef struct {
     vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
     vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
-    bool planned;            /* that node is in the refinement already, as its last one */
     bool resolved_known;     /* what the mesh resolves at the tip: */
     resolved_field resolved;
     vec3 resolved_at;        /* m, nominal: where the tip was then */
@@ -90,9 +94,8 @@ typedef struct {
     vec3 entry;                  /* m, nominal point where the track starts */
     stratum strata[MAX_STRATA];  /* regions along the track, from the skin to the tip */
     int stratum_count;
-    refinement refined;          /* the contact nodes, base to tip */
-    shaft_contact contacts[MAX_CONTACTS];
-    int active;                  /* contacts[0 .. active) take part; the others wait for the worker */
+    refinement refined;          /* the contact nodes; in order, from base to tip */
+    shaft_contact contacts[MAX_CONTACTS]; /* by the slot of their node */
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */
@@ -100,7 +103,31 @@ typedef struct {
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;
 
+/* Is contact number k from the base active? RT */
+static inline bool contact_is_active(const insertion_state *state, int k) {
+    return k < state->refined.count && state->contacts[state->refined.order[k]].status == CONTACT_ACTIVE;
+}
+
+/* How many are. RT */
+static inline int contacts_active(const insertion_state *state) {
+    int count = 0;
+    while (contact_is_active(state, count)) count++;
+    return count;
+}
+
+/* The slot of a planned contact, the last in order, or -1. RT */
+static inline int contact_planned(const insertion_state *state) {
+    int last = state->refined.count > 0 ? state->refined.order[state->refined.count - 1] : -1;
+    return last >= 0 && state->contacts[last].status == CONTACT_PLANNED ? last : -1;
+}
+
 /* Contact nodes that the tip has passed: all but a planned one. RT */
-static inline int contacts_passed(const insertion_state *state) { return state->refined.count - state->tip.planned; }
+static inline int contacts_passed(const insertion_state *state) { return state->refined.count - (contact_planned(state) >= 0); }
+
+/* The last of them, or NULL. RT */
+static inline const shaft_contact *last_contact(const insertion_state *state) {
+    int passed = contacts_passed(state);
+    return passed > 0 ? &state->contacts[state->refined.order[passed - 1]] : NULL;
+}
 
 #endif

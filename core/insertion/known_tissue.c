@@ -13,9 +13,10 @@ static bool tip_handles(const tick_context *tick, int handles[4]) {
 vec3 displacement_of(const tick_context *tick, int handle) {
     const insertion_state *state = tick->state;
     vec3 u = tick->snapshot->u_free[handle];
-    for (int i = 0; i < state->active; i++) {
-        mat3 c = compliance_between(tick->snapshot, handle, i);
-        u = v3_add(u, m3_apply(&c, state->contacts[i].force));
+    for (int k = 0; contact_is_active(state, k); k++) {
+        int slot = state->refined.order[k];
+        mat3 c = compliance_between(tick->snapshot, handle, slot);
+        u = v3_add(u, m3_apply(&c, state->contacts[slot].force));
     }
     int corners[4];
     if (tip_handles(tick, corners)) {
@@ -27,18 +28,21 @@ vec3 displacement_of(const tick_context *tick, int handle) {
 
 /* Activates a contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
    tip that left it there. */
-static void activate_contact(const tick_context *tick, int index) {
+static void activate_contact(const tick_context *tick, int k) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
-    shaft_contact *contact = &state->contacts[index];
-    const contact_field *field = &tick->snapshot->contacts[index];
+    int slot = state->refined.order[k];
+    shaft_contact *contact = &state->contacts[slot];
+    const contact_field *field = &tick->snapshot->contacts[slot];
+    contact->status = CONTACT_ACTIVE;
+    contact->force = v3(0, 0, 0);
     lateral_axial logarithm = local_logarithm(model, &field->resolved);
     contact->log_lateral = logarithm.lateral;
     contact->log_axial = logarithm.axial;
     contact->surplus_lateral = field->surplus_lateral;
     contact->surplus_axial = field->surplus_axial;
-    double ahead = shaft_ahead(model, state, index, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
-    vec3 tissue = v3_add(contact->track, displacement_of(tick, index));
+    double ahead = shaft_ahead(model, state, k, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
+    vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));
     contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
@@ -47,10 +51,8 @@ static void activate_contact(const tick_context *tick, int index) {
 void accept_snapshot(const tick_context *tick) {
     insertion_state *state = tick->state;
     int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state);
-    while (state->active < known && state->active < passed) {
-        int index = state->active++;
-        state->contacts[index].force = v3(0, 0, 0);
-        activate_contact(tick, index);
+    for (int k = contacts_active(state); k < known && k < passed; k++) {
+        activate_contact(tick, k);
         tick->output->events |= EVENT_ADDED;
     }
 }

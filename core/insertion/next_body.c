@@ -15,9 +15,8 @@ vec3 needle_direction(const tick_context *tick) {
 /* How far the needle's end is beyond the point of the shaft at which the tip left the tissue, m. */
 static double beyond_exit(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    int last = state->refined.count - 1;
-    if (last < 0) return -INFINITY;
-    return tick->model->needle->given.length - (state->contacts[last].arc + state->tip.depth - state->contacts[last].depth);
+    const shaft_contact *last = last_contact(state);
+    return last ? tick->model->needle->given.length - (last->arc + state->tip.depth - last->depth) : -INFINITY;
 }
 
 void come_back(const tick_context *tick) {

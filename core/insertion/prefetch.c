@@ -65,12 +65,13 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
 
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
 static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
-    int last = contacts_passed(state) - 1;
-    vec3 from = last >= 0 ? v3_sub(state->contacts[last].track, state->contacts[last].beside) : state->entry;
+    const shaft_contact *last = last_contact(state);
+    vec3 from = last ? v3_sub(last->track, last->beside) : state->entry;
     vec3 back = v3_sub(from, state->tip.nominal);
     double length = v3_norm(back);
     if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
-    for (int i = last; i >= 0 && i > last - BEHIND; i--) add_tet(m, state->refined.nodes[i].tet, list);
+    int passed = contacts_passed(state);
+    for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) add_tet(m, state->refined.nodes[state->refined.order[k]].tet, list);
 }
 
 static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
@@ -105,8 +106,16 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
 static bool same_contacts(const refinement *a, const refinement *b) {
     if (a->count != b->count) return false;
     for (int i = 0; i < a->count; i++)
-        if (a->nodes[i].id != b->nodes[i].id) return false;
+        if (a->order[i] != b->order[i] || a->nodes[a->order[i]].id != b->nodes[b->order[i]].id) return false;
     return true;
+}
+
+static void copy_contacts(const refinement *from, refinement *to) {
+    to->count = from->count;
+    for (int i = 0; i < from->count; i++) {
+        to->order[i] = from->order[i];
+        to->nodes[from->order[i]] = from->nodes[from->order[i]];
+    }
 }
 
 static bool has_piece(const remesh_request *request, const line_in_tet *piece) {
@@ -145,10 +154,7 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     request->serial++;
     request->tip = tip;
     request->direction = direction;
-    if (!same) {
-        request->wanted.count = state->refined.count;
-        memcpy(request->wanted.nodes, state->refined.nodes, (size_t)state->refined.count * sizeof *state->refined.nodes);
-    }
+    if (!same) copy_contacts(&state->refined, &request->wanted);
     request->piece_count = wanted.piece_count;
     memcpy(request->pieces, wanted.pieces, (size_t)wanted.piece_count * sizeof *wanted.pieces);
     request->window_count = wanted.count;

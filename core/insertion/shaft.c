@@ -4,27 +4,28 @@
 
 static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
 
-static double depth_of(const insertion_state *state, int index) {
-    return index < state->active ? state->contacts[index].depth : state->tip.depth;
+/* Of active contact number k; behind them, of the tip. */
+static double depth_of(const insertion_state *state, int k) {
+    return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.depth;
 }
 
 /* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
    another region between them, so that no contact represents shaft in tissue that it is not in. The border moves there only as
    fast as the next point moves away from it: otherwise forces would jump whenever the tip enters a region. */
-static double border_behind(const insertion_state *state, int index) {
-    double here = depth_of(state, index), next = depth_of(state, index + 1), half = 0.5 * (here + next);
-    for (int k = 1; k < state->stratum_count; k++) {
-        double change = state->strata[k].depth;
+static double border_behind(const insertion_state *state, int k) {
+    double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
+    for (int s = 1; s < state->stratum_count; s++) {
+        double change = state->strata[s].depth;
         if (change <= here) continue;
         return change < next ? half + fmin(change - half, next - change) : half;
     }
     return half;
 }
 
-shaft_share shaft_share_of(const insertion_state *state, int index, bool tip) {
-    int last = state->active - 1 + tip;
-    double from = index > 0 ? border_behind(state, index - 1) : 0.0;
-    double to = index < last ? border_behind(state, index) : state->tip.depth;
+shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
+    bool last = !contact_is_active(state, tip ? k : k + 1);
+    double from = k > 0 ? border_behind(state, k - 1) : 0.0;
+    double to = last ? state->tip.depth : border_behind(state, k);
     return (shaft_share){from, fmax(to, from + LEAST_SHARE)};
 }
 
@@ -50,11 +51,12 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
     return sum;
 }
 
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int index, double dt) {
-    const shaft_contact *contact = &state->contacts[index];
-    const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[index].tet]];
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt) {
+    int slot = state->refined.order[k];
+    const shaft_contact *contact = &state->contacts[slot];
+    const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[slot].tet]];
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
-    shaft_share part = shaft_share_of(state, index, state->tip.phase == TIP_INSIDE);
+    shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
     return local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * (dry + material->friction_viscous * contact->slip / dt);
 }

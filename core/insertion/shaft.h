@@ -16,15 +16,15 @@ typedef struct {
     double lateral, axial;       /* m of shaft over the local compliance of a line force per logarithm, N/m */
 } shaft_resistance;
 
-/* The part of an active contact: half way to its neighbours. With `tip`, the tip is the last of them, after the contacts, and
-   has the rest. RT */
-shaft_share shaft_share_of(const insertion_state *state, int index, bool tip);
+/* The part of active contact number k from the base: half way to its neighbours. With `tip`, the tip is the last of them, after the
+   contacts (k: how many they are), and has the rest. RT */
+shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
 /* Friction limit after sliding `slid`, m. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid);
 
-/* How far the shaft at an active contact that slides is ahead of the tissue, which follows it elastically up to the friction
+/* How far the shaft at active contact number k, which slides, is ahead of the tissue, which follows it elastically up to the friction
    limit, m. RT */
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int index, double dt);
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt);
 
 #endif

@@ -49,15 +49,26 @@ static inline void profile_end_stage(insertion_profile *p, insertion_stage stage
     p->last = now;
 }
 
+/* Where the needle touches something, and what with. */
+typedef enum { POINT_TISSUE, POINT_TIP } point_kind;
+enum { NO_HANDLE = -1 };
+typedef struct {
+    point_kind kind;
+    int handle;              /* of its own in the snapshot, which is also the slot of its contact; NO_HANDLE: the tip's is interpolated */
+    double arc;              /* m from the base */
+    needle_point at;         /* on the needle */
+    vec3 target;             /* m, where what it touches would be without the needle's forces */
+    shaft_share share;
+} contact_point;
+
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
-    bool tip;                                /* takes part in the solve, as the last of the points; the others are the contacts */
+    int point_count;
+    contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
+    bool tip;                                /* the last of them is the tip */
     needle_tangent tangent;
     contact_problem problem;
-    needle_point points[MAX_POINTS];
-    vec3 nominal[MAX_POINTS];                /* m, where the tissue at each point would be without the needle's forces */
     vec3 free_at_tip;                        /* m, u_free there */
-    shaft_share shares[MAX_POINTS];
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
@@ -89,5 +100,10 @@ typedef struct {
     double dt;               /* s */
     tick_output *output;
 } tick_context;
+
+/* Force on what the point touches, N, world frame. RT */
+static inline vec3 *point_force(insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? &state->tip.force : &state->contacts[p->handle].force;
+}
 
 #endif

@@ -133,8 +133,7 @@ void tip_move(const tick_context *tick, vec3 track_gradient) {
         follow_track(model, tip, v3_sub(before, tip_place(tip)));
     }
     tip->slip = 0.0;
-    while (tip->phase == TIP_INSIDE && contacts_passed(state) > 0
-           && state->contacts[contacts_passed(state) - 1].arc > model->needle->given.length) {
+    while (tip->phase == TIP_INSIDE && last_contact(state) && last_contact(state)->arc > model->needle->given.length) {
         drop_plan(state);
         take_up_contact(tick);
     }
@@ -155,6 +154,8 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
         entrance at = next_body(model, left, end);
         enter_next(tick, &at, v3_dot(v3_sub(at.point, left), direction));
     }
-    for (int i = 0; i < state->refined.count; i++)
-        state->contacts[i].arc = v3_dot(v3_sub(state->contacts[i].track, base), direction);
+    for (int k = 0; k < state->refined.count; k++) {
+        shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        contact->arc = v3_dot(v3_sub(contact->track, base), direction);
+    }
 }

@@ -14,10 +14,10 @@ void damp_tip(const tick_context *tick) {
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->tip_column;
     vec3 along = tick->state->tip.direction, own = m3_apply(&w->tip_row[t], along);
-    double facing = v3_dot(needle_along(&w->points[t]), along);
+    double facing = v3_dot(needle_along(&w->points[t].at), along);
     for (int i = 0; i < p->count; i++) {
         vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
-        moved = m3_apply_transposed(&w->points[i].frame, moved);
+        moved = m3_apply_transposed(&w->points[i].at.frame, moved);
         a[unknown(p->count, i, 0)] = moved.x;
         a[unknown(p->count, i, 1)] = moved.y;
         a[unknown(p->count, i, 2)] = moved.z;

@@ -159,25 +159,26 @@ void draw_back(const tick_context *tick, double distance) {
     tip->blocked_by = NOT_BLOCKED;
     drop_plan(state);
     while (distance > 0.0) {
-        int last = state->refined.count - 1, gap = last_gap(state);
+        const shaft_contact *last = last_contact(state);
+        int gap = last_gap(state);
         double entry = tip_entry_depth(state);
-        if (last >= 0 && state->contacts[last].depth < entry) last = -1; /* in a previous body */
-        double length = tip->depth - (last >= 0 ? state->contacts[last].depth : entry);
+        if (last && last->depth < entry) last = NULL; /* in a previous body */
+        double length = tip->depth - (last ? last->depth : entry);
         if (distance >= length) {
             distance -= fmax(length, 0.0);
-            if (last < 0 && gap >= 0) {
+            if (!last && gap >= 0) {
                 back_into_gap(tick);
                 return;
             }
-            if (last >= 0) {
+            if (last) {
                 take_up_contact(tick);
                 continue;
             }
             leave_tissue(tick);
             return;
         }
-        vec3 goal = last >= 0 ? state->contacts[last].track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
-        vec3 beside = last >= 0 ? state->contacts[last].beside : v3(0, 0, 0);
+        vec3 goal = last ? last->track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
+        vec3 beside = last ? last->beside : v3(0, 0, 0);
         goal = v3_sub(goal, beside);
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
         set_beside(tip, v3_axpy(distance / length, v3_sub(beside, tip->beside), tip->beside));

@@ -7,10 +7,10 @@
 enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
 
 /* Displacement of the tissue at a contact, which the shaft carries along, m. */
-static vec3 carried(const tick_context *tick, int index) {
+static vec3 carried(const tick_context *tick, const shaft_contact *contact) {
     const insertion_state *state = tick->state;
-    needle_point p = needle_at(tick->model->needle, &state->needle, state->contacts[index].arc);
-    return v3_sub(p.position, state->contacts[index].track);
+    needle_point p = needle_at(tick->model->needle, &state->needle, contact->arc);
+    return v3_sub(p.position, contact->track);
 }
 
 /* Displacement of the tissue carried along by the shaft WINDOW_SPAN behind the tip, m. */
@@ -18,10 +18,11 @@ static vec3 displacement_behind(const tick_context *tick, vec3 at_tip) {
     const insertion_state *state = tick->state;
     vec3 ahead = at_tip;
     double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
-    for (int i = state->active - 1; i >= 0; i--) {
-        double depth = state->contacts[i].depth;
+    for (int k = contacts_active(state) - 1; k >= 0; k--) {
+        const shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        double depth = contact->depth;
         if (depth < tip_entry_depth(state)) break; /* in another body */
-        vec3 here = carried(tick, i);
+        vec3 here = carried(tick, contact);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
         ahead_depth = depth;
@@ -55,7 +56,7 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
 
 vec3 track_gradient(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    if (state->tip.phase != TIP_INSIDE || state->active == 0) return v3(0, 0, 0);
+    if (state->tip.phase != TIP_INSIDE || !contact_is_active(state, 0)) return v3(0, 0, 0);
     needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.slip);
     vec3 at_tip = v3_sub(end.position, tip_place(&state->tip));
     vec3 ahead = displacement_ahead(tick, needle_along(&end), at_tip);

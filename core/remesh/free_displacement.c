@@ -25,8 +25,8 @@ static void list_node(node_field *field, int node) {
 static void list_nodes(const mesh *m, const remesh_request *request, const compliance_snapshot *snapshot, node_field *field) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (snapshot->window[k] >= 0) list_node(field, snapshot->window[k]);
-    for (int i = 0; i < snapshot->added_count; i++)
-        for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[i].tet][c]);
+    for (int i = 0; i < request->wanted.count; i++)
+        for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
 
 static trocar_status add_load(inverse *inv, const mesh *m, const tissue_load *load, node_field *field, report *why) {
@@ -55,12 +55,13 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     }
     for (int k = 0; k < MAX_WINDOW; k++)
         if (snapshot->window[k] >= 0) snapshot->u_free[MAX_CONTACTS + k] = field.displacement[place_of(&field, snapshot->window[k])];
-    for (int i = 0; i < snapshot->added_count; i++) {
-        const added_node *node = &request->wanted.nodes[i];
+    for (int i = 0; i < request->wanted.count; i++) {
+        int slot = request->wanted.order[i];
+        const added_node *node = &request->wanted.nodes[slot];
         double weights[4];
         mesh_barycentric(m, node->tet, node->position, weights);
         for (int c = 0; c < 4; c++)
-            snapshot->u_free[i] = v3_axpy(weights[c], field.displacement[place_of(&field, m->tets[node->tet][c])], snapshot->u_free[i]);
+            snapshot->u_free[slot] = v3_axpy(weights[c], field.displacement[place_of(&field, m->tets[node->tet][c])], snapshot->u_free[slot]);
     }
     return TROCAR_OK;
 }

@@ -35,35 +35,36 @@ static leaf leaf_of(int tet, const leaf_point *at) {
     return l;
 }
 
-static void add_children(const tissue *t, const refinement *r, int index, int tet, const leaf_point *at, patch *p) {
+static void add_children(const tissue *t, const refinement *r, int position, int tet, const leaf_point *at, patch *p) {
     for (int i = 0; i < 4; i++) {
         if (at->weights[i] == 0.0) continue;
         leaf child = leaf_of(tet, at);
-        child.corners[i] = -1 - index;
-        add_leaf(t, r, index, &child, 1.0, p);
+        child.corners[i] = -1 - r->order[position];
+        add_leaf(t, r, position, &child, 1.0, p);
     }
 }
 
-static void add_split(const tissue *t, const refinement *r, int index, patch *p) {
-    const added_node *node = &r->nodes[index];
+static void add_split(const tissue *t, const refinement *r, int position, patch *p) {
+    const added_node *node = &r->nodes[r->order[position]];
     leaf whole = leaf_of(node->tet, &node->at), across = leaf_of(node->across_tet, &node->across);
-    add_leaf(t, r, index, &whole, -1.0, p);
-    if (across.tet >= 0) add_leaf(t, r, index, &across, -1.0, p);
-    add_children(t, r, index, node->tet, &node->at, p);
-    if (across.tet >= 0) add_children(t, r, index, node->across_tet, &node->across, p);
+    add_leaf(t, r, position, &whole, -1.0, p);
+    if (across.tet >= 0) add_leaf(t, r, position, &across, -1.0, p);
+    add_children(t, r, position, node->tet, &node->at, p);
+    if (across.tet >= 0) add_children(t, r, position, node->across_tet, &node->across, p);
 }
 
-static void add_move(const tissue *t, const refinement *r, int index, patch *p) {
+static void add_move(const tissue *t, const refinement *r, int position, patch *p) {
     leaf leaves[MAX_PATCH_LEAVES];
-    int count = refinement_around(t->mesh, r, index, r->nodes[index].moved, r->nodes[index].tet, leaves);
+    const added_node *node = &r->nodes[r->order[position]];
+    int count = refinement_around(t->mesh, r, position, node->moved, node->tet, leaves);
     for (int i = 0; i < count; i++) {
-        add_leaf(t, r, index, &leaves[i], -1.0, p);
-        add_leaf(t, r, index + 1, &leaves[i], 1.0, p);
+        add_leaf(t, r, position, &leaves[i], -1.0, p);
+        add_leaf(t, r, position + 1, &leaves[i], 1.0, p);
     }
 }
 
-void patch_create(const tissue *t, const refinement *r, int index, patch *p) {
+void patch_create(const tissue *t, const refinement *r, int position, patch *p) {
     p->count = 0;
-    if (r->nodes[index].moved >= 0) add_move(t, r, index, p);
-    else add_split(t, r, index, p);
+    if (r->nodes[r->order[position]].moved >= 0) add_move(t, r, position, p);
+    else add_split(t, r, position, p);
 }

@@ -11,13 +11,14 @@ enum {
 
 typedef struct {
     int count;                   /* nodes touched that are not fixed */
-    int nodes[MAX_PATCH];        /* nominal node, or added node -1 - index; the contact node itself, if it is an added one, is last */
+    int nodes[MAX_PATCH];        /* nominal node, or added node -1 - slot; the contact node itself, if it is an added one, is last */
     double change[MAX_RANK][MAX_RANK]; /* stiffness after minus before, N/m: [3 i + a][3 k + b], symmetric */
 } patch;
 
-/* The change that contact node `index` brings to the mesh with all nodes before it. Its sum with the stiffness of that mesh is
+/* The change that the contact node in place `position` of the order brings to the mesh with all nodes before it. `position` may be r->count:
+   a node that is in order[count] and not counted yet. Its sum with the stiffness of that mesh is
    the stiffness of the next one. Mean strains of STRAIN_BY_NODE stay those of the nominal mesh, which is right for added nodes only:
    nodes move with STRAIN_BY_ELEMENT. */
-void patch_create(const tissue *t, const refinement *r, int index, patch *p);
+void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
 #endif

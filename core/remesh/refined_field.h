@@ -8,7 +8,8 @@
 
 enum { REFINED_FIELD_SCRATCH = 7 };  /* vectors of scratch for each node */
 
-/* One vector for each node of the refined mesh: `nominal` has node_count entries, `added` r->count. */
+/* One vector for each node of the refined mesh: `nominal` has node_count entries, `added` r->count. The contact nodes are in slots without
+   gaps (refinement_compact). */
 typedef struct {
     vec3 *nominal, *added;
 } refined_vectors;

@@ -14,7 +14,7 @@ static bool same_corners(const int a[4], const int b[4]) { return memcmp(a, b, 4
 vec3 refinement_position(const mesh *m, const refinement *r, int active, int corner) {
     if (corner < 0) return r->nodes[-1 - corner].position;
     for (int i = 0; i < active; i++)
-        if (r->nodes[i].moved == corner) return r->nodes[i].position;
+        if (r->nodes[r->order[i]].moved == corner) return r->nodes[r->order[i]].position;
     return m->nodes[corner];
 }
 
@@ -25,7 +25,7 @@ static void leaf_positions(const mesh *m, const refinement *r, int active, const
 /* ---- leaves ------------------------------------------------------------------------------------------------------ */
 
 /* A contact node of its own takes the place of each corner in turn that it has a weight for. */
-static int split_leaf(const leaf_point *at, int index, int count, leaf leaves[MAX_LEAVES]) {
+static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX_LEAVES]) {
     int split = 0;
     while (split < count && !same_corners(leaves[split].corners, at->corners)) split++;
     if (split == count) return count;
@@ -34,7 +34,7 @@ static int split_leaf(const leaf_point *at, int index, int count, leaf leaves[MA
     for (int i = 0; i < 4; i++) {
         if (at->weights[i] == 0.0) continue;
         leaves[place] = whole;
-        leaves[place].corners[i] = -1 - index;
+        leaves[place].corners[i] = -1 - slot;
         place = place == split ? count : place + 1;
     }
     return place;
@@ -53,8 +53,8 @@ static int leaves_of(const mesh *m, const refinement *r, int active, int tet, le
     memcpy(leaves[0].corners, m->tets[tet], sizeof leaves[0].corners);
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
-            const leaf_point *at = leaf_split(&r->nodes[i], side, tet);
-            if (at) count = split_leaf(at, i, count, leaves);
+            const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
+            if (at) count = split_leaf(at, r->order[i], count, leaves);
         }
     return count;
 }
@@ -101,16 +101,16 @@ static double least_weight(const leaf_point *p) { return fmin(fmin(p->weights[0]
 
 bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
 
-/* If added node `index` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
+/* If the added node in `slot` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
    the node's weights g, the child is the one opposite the corner of least b/g, and that ratio is the node's weight. */
-static bool descend(const leaf_point *at, int index, leaf_point *p) {
+static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     if (!same_corners(at->corners, p->corners)) return false;
     int least = at->weights[0] == 0.0;
     for (int i = least + 1; i < 4; i++)
         if (at->weights[i] > 0.0 && p->weights[i] * at->weights[least] < p->weights[least] * at->weights[i]) least = i;
     double share = p->weights[least] / at->weights[least];
     for (int i = 0; i < 4; i++) p->weights[i] -= share * at->weights[i];
-    p->corners[least] = -1 - index;
+    p->corners[least] = -1 - slot;
     p->weights[least] = share;
     return true;
 }
@@ -129,12 +129,12 @@ static leaf_point search_leaves(const mesh *m, const refinement *r, int active, 
 
 leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     for (int i = 0; i < active; i++)
-        if (r->nodes[i].moved >= 0) return search_leaves(m, r, active, tet, x);
+        if (r->nodes[r->order[i]].moved >= 0) return search_leaves(m, r, active, tet, x);
     leaf_point p = point_in(m, r, active, m->tets[tet], x);
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
-            const leaf_point *at = leaf_split(&r->nodes[i], side, tet);
-            if (at && descend(at, i, &p)) break; /* once is enough: the children are not split by the same node */
+            const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
+            if (at && descend(at, r->order[i], &p)) break; /* once is enough: the children are not split by the same node */
         }
     return p;
 }
@@ -160,29 +160,39 @@ static void keep_inside(leaf_point *p, int zero) {
     for (int i = 0; i < 4; i++) p->weights[i] /= sum;
 }
 
-static added_node *append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
-    added_node *node = &r->nodes[r->count];
+/* Bit i: slot i is in use. */
+static uint64_t slots_in_use(const refinement *r) {
+    uint64_t used = 0;
+    for (int i = 0; i < r->count; i++) used |= UINT64_C(1) << r->order[i];
+    return used;
+}
+
+/* Puts the lowest free slot behind the others, where it is not counted yet. */
+static int take_slot(refinement *r) { return r->order[r->count] = __builtin_ctzll(~slots_in_use(r)); }
+
+static int append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
+    int slot = take_slot(r);
+    added_node *node = &r->nodes[slot];
     *node = (added_node){.id = id, .tet = tet, .moved = -1, .at = *at, .across_tet = -1};
     for (int i = 0; i < 4; i++)
         node->position = v3_axpy(at->weights[i], refinement_position(m, r, r->count, at->corners[i]), node->position);
     r->count++;
-    return node;
+    return slot;
 }
 
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
     if (r->count >= MAX_CONTACTS) return -1;
     leaf_point p = refinement_locate(m, r, r->count, tet, x);
     keep_inside(&p, -1);
-    append(m, r, tet, &p, id);
-    return r->count - 1;
+    return append(m, r, tet, &p, id);
 }
 
 /* The leaf on the other side of the face opposite corner `face`: in the same element or one beside it. */
-static bool find_across(const mesh *m, const refinement *r, int tet, const int corners[4], int face, leaf *across) {
+static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
         int other = k < 0 ? tet : m->neighbours[tet][k];
-        int count = other < 0 ? 0 : leaves_of(m, r, r->count, other, leaves);
+        int count = other < 0 ? 0 : leaves_of(m, r, active, other, leaves);
         for (int i = 0; i < count; i++) {
             bool all = !same_corners(leaves[i].corners, corners);
             for (int c = 0; c < 4 && all; c++) all = c == face || has_corner(&leaves[i], corners[c]);
@@ -194,23 +204,27 @@ static bool find_across(const mesh *m, const refinement *r, int tet, const int c
     return false;
 }
 
-int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
-    if (r->count >= MAX_CONTACTS) return -1;
-    leaf_point p = refinement_locate(m, r, r->count, tet, x);
-    int face = closest_face(&p);
+/* The other side of the face opposite corner `face` that the node is on, with the first `active` contact nodes. */
+static void split_across(const mesh *m, const refinement *r, int active, int face, added_node *node) {
     leaf across;
-    bool inner = find_across(m, r, tet, p.corners, face, &across);
-    keep_inside(&p, face);
-    added_node *node = append(m, r, tet, &p, id);
-    if (!inner) return r->count - 1;
+    if (!find_across(m, r, active, node->tet, node->at.corners, face, &across)) return;
     node->across_tet = across.tet;
     for (int i = 0; i < 4; i++) {
         node->across.corners[i] = across.corners[i];
         node->across.weights[i] = 0.0;
         for (int k = 0; k < 4; k++)
-            if (p.corners[k] == across.corners[i]) node->across.weights[i] = p.weights[k];
+            if (node->at.corners[k] == across.corners[i]) node->across.weights[i] = node->at.weights[k];
     }
-    return r->count - 1;
+}
+
+int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
+    if (r->count >= MAX_CONTACTS) return -1;
+    leaf_point p = refinement_locate(m, r, r->count, tet, x);
+    int face = closest_face(&p);
+    keep_inside(&p, face);
+    int slot = append(m, r, tet, &p, id);
+    split_across(m, r, r->count - 1, face, &r->nodes[slot]);
+    return slot;
 }
 
 static int closest_corner(const mesh *m, const refinement *r, const leaf_point *p, int face, vec3 x) {
@@ -245,7 +259,10 @@ static bool well_shaped(const mesh *m, const refinement *r, const leaf *leaves, 
 /* How many nodes the moves so far touch; more than all, where `node` is one of those moved. */
 static int moved_patches(const refinement *r, int node) {
     int sum = 0;
-    for (int i = 0; i < r->count; i++) sum += r->nodes[i].moved == node ? MAX_MOVED_PATCHES : r->nodes[i].touched;
+    for (int i = 0; i < r->count; i++) {
+        const added_node *other = &r->nodes[r->order[i]];
+        sum += other->moved == node ? MAX_MOVED_PATCHES : other->touched;
+    }
     return sum;
 }
 
@@ -258,11 +275,82 @@ int refinement_move(const tissue *t, refinement *r, int tet, vec3 x, uint64_t id
     leaf around[MAX_PATCH_LEAVES];
     int count = refinement_around(m, r, r->count, node, tet, around), touched = count / 2 + 3;
     if (count < 0 || moved_patches(r, node) + touched > MAX_MOVED_PATCHES) return -1;
-    added_node *moved = &r->nodes[r->count++];
-    *moved = (added_node){.id = id, .tet = tet, .position = x, .moved = node, .across_tet = -1, .touched = touched};
-    if (well_shaped(m, r, around, count)) return r->count - 1;
+    int slot = take_slot(r);
+    r->count++;
+    r->nodes[slot] = (added_node){.id = id, .tet = tet, .position = x, .moved = node, .across_tet = -1, .touched = touched};
+    if (well_shaped(m, r, around, count)) return slot;
     r->count--;
     return -1;
+}
+
+/* ---- removal ------------------------------------------------------------------------------------------------------- */
+
+int refinement_find(const refinement *r, uint64_t id) {
+    for (int i = 0; i < r->count; i++)
+        if (r->nodes[r->order[i]].id == id) return i;
+    return -1;
+}
+
+static bool touches(const leaf_point *p, uint64_t slots) {
+    for (int i = 0; i < 4; i++)
+        if (p->corners[i] < 0 && slots >> (-1 - p->corners[i]) & 1) return true;
+    return false;
+}
+
+bool refinement_hangs_on(const added_node *node, uint64_t slots) {
+    return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
+}
+
+/* Finds the leaf that a node is in now, with the first `active` nodes. Where it is on a face of that, it is to rounding. */
+static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
+    static const double ON_FACE = 1e-9;
+    node->at = refinement_locate(m, r, active, node->tet, node->position);
+    node->across_tet = -1;
+    node->across = (leaf_point){.corners = {0}};
+    int face = closest_face(&node->at);
+    if (node->at.weights[face] > ON_FACE) return;
+    double rest = 1.0 - node->at.weights[face];
+    for (int i = 0; i < 4; i++) node->at.weights[i] = i == face ? 0.0 : node->at.weights[i] / rest;
+    split_across(m, r, active, face, node);
+}
+
+int refinement_remove(const mesh *m, refinement *r, uint64_t id) {
+    int position = refinement_find(r, id);
+    if (position < 0) return -1;
+    for (int i = position; i < r->count && position + 1 < r->count; i++)
+        if (r->nodes[r->order[i]].moved >= 0) return -1;
+    int slot = r->order[position];
+    uint64_t changed = UINT64_C(1) << slot;
+    r->count--;
+    memmove(r->order + position, r->order + position + 1, (size_t)(r->count - position) * sizeof *r->order);
+    for (int i = position; i < r->count; i++) {
+        if (!refinement_hangs_on(&r->nodes[r->order[i]], changed)) continue;
+        place_again(m, r, i, &r->nodes[r->order[i]]);
+        changed |= UINT64_C(1) << r->order[i];
+    }
+    return slot;
+}
+
+int refinement_span(const refinement *r) {
+    int span = 0;
+    for (int i = 0; i < r->count; i++) span = r->order[i] >= span ? r->order[i] + 1 : span;
+    return span;
+}
+
+void refinement_compact(const refinement *r, int count, refinement *out) {
+    int place_of[MAX_CONTACTS] = {0};
+    out->count = count;
+    for (int i = 0; i < count; i++) {
+        added_node *node = &out->nodes[i];
+        out->order[i] = i;
+        *node = r->nodes[r->order[i]];
+        place_of[r->order[i]] = i;
+        for (int c = 0; c < 4; c++) {
+            int *at = &node->at.corners[c], *across = &node->across.corners[c];
+            if (*at < 0) *at = -1 - place_of[-1 - *at];
+            if (*across < 0) *across = -1 - place_of[-1 - *across];
+        }
+    }
 }
 
 /* ---- the refined mesh written out -------------------------------------------------------------------------------- */

@@ -14,7 +14,7 @@ enum {
     MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* of one nominal element */
 };
 
-/* A point of the refined mesh: leaf corners (nominal node >= 0, added node -1 - index) and barycentric weights. */
+/* A point of the refined mesh: leaf corners (nominal node >= 0, added node -1 - slot) and barycentric weights. */
 typedef struct {
     int corners[4];
     double weights[4];
@@ -32,10 +32,13 @@ typedef struct {
     int touched;             /* nodes of the patch of a moved node, with itself */
 } added_node;
 
-/* Contact nodes in order of creation. */
+/* The contact nodes. Each keeps its slot, and the id that identifies it, from its addition to its removal; a new one takes the lowest
+   free slot. Each splits or bends the mesh with the nodes before it in `order`: functions that count "the first `active`" nodes mean
+   those at the front of `order`. */
 typedef struct {
     int count;
-    added_node nodes[MAX_CONTACTS];
+    int order[MAX_CONTACTS];  /* slots in use, in order of addition */
+    added_node nodes[MAX_CONTACTS]; /* by slot */
 } refinement;
 
 /* An element of the refined mesh. */
@@ -60,18 +63,35 @@ int refinement_element(const mesh *m, const refinement *r, int active, int near,
 /* The leaves that have nominal node `node` (of element `start`) as a corner, or -1 if there are more than MAX_PATCH_LEAVES. RT */
 int refinement_around(const mesh *m, const refinement *r, int active, int node, int start, leaf leaves[MAX_PATCH_LEAVES]);
 
-/* Appends a node at x in `tet`, shifted inside where x is nearly on a face of its leaf. Returns its index, or -1 when full. RT */
+/* Adds a node at x in `tet`, shifted inside where x is nearly on a face of its leaf. Returns its slot, or -1 when full. RT */
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Appends a node on the face of its leaf that x in `tet` is closest to, shifted inside where x is nearly on an edge. RT */
+/* Adds a node on the face of its leaf that x in `tet` is closest to, shifted inside where x is nearly on an edge. RT */
 int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Moves the closest corner of that face to x. Returns the index, or -1 where it must stay: an anatomical, fixed, added or
+/* Moves the closest corner of that face to x. Returns the slot, or -1 where it must stay: an anatomical, fixed, added or
    moved node, one whose elements would be inverted or too flat, one with too many neighbours, or the list is full. RT */
 int refinement_move(const tissue *t, refinement *r, int tet, vec3 x, uint64_t id);
 
+/* The node `id` in `order`, or -1. RT */
+int refinement_find(const refinement *r, uint64_t id);
+
+/* Removes the node `id`; the others keep their slots and positions. Leaves that it had split are whole again, so that later nodes in them
+   split other leaves than before: the mesh is the one that the nodes left over make when they are added in the same order. Returns the
+   slot that is free now, or -1: there is no such node, or it, or one added after it, was moved, and it is not the last one. RT */
+int refinement_remove(const mesh *m, refinement *r, uint64_t id);
+
+/* Does a leaf that this node splits have a corner in one of these slots (bit i: slot i)? RT */
+bool refinement_hangs_on(const added_node *node, uint64_t slots);
+
+/* One more than the highest slot in use. RT */
+int refinement_span(const refinement *r);
+
+/* The first `count` nodes in order, numbered anew: slot i is the i-th. */
+void refinement_compact(const refinement *r, int count, refinement *out);
+
 /* The refined mesh written out: nominal nodes, then the contact nodes (no element has the entry of a moved one); `parent` is
-   each tet's nominal element. */
+   each tet's nominal element. The contact nodes are in slots without gaps (refinement_compact). */
 typedef struct {
     int node_count, tet_count;
     vec3 *nodes;

@@ -58,13 +58,24 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-static trocar_status add_node(remesher *r, int index, vec3 direction, report *why) {
-    trocar_status status = resolve_contact(r, index, direction, why);
-    if (status == TROCAR_OK) status = r->operations->add(r, index, why);
+static trocar_status add_node(remesher *r, int slot, const added_node *node, vec3 direction, report *why) {
+    refinement *refined = &r->refined;
+    refined->order[refined->count] = slot;
+    refined->nodes[slot] = *node;
+    trocar_status status = resolve_contact(r, slot, direction, why);
+    if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
     status = confirm(r, why);
-    if (status != TROCAR_OK) r->operations->remove(r, index);
+    if (status == TROCAR_OK) refined->count++;
+    else r->operations->remove(r, slot, refined->count);
     return status;
+}
+
+static void remove_node(remesher *r, int position) {
+    int *order = r->refined.order, slot = order[position], last = --r->refined.count;
+    memmove(order + position, order + position + 1, (size_t)(last - position) * sizeof *order);
+    order[last] = slot;
+    r->operations->remove(r, slot, position);
 }
 
 /* Nodes that are still wanted keep their places; new ones take the free places. */
@@ -87,13 +98,39 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
     return status;
 }
 
+static bool same_leaf(const leaf_point *a, const leaf_point *b) {
+    return memcmp(a->corners, b->corners, sizeof a->corners) == 0 && memcmp(a->weights, b->weights, sizeof a->weights) == 0;
+}
+
+static bool same_node(const added_node *a, const added_node *b) {
+    return a->id == b->id && a->moved == b->moved && a->tet == b->tet && same_leaf(&a->at, &b->at) && a->across_tet == b->across_tet
+        && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
+}
+
+/* Slots (bit i: slot i) whose nodes have to go: those not wanted, or not where they are, and those that hang on such nodes. */
+static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
+    const refinement *refined = &r->refined;
+    uint64_t clear = 0, same = 0;
+    bool any_order = r->operations->any_order;
+    for (int i = 0; i < wanted->count; i++) same |= (uint64_t)same_node(&refined->nodes[wanted->order[i]], &wanted->nodes[wanted->order[i]]) << wanted->order[i];
+    for (int i = 0; i < refined->count; i++) any_order = any_order && refined->nodes[refined->order[i]].moved < 0;
+    for (int i = 0; i < refined->count; i++) {
+        int slot = refined->order[i];
+        bool later = clear != 0 && !any_order, stays = same >> slot & 1 && !refinement_hangs_on(&refined->nodes[slot], clear);
+        if (later || !stays) clear |= UINT64_C(1) << slot;
+    }
+    return clear;
+}
+
 static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 direction, report *why) {
-    int kept = 0;
-    while (kept < r->refined.count && kept < wanted->count && r->refined.nodes[kept].id == wanted->nodes[kept].id) kept++;
-    while (r->refined.count > kept) r->operations->remove(r, --r->refined.count);
-    for (; r->refined.count < wanted->count; r->refined.count++) {
-        r->refined.nodes[r->refined.count] = wanted->nodes[r->refined.count];
-        trocar_status status = add_node(r, r->refined.count, direction, why);
+    uint64_t clear = slots_to_clear(r, wanted), kept = 0;
+    for (int i = r->refined.count - 1; i >= 0; i--)
+        if (clear >> r->refined.order[i] & 1) remove_node(r, i);
+    for (int i = 0; i < r->refined.count; i++) kept |= UINT64_C(1) << r->refined.order[i];
+    for (int i = 0; i < wanted->count; i++) {
+        int slot = wanted->order[i];
+        if (kept >> slot & 1) continue;
+        trocar_status status = add_node(r, slot, &wanted->nodes[slot], direction, why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
@@ -102,7 +139,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 di
 /* Only rows and columns in use: a snapshot is large. */
 static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
-    size_t contacts = 3 * (size_t)r->refined.count, window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
+    size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
     for (int i = 0; i < 3 * count; i++) {
         size_t row = (size_t)(3 * handles[i / 3] + i % 3) * SNAPSHOT_LD;
         memcpy(snapshot->compliance + row, r->handles + row, contacts * sizeof(double));
@@ -159,7 +196,7 @@ bool remesher_look_ahead(remesher *r) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (r->window[k] >= 0) gather_column(r, r->window[k]);
     for (int i = 0; i < r->refined.count; i++)
-        for (int c = 0; c < 4; c++) gather_column(r, r->tissue->mesh->tets[r->refined.nodes[i].tet][c]);
+        for (int c = 0; c < 4; c++) gather_column(r, r->tissue->mesh->tets[r->refined.nodes[r->refined.order[i]].tet][c]);
     gather_finish(r, &why);
     return r->ahead_done < r->ahead_count;
 }
@@ -176,10 +213,10 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     if (status != TROCAR_OK) return status;
     snapshot->serial = request->serial;
-    snapshot->added_count = r->refined.count;
-    for (int i = 0; i < r->refined.count; i++) snapshot->ids[i] = r->refined.nodes[i].id;
+    memset(snapshot->ids, 0, sizeof snapshot->ids);
+    for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
-    memcpy(snapshot->contacts, r->contacts, (size_t)r->refined.count * sizeof *r->contacts);
+    memcpy(snapshot->contacts, r->contacts, sizeof snapshot->contacts);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);

@@ -27,8 +27,9 @@ const char *remesh_name(remesh_method method);
 trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why);
 void remesher_free(remesher *r);
 
-/* Brings the refined mesh to what is wanted (removals from the end, then the new nodes in order) and fills the snapshot.
-   Worker's side; allocates nothing. */
+/* Brings the refined mesh to what is wanted, first the removals, then the new nodes in order, and fills the snapshot. A removal costs one
+   update of the inverse and those of the nodes that hang on the removed one (refinement_hangs_on); with the implicit
+   method and Woodbury's, and where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
 /* Prepares what the owner of the inverse will need further along the line of the last request served, one slice at a
@@ -36,7 +37,8 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
 bool remesher_look_ahead(remesher *r);
 
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
-   the snapshot answers another request. To the bit or to rounding: see simulation_restore. */
+   the snapshot answers another request. To the bit or to rounding: see simulation_restore; after the removal of a node on a face from
+   among others, to rounding. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why);
 
 #endif

@@ -79,7 +79,7 @@ static trocar_status switch_singly(dense_remesher *r, int n, int count, const in
 static trocar_status update_singly(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, switch_singly, why); }
 static trocar_status undo_singly(dense_remesher *r, const dense_change *c, report *why) { return undo(r, c, switch_singly, why); }
 
-static const dense_operations singly = {update_singly, undo_singly, 1};
+static const dense_operations singly = {update_singly, undo_singly, true, 1};
 
 trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why) { return dense_remesher_create(inv, &singly, created, why); }
 
@@ -109,7 +109,7 @@ static trocar_status switch_block(dense_remesher *r, int n, int count, const int
 static trocar_status update_blocked(dense_remesher *r, const dense_change *c, report *why) { return update(r, c, switch_block, why); }
 static trocar_status undo_blocked(dense_remesher *r, const dense_change *c, report *why) { return undo(r, c, switch_block, why); }
 
-static const dense_operations blocked = {update_blocked, undo_blocked, MAX_RANK};
+static const dense_operations blocked = {update_blocked, undo_blocked, true, MAX_RANK};
 
 trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why) {
     return dense_remesher_create(inv, &blocked, created, why);

@@ -37,27 +37,30 @@ void dense_isolate(dense_remesher *r, const dense_change *change, double diagona
 /* First of the three dofs of a coded node that is not fixed. */
 static int first_dof(const remesher *r, int node) { return node >= 0 ? r->tissue->dof[node] : r->tissue->dof_count + 3 * (-1 - node); }
 
-static void collect_change(dense_remesher *r, int index) {
+/* Of the node in `slot`, which `position` nodes had come before. */
+static void collect_change(dense_remesher *r, int slot, int position) {
     remesher *shared = &r->shared;
+    const refinement *refined = &shared->refined;
+    int span = refinement_span(refined);
     patch *p = &shared->patch;
     dense_change *c = &r->change;
-    patch_create(shared->tissue, &shared->refined, index, p);
-    c->n = shared->tissue->dof_count + 3 * (index + 1);
+    patch_create(shared->tissue, refined, refined->count, p);
+    c->n = shared->tissue->dof_count + 3 * (slot < span ? span : slot + 1);
     c->count = 3 * p->count;
-    c->fresh = shared->refined.nodes[index].moved >= 0 ? 0 : 3;
+    c->fresh = refined->nodes[slot].moved >= 0 ? 0 : 3;
     c->first = 0;
-    for (int i = 0; i < index; i++) c->first += r->ranks[i];
-    r->ranks[index] = c->count;
+    for (int i = 0; i < position; i++) c->first += r->ranks[refined->order[i]];
+    r->ranks[slot] = c->count;
     for (int a = 0; a < c->count; a++) {
         c->dofs[a] = first_dof(shared, p->nodes[a / 3]) + a % 3;
         memcpy(c->change + a * c->count, p->change[a], (size_t)c->count * sizeof(double));
     }
 }
 
-static trocar_status dense_add(remesher *shared, int index, report *why) {
+static trocar_status dense_add(remesher *shared, int slot, report *why) {
     dense_remesher *r = (dense_remesher *)shared;
     if (r->spoilt) return TROCAR_OK; /* dense_gather_rows adds all */
-    collect_change(r, index);
+    collect_change(r, slot, shared->refined.count);
     trocar_status status = r->operations->update(r, &r->change, why);
     r->spoilt = status != TROCAR_OK;
     return status;
@@ -71,20 +74,25 @@ static void restore(dense_remesher *r) {
     r->spoilt = false;
 }
 
-static void dense_remove(remesher *shared, int index) {
+static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
+    const refinement *refined = &shared->refined;
     report unused; /* all nodes that stay are added again then, and that tells */
-    if (index == 0) restore(r);
-    if (r->spoilt || index == 0) return;
-    collect_change(r, index);
+    if (refined->count == 0) restore(r);
+    if (r->spoilt || refined->count == 0) return;
+    collect_change(r, slot, position);
     r->spoilt = r->operations->undo(r, &r->change, &unused) != TROCAR_OK;
+    dense_isolate(r, &r->change, 0.0); /* later changes pass through free slots */
 }
 
 /* An update that failed half way leaves nothing of use: all nodes again, from the nominal inverse. */
 static trocar_status rebuild(dense_remesher *r, report *why) {
     trocar_status status = TROCAR_OK;
+    refinement *refined = &r->shared.refined;
+    int all = refined->count;
     restore(r);
-    for (int i = 0; i < r->shared.refined.count && status == TROCAR_OK; i++) status = dense_add(&r->shared, i, why);
+    for (refined->count = 0; refined->count < all && status == TROCAR_OK; refined->count++) status = dense_add(&r->shared, refined->order[refined->count], why);
+    refined->count = all;
     return status;
 }
 
@@ -110,7 +118,8 @@ static void dense_release(remesher *shared) {
     free(r->weighted);
 }
 
-static const remesh_operations dense = {dense_add, dense_remove, NULL, dense_gather_rows, dense_release};
+static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release};
+static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release};
 
 /* Zeros. In pages of 4 KB a sweep through the matrix takes a third longer: so many are to be looked up. Large ones are a wish only. */
 static double *large_matrix(size_t n) {
@@ -125,7 +134,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     dense_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
     if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");
-    trocar_status status = remesher_init(*created, &dense, inv, why);
+    trocar_status status = remesher_init(*created, operations->any_order ? &in_any_order : &last_first, inv, why);
     size_t n = (size_t)inverse_tissue(inv)->dof_count + 3 * MAX_CONTACTS, ranks = (size_t)operations->ranks;
     r->operations = operations;
     r->ld = (int)n;

@@ -17,7 +17,8 @@ typedef struct {
 
 typedef struct {
     trocar_status (*update)(dense_remesher *, const dense_change *, report *); /* adds it to the stiffness */
-    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* the last one */
+    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* takes one away: any, or only the last one */
+    bool any_order;
     int ranks;               /* columns of `columns` and `weighted` that it needs */
 } dense_operations;
 
@@ -26,7 +27,7 @@ struct dense_remesher {
     const dense_operations *operations;
     dense_change change;
     bool spoilt;             /* an update or undo has failed: the matrix is to be made anew */
-    int ranks[MAX_CONTACTS]; /* dofs that each contact node touches */
+    int ranks[MAX_CONTACTS]; /* by slot: dofs that each contact node touches */
     int ld;                  /* of `matrix` */
     double *matrix;          /* inverse, column-major, lower triangle: nominal dofs, then three for each contact node, m/N */
     double *columns, *weighted;        /* ld x ranks, column-major */

@@ -19,7 +19,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     double spring;                        /* m/N, of an added node before its change */
-    low_rank changes[MAX_CONTACTS];
+    low_rank changes[MAX_CONTACTS];       /* in order */
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
     double *chain;                        /* ALL_RANKS square, row-major: column block j holds M_i F_i(touched_j)^T, i < j */
     double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes that a new change touches */
@@ -43,7 +43,7 @@ static void start_block(implicit_remesher *r, int node, int other, double *out, 
         for (int b = 0; b < 3; b++) out[a * ld + b] = node == other && a == b ? r->spring : 0.0;
 }
 
-/* F_j of a node, j = `index`, behind those before it in `row`. */
+/* F_j of a node, of change j = `index` in order, behind those before it in `row`. */
 static void extend_factors(implicit_remesher *r, int index, int node, double *row) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++) start_block(r, node, change->nodes[q], row + change->first + 3 * q, ALL_RANKS);
@@ -136,12 +136,13 @@ static void touch_nodes(implicit_remesher *r, int index) {
     for (int q = 0; 3 * q < change->rank; q++) extend_factors(r, index, change->nodes[q], r->touched + (size_t)(3 * q) * ALL_RANKS);
 }
 
-static trocar_status implicit_add(remesher *shared, int index, report *why) {
+static trocar_status implicit_add(remesher *shared, int slot, report *why) {
     implicit_remesher *r = (implicit_remesher *)shared;
+    int index = shared->refined.count;
     low_rank *change = &r->changes[index];
     patch *p = &shared->patch;
     patch_create(shared->tissue, &shared->refined, index, p);
-    bool moved = shared->refined.nodes[index].moved >= 0;
+    bool moved = shared->refined.nodes[slot].moved >= 0;
     for (int a = 3 * p->count - 3; a < 3 * p->count && !moved; a++) p->change[a][a] -= 1.0 / r->spring;
     change->first = ranks_before(r, index);
     change->rank = 3 * p->count;
@@ -158,13 +159,16 @@ static trocar_status implicit_add(remesher *shared, int index, report *why) {
     for (int i = 0; i < count; i++) extend_factors(r, index, handle_node(shared, handles[i]), factor_row(r, handles[i]));
     update_rows(r, index, -1.0);
     shared->refined.count++; /* its own row as that of any handle */
-    find_factors(r, index);
-    form_row(r, index);
+    find_factors(r, slot);
+    form_row(r, slot);
     shared->refined.count--;
     return TROCAR_OK;
 }
 
-static void implicit_remove(remesher *shared, int index) { update_rows((implicit_remesher *)shared, index, 1.0); }
+static void implicit_remove(remesher *shared, int slot, int position) {
+    (void)slot;
+    update_rows((implicit_remesher *)shared, position, 1.0);
+}
 
 static void implicit_release(remesher *shared) {
     implicit_remesher *r = (implicit_remesher *)shared;
@@ -176,7 +180,7 @@ static void implicit_release(remesher *shared) {
     free(r->packed_middle);
 }
 
-static const remesh_operations implicit = {implicit_add, implicit_remove, implicit_take_nodes, NULL, implicit_release};
+static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release};
 
 /* Large, but pages that no change has reached stay untouched. */
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why) {

@@ -25,7 +25,7 @@ void handle_put(remesher *r, int handle, int other, const mat3 *block) {
 
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]) {
     int count = 0;
-    for (int i = 0; i < r->refined.count; i++) handles[count++] = i;
+    for (int i = 0; i < r->refined.count; i++) handles[count++] = r->refined.order[i];
     for (int k = 0; k < MAX_WINDOW; k++)
         if (r->window[k] >= 0) handles[count++] = MAX_CONTACTS + k;
     return count;

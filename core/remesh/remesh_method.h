@@ -20,9 +20,11 @@ typedef struct {
     report why;                      /* and its reason */
 } gathered_blocks;
 
+/* Nodes are in the inverse in the order of `refined`. The one that comes or goes is in order[count], not counted. */
 typedef struct {
-    trocar_status (*add)(remesher *, int index, report *);  /* puts contact node `index`, the last one, into the inverse */
-    void (*remove)(remesher *, int index);                  /* and takes it out again */
+    trocar_status (*add)(remesher *, int slot, report *);   /* puts the contact node in `slot` into the inverse, behind all others */
+    void (*remove)(remesher *, int slot, int position);     /* takes it out; those from `position` on in order had come after it */
+    bool any_order;          /* `remove` takes out any node that no later one hangs on; else only the last one */
     trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills rows of nodes new in the window; NULL: not needed */
     trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL: they are kept up to date */
     void (*release)(remesher *);                            /* all but the shared part */
@@ -33,7 +35,7 @@ struct remesher {
     const remesh_operations *operations;
     inverse *inverse;
     const tissue *tissue;
-    refinement refined;              /* what is in the inverse now */
+    refinement refined;              /* what is in the inverse now; in the order in which it came there */
     int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
     double *handles;                 /* as compliance_snapshot.compliance */
     vec3 line_tip, line_direction;   /* of the last request */
@@ -62,7 +64,7 @@ trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created,
 trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why);
 trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why);
 
-/* The handles in use, in ascending order. Returns how many. */
+/* The handles in use: contact nodes in order, then the window. Returns how many. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
 
 /* Place of a nominal node (or of -1: a free one) in the window, or -1. */

@@ -3,7 +3,8 @@
        inverse' = inverse - A M A^T,      M = change (I + B change)^-1 = (I + change B)^-1 change
 
    A new node starts on a spring that the change takes away: the paper's "large number", but as it is accounted for exactly, any size
-   will do, and one like the tissue's own loses no digits. */
+   will do, and one like the tissue's own loses no digits. What is stored of a change undoes it as the last one only; to take another one
+   away by the same formula would lose up to eight digits. */
 #include "remesh/remesh_dense.h"
 
 #include <cblas.h>
@@ -56,7 +57,7 @@ static trocar_status undo_triangle(dense_remesher *r, const dense_change *c, rep
     return TROCAR_OK;
 }
 
-static const dense_operations triangle = {update_triangle, undo_triangle, ALL_RANKS};
+static const dense_operations triangle = {update_triangle, undo_triangle, false, ALL_RANKS};
 
 trocar_status remesher_create_woodbury(inverse *inv, remesher **created, report *why) { return dense_remesher_create(inv, &triangle, created, why); }
 
@@ -75,7 +76,7 @@ static trocar_status undo_square(dense_remesher *r, const dense_change *c, repor
     return TROCAR_OK;
 }
 
-static const dense_operations square = {update_square, undo_square, ALL_RANKS};
+static const dense_operations square = {update_square, undo_square, false, ALL_RANKS};
 
 trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why) {
     return dense_remesher_create(inv, &square, created, why);

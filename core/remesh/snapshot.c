@@ -30,7 +30,7 @@ mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined) {
     if (snapshot->serial == 0) return 0;
     int known = 0;
-    while (known < refined->count && known < snapshot->added_count && refined->nodes[known].id == snapshot->ids[known]) known++;
+    while (known < refined->count && refined->nodes[refined->order[known]].id == snapshot->ids[refined->order[known]]) known++;
     return known;
 }
 

@@ -60,12 +60,11 @@ typedef struct {
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
 
-/* The answer: the inverse of the refined stiffness matrix between handles. Contact node i is handle i, window entry k is
+/* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
    handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
 typedef struct {
     uint64_t serial;         /* of the request that it answers; 0: none yet */
-    int added_count;
-    uint64_t ids[MAX_CONTACTS];
+    uint64_t ids[MAX_CONTACTS]; /* of the contact node in each slot; 0: the slot is free */
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
     contact_field contacts[MAX_CONTACTS];
     int piece_count;
@@ -78,7 +77,7 @@ typedef struct {
 /* Handles of four nominal nodes in the snapshot; false if one is missing. RT */
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
 
-/* Contact nodes at the front of the list whose rows the snapshot holds. RT */
+/* How many contact nodes, from the first in order to the first whose rows the snapshot does not hold. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
 /* Whether two lines in the same element are close enough for what the mesh resolves of one to hold for the other. RT */

@@ -8,13 +8,13 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     device_limits limits = device_defaults();
     pose_arbiter in;
-    arbiter_init(&in, &limits);
+    arbiter_init(&in, 2, &limits);
     if (size == 0) return 0;
-    in.record.owner = data[0] % 2 ? 1 : 0;
+    in.record.needles[0].owner = data[0] % 2 ? 1 : 0;
     bool shutdown = arbiter_command(&in, data + 1, size - 1);
     trocar_command_t m;
     bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
-    REQUIRE(whole || (!shutdown && in.record.commands_refused == 1 && in.record.owner == data[0] % 2));
+    REQUIRE(whole || (!shutdown && in.record.commands_refused == 1 && in.record.needles[0].owner == data[0] % 2));
     REQUIRE(!shutdown || m.command == TROCAR_COMMAND_T_SHUTDOWN);
     return 0;
 }

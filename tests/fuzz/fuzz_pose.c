@@ -1,5 +1,5 @@
-/* TROCAR_POSE, a stream of messages: eight bytes before each message give its length and time. Accepted poses must always be
-   finite, have unit quaternions, respect the speed limits, be in order, and belong to one owner. */
+/* TROCAR_POSE, a stream of messages: eight bytes of each input message say how many bytes it has and when it comes. Whatever
+   comes, what is handed on are finite unit poses within the limits of speed, in order, of one owner a needle. */
 #include "fuzz.h"
 
 #include <string.h>
@@ -7,22 +7,31 @@
 #include "pose_arbiter.h"
 #include "scene/device.h"
 
-static void check(const pose_arbiter *in, const pose_sample *before, pose_verdict verdict, int64_t now) {
-    if (verdict != POSE_ACCEPTED) {
-        REQUIRE(memcmp(before, &in->newest, sizeof *before) == 0);
-        return;
+enum { NEEDLES = 2 };
+
+static void check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now) {
+    int changed = -1;
+    for (int i = 0; i < NEEDLES; i++) {
+        const pose_sample *s = &in->needles[i].newest, *b = &before[i].newest;
+        if (memcmp(s, b, sizeof *b) == 0) continue;
+        if (!s->held) { /* its owner has gone to another needle */
+            REQUIRE(verdict == POSE_ACCEPTED && in->record.needles[i].owner == 0);
+            continue;
+        }
+        REQUIRE(changed < 0 && verdict == POSE_ACCEPTED && s->session != 0 && s->session == in->record.needles[i].owner && s->received == now);
+        REQUIRE(safety_check_pose(&s->base) == POSE_ACCEPTED);
+        REQUIRE(s->session != b->session || s->seq > b->seq);
+        REQUIRE(in->record.needles[1 - i].owner != s->session);
+        changed = i;
     }
-    const pose_sample *s = &in->newest;
-    REQUIRE(s->held && s->session != 0 && s->session == in->record.owner && s->received == now);
-    REQUIRE(safety_check_pose(&s->base) == POSE_ACCEPTED);
-    REQUIRE(s->session != before->session || s->seq > before->seq);
+    REQUIRE((verdict == POSE_ACCEPTED) == (changed >= 0));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     device_limits limits = device_defaults();
     pose_arbiter in;
     int64_t now = 1000000000, count = 0;
-    arbiter_init(&in, &limits);
+    arbiter_init(&in, NEEDLES, &limits);
     while (size >= 8) {
         uint16_t length, later;
         memcpy(&length, data, 2);
@@ -30,11 +39,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         data += 8, size -= 8;
         if (length > size) length = (uint16_t)size;
         now += 1000 * (int64_t)later;
-        pose_sample before = in.newest;
-        check(&in, &before, arbiter_pose(&in, data, length, now), now);
+        arbiter_needle before[NEEDLES];
+        memcpy(before, in.needles, sizeof before);
+        check(&in, before, arbiter_pose(&in, data, length, now), now);
         data += length, size -= length, count++;
     }
-    for (int v = 0; v < POSE_VERDICTS; v++) count -= in.record.counts[v];
+    count -= in.record.poses_malformed + in.record.poses_no_needle;
+    for (int i = 0; i < NEEDLES; i++)
+        for (int v = 0; v < POSE_VERDICTS; v++) count -= in.record.needles[i].counts[v];
     REQUIRE(count == 0);
     return 0;
 }

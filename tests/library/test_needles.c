@@ -166,6 +166,126 @@ static void ticks_and_worker_serve_every_needle(void **state) {
     trocar_model_free(model);
 }
 
+/* ---- contacts ---- */
+
+enum { ROOM = 2 * TROCAR_MAX_CONTACTS, MOST_IDS = 256 };
+
+/* All contacts but the tip, from base to tip, those that take part first. */
+static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contacts[ROOM]) {
+    int count = trocar_sim_contacts(sim, needle, contacts, ROOM);
+    if (count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP) count--;
+    return count + trocar_sim_pending_contacts(sim, needle, contacts + count, ROOM - count);
+}
+
+typedef struct {
+    int slots[MOST_IDS], status[MOST_IDS]; /* by id, of the last tick; status -1: not there, -2: removed */
+    int seen[5];                           /* how often each status was met */
+} history;
+
+/* Forward only: planned, adding, then sticking or sliding; once it is gone, never again. */
+static void follow(history *h, const trocar_contact *contacts, int count) {
+    int last[MOST_IDS];
+    memcpy(last, h->status, sizeof last);
+    for (int id = 0; id < MOST_IDS; id++) h->status[id] = last[id] == -1 ? -1 : -2;
+    for (int i = 0; i < count; i++) {
+        const trocar_contact *c = &contacts[i];
+        assert_true(c->kind == TROCAR_CONTACT_TISSUE && c->id > 0 && c->id < MOST_IDS && c->slot >= 0 && c->slot < TROCAR_MAX_CONTACTS);
+        assert_true(last[c->id] != -2 && (last[c->id] <= c->status || last[c->id] == TROCAR_CONTACT_SLIDING));
+        if (last[c->id] >= TROCAR_CONTACT_STICKING) assert_true(c->status >= TROCAR_CONTACT_STICKING);
+        if (last[c->id] >= 0) assert_int_equal(c->slot, h->slots[c->id]);
+        assert_true(c->status == TROCAR_CONTACT_SLIDING ? c->state != 0 : c->state == 0);
+        assert_true(c->status >= TROCAR_CONTACT_STICKING || distance(c->force, (double[3]){0}) == 0.0);
+        assert_true(i == 0 || c->depth > contacts[i - 1].depth);
+        for (int k = 0; k < i; k++) assert_true(c->slot != contacts[k].slot && c->id != contacts[k].id);
+        h->slots[c->id] = c->slot;
+        h->status[c->id] = c->status;
+        h->seen[c->status]++;
+    }
+}
+
+/* In and half way out again, with a worker that answers every 20 ms. */
+static void contacts_keep_their_id_and_slot(void **state) {
+    (void)state;
+    trocar_model *model = create_model(NULL);
+    trocar_sim *sim;
+    trocar_contact contacts[ROOM];
+    history h = {.seen = {0}};
+    trocar_pose base = base_at(0, 0.0, 0);
+    memset(h.status, -1, sizeof h.status);
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_sim_reset(sim, 0, &base, &why));
+    for (int t = 0; t < 2 * IN; t++) {
+        trocar_output output;
+        base = base_at(0, 0.0, t < IN ? t : t < 3 * IN / 2 ? 2 * IN - t : IN / 2);
+        OK(trocar_sim_tick(sim, 0, &base, 1e-3, &output));
+        if (t % 20 == 0) OK(trocar_sim_work(sim, NULL, &why));
+        follow(&h, contacts, all_contacts(sim, 0, contacts));
+    }
+    print_message("planned %d, adding %d, sticking %d, sliding %d\n", h.seen[0], h.seen[1], h.seen[2], h.seen[3]);
+    for (int i = 0; i <= TROCAR_CONTACT_SLIDING; i++) assert_true(h.seen[i] > 20);
+    int removed = 0;
+    for (int id = 0; id < MOST_IDS; id++) removed += h.status[id] == -2;
+    assert_true(removed > 3);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static void contacts_follow_a_restore(void **state) {
+    (void)state;
+    static trocar_output outputs[2][IN];
+    trocar_model *model = create_model("2");
+    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other;
+    OK(trocar_sim_create(model, &other, &why));
+    size_t size = trocar_sim_state_size(sim);
+    void *start = malloc(size);
+    OK(trocar_sim_save(sim, start, size, &why));
+    OK(trocar_sim_restore(other, start, size, &why));
+    for (int t = 0; t < 100; t++)
+        for (int n = 0; n < 2; n++) {
+            trocar_contact expected[ROOM], found[ROOM];
+            memset(expected, 0, sizeof expected);
+            memset(found, 0, sizeof found);
+            int count = all_contacts(sim, n, expected);
+            assert_true(count > 3);
+            assert_int_equal(all_contacts(other, n, found), count);
+            assert_memory_equal(found, expected, sizeof found);
+            trocar_pose base = base_at(n, 0.02, t < 50 ? IN + t : IN + 50 - 4 * (t - 50));
+            OK(trocar_sim_step(sim, n, &base, 1e-3, &outputs[n][0], &why));
+            OK(trocar_sim_step(other, n, &base, 1e-3, &outputs[n][1], &why));
+        }
+    free(start);
+    trocar_sim_free(sim);
+    trocar_sim_free(other);
+    trocar_model_free(model);
+}
+
+/* Pushed against a capsule that never gives way. */
+static void contacts_of_a_buckled_needle_are_detached(void **state) {
+    (void)state;
+    trocar_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim;
+    trocar_output output = {0};
+    trocar_contact contacts[ROOM];
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    OK(trocar_scene_set(scene, "membranes[capsule].puncture_force", ".inf", &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    trocar_scene_free(scene);
+    OK(trocar_sim_create(model, &sim, &why));
+    trocar_pose base = base_at(0, 0.0, 0);
+    OK(trocar_sim_reset(sim, 0, &base, &why));
+    for (int t = 0; t < 2 * IN && !(output.events & TROCAR_EVENT_UNSTABLE); t++) {
+        base = base_at(0, 0.0, t);
+        OK(trocar_sim_step(sim, 0, &base, 1e-3, &output, &why));
+    }
+    assert_true(output.events & TROCAR_EVENT_UNSTABLE);
+    int count = trocar_sim_contacts(sim, 0, contacts, ROOM);
+    assert_true(count > 2);
+    for (int i = 0; i < count; i++) assert_int_equal(contacts[i].status, TROCAR_CONTACT_DETACHED);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
 static void a_needle_that_is_none_is_refused(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -189,6 +309,7 @@ static void a_needle_that_is_none_is_refused(void **state) {
         assert_int_equal(trocar_sim_step(sim, wrong[i], &base, 1e-3, &output, &why), TROCAR_BAD_INPUT);
         assert_int_equal(trocar_sim_tick(sim, wrong[i], &base, 1e-3, &output), TROCAR_BAD_INPUT);
         assert_int_equal(trocar_sim_contacts(sim, wrong[i], &contact, 1), 0);
+        assert_int_equal(trocar_sim_pending_contacts(sim, wrong[i], &contact, 1), 0);
         assert_int_equal(trocar_sim_centreline(sim, wrong[i], joint, 1), 0);
         assert_true(trocar_sim_needle_energy(sim, wrong[i]) == 0.0);
         trocar_sim_set_base_compliance(sim, wrong[i], 1.0);
@@ -202,7 +323,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(needles_far_apart_feel_what_they_feel_alone), cmocka_unit_test(the_coupling_is_reciprocal),
         cmocka_unit_test(what_follows_a_restore_follows_the_save),     cmocka_unit_test(ticks_and_worker_serve_every_needle),
-        cmocka_unit_test(a_needle_that_is_none_is_refused),
+        cmocka_unit_test(a_needle_that_is_none_is_refused),            cmocka_unit_test(contacts_keep_their_id_and_slot),
+        cmocka_unit_test(contacts_follow_a_restore),                   cmocka_unit_test(contacts_of_a_buckled_needle_are_detached),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

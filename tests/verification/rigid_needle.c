@@ -69,7 +69,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     double weights[4], own = 0.0;
     static insertion_state all; /* every contact active */
     all = *s;
-    all.active = contacts;
+    for (int i = 0; i < contacts; i++) all.contacts[all.refined.order[i]].status = CONTACT_ACTIVE;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
     const line_piece *piece = snapshot_piece(&b->snapshot, s->tip.tet);
     if (!snapshot_covers(&b->snapshot, corners, handles) || !piece) return 0;

@@ -39,7 +39,7 @@ static resultant load_on_tissue(const lockstep *l) {
     resultant sum = {0};
     insertion_forces(&l->simulation.insertion, &l->state, nominal, added);
     for (int i = 0; i < m->node_count; i++) add_to(&sum, m->nodes[i], nominal[i]);
-    for (int i = 0; i < l->state.active; i++) add_to(&sum, l->state.refined.nodes[i].position, added[i]);
+    for (int i = 0; i < contacts_active(&l->state); i++) add_to(&sum, l->state.refined.nodes[i].position, added[i]);
     free(nominal);
     return sum;
 }
@@ -176,9 +176,9 @@ static void check_bending(rows *r) {
 /* ---- the axial curve ------------------------------------------------------------------------------------------------------ */
 
 static bool whole_shaft_slides(const lockstep *l, friction_state way) {
-    for (int k = 0; k < l->state.active; k++)
+    for (int k = 0; k < contacts_active(&l->state); k++)
         if (l->state.contacts[k].friction != way) return false;
-    return l->state.active > 0 && l->state.tip.friction == way && l->state.tip.shaft_friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
+    return contacts_active(&l->state) > 0 && l->state.tip.friction == way && l->state.tip.shaft_friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
 }
 
 /* Largest error of the axial force during a move while the whole shaft slides, against friction times depth plus (during insertion)

@@ -85,24 +85,24 @@ static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
 static void take_picture(lockstep *l, picture *s) {
     const insertion_workspace *w = l->simulation.workspace;
     const needle_tip *end = &l->state.tip;
-    bool tip = end->phase == TIP_INSIDE && w->problem.count == l->state.active + 1 && !(l->wrench.events & EVENT_TOUCHED);
+    bool tip = end->phase == TIP_INSIDE && w->problem.count == contacts_active(&l->state) + 1 && !(l->wrench.events & EVENT_TOUCHED);
     insertion_refinement(&l->state, &s->refined);
     simulation_displacement(&l->simulation, &l->state, s->nominal, s->added);
-    s->count = l->state.active + 2 * tip;
+    s->count = contacts_active(&l->state) + 2 * tip;
     s->tip_tet = tip ? end->known_tet : -1;
     memcpy(s->tip_weights, end->known_weights, sizeof s->tip_weights);
     s->tissue = s->local = 0.0;
     for (int i = 0; i < s->count; i++) {
-        bool at_tip = i >= l->state.active;
-        int at = i < l->state.active ? i : l->state.active;
+        bool at_tip = i >= contacts_active(&l->state);
+        int at = i < contacts_active(&l->state) ? i : contacts_active(&l->state);
         const added_node *node = &s->refined.nodes[at];
         point *p = &s->points[i];
         *p = at_tip ? (point){.id = i == at ? TIP : TIP_SHAFT, .tet = end->tet, .nominal = end->nominal, .end = i == at ? w->axial[at] : 0.0}
                     : (point){.id = node->id, .tet = node->tet, .nominal = node->position, .force = l->state.contacts[i].force};
         p->slip = w->problem.slip[i];
-        p->tangent = v3(w->points[at].frame.m[0][2], w->points[at].frame.m[1][2], w->points[at].frame.m[2][2]);
+        p->tangent = needle_along(&w->points[at].at);
         if (at_tip) {
-            vec3 friction = v3_scale(w->problem.force[2 * w->problem.count + l->state.active + 1], p->tangent);
+            vec3 friction = v3_scale(w->problem.force[2 * w->problem.count + contacts_active(&l->state) + 1], p->tangent);
             p->force = i == at ? v3_sub(end->force, friction) : friction;
             if (i == at) p->damping = end->damping;
         }

@@ -42,11 +42,11 @@ typedef struct {
 enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_DEPTH, OPTION_INVERSE };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene (at least one); may be given again", 0},
-    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed, in place of the scenes'", 0},
+    {"scene", 's', "FILE", 0, "Scene (at least one); repeat for several", 0},
+    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed (default: as in the scenes)", 0},
     {"depth", OPTION_DEPTH, "METRES", 0, "How far the needle goes at each speed (default 0.08)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number of contacts (default 1000)", 0},
-    {"json", OPTION_JSON, "FILE", 0, "Write the results as JSON too", 0},
+    {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
 
@@ -80,9 +80,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Pushes the needle in at 5, 20 and 50 mm/s on each scene and plays the motion figure8: time of a tick by the number of contacts "
-    "(1 mm apart or more), from crossing a face to the new contact node's row being at hand, to start, and memory. All times but the "
-    "start's are processor time of one thread.", NULL, NULL, NULL};
+    "On each scene, inserts the needle at 5, 20 and 50 mm/s and plays the motion figure8. Measures the time of a tick by number of "
+    "contacts (at least 1 mm apart), the time from crossing a face until the new contact node's row is available, start-up time, and "
+    "memory. All times except start-up are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 

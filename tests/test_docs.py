@@ -222,7 +222,9 @@ def check_site(source, out):
     if done.returncode != 0 or done.stderr:
         return [f"scripts/docs: status {done.returncode}\n{done.stdout}{done.stderr}"]
     pages = {path: Site(path.read_text()) for path in out.rglob("*.html")}
-    faults, count = [], 0
+    # The two asterisks of "X* ... X*" are emphasis to Python-Markdown.
+    faults = [f"{path.relative_to(out)}: accidental emphasis: {match[0]}" for path in pages for match in re.finditer(r"<em>(\s[^<]*|[^<]*\s)</em>", path.read_text())]
+    count = 0
     for path, page in pages.items():
         if path.name == "404.html":
             continue

@@ -82,7 +82,8 @@ class Page:
         library = next((prefix / "lib").rglob("libtrocar.so")).parent
         self.environment = dict(os.environ, PATH=f"{folder}/.bin:{prefix}/bin:{os.environ['PATH']}", LC_ALL="C.UTF-8",
                                 PKG_CONFIG_PATH=f"{library}/pkgconfig", LD_LIBRARY_PATH=str(library), PYTHONPATH=f"{build}/clients/python",
-                                TROCAR_LIBRARY=f"{library}/libtrocar.so", XDG_CACHE_HOME=str(folder / "out"), MPLBACKEND="svg")
+                                TROCAR_LIBRARY=f"{library}/libtrocar.so", XDG_CACHE_HOME=str(folder / "out"), MPLBACKEND="svg",
+                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # one cache of fonts for all pages
 
     def run(self, block):
         """Returns the fault, or None."""

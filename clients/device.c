@@ -22,7 +22,7 @@ enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OP
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); longer times repeat the script", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default 0.005,0.003,-0.201)", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Which of the scene's needles to hold, from 0 (default 0)", 0},
@@ -31,11 +31,11 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "Connection:", 1},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "How long to wait for the server's first answer (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script starts, while the server engages (default 0.3)", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up when the server has not answered for this long (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Hold still before the script begins, while the server engages (default 0.3)", 1},
     {0, 0, 0, 0, "Output:", 2},
     {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
-    {"csv", OPTION_CSV, "FILE", 0, "Write all wrenches, one per row", 2},
+    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},
     {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 2},
     {0},
 };

@@ -53,9 +53,9 @@ static const struct argp parser = {
     NULL, parse_option, "BENCHMARK [OPTION...]",
     "Times parts of the simulation relative to a matrix product, so that machines can be compared by ratios."
     "\vBenchmarks ('trocar-bench BENCHMARK --help' shows the options of one):\n\n"
-    "  tick    one tick of the haptic loop against the number of contacts\n"
-    "  remesh    adding and removing a contact node, by every method, against mesh size and valence\n"
-    "  scale   inserting a needle, against mesh size, for each kind of inverse", NULL, NULL, NULL};
+    "  tick    a tick of the haptic loop against the number of contacts\n"
+    "  remesh  adding or removing a contact node against the size of the mesh and the node's valence, by every method\n"
+    "  scale   an insertion against the size of the mesh, for each owner of the inverse", NULL, NULL, NULL};
 
 int main(int count, char **arguments) {
     choice chosen = {0};

@@ -46,12 +46,12 @@ typedef struct {
 enum { OPTION_SAMPLES = 256, OPTION_SECONDS, OPTION_CONTACTS, OPTION_TOUCHED, OPTION_VALENCES, OPTION_JSON };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene (at least one), for its mesh, regions and inverse; may be repeated", 0},
+    {"scene", 's', "FILE", 0, "Scene (at least one): its mesh, regions and inverse are used; repeat for several", 0},
     {"samples", OPTION_SAMPLES, "N", 0, "Nodes added and removed for each row (default 200)", 0},
-    {"seconds", OPTION_SECONDS, "S", 0, "Time limit of a row, which has at least three nodes (default 3)", 0},
-    {"contacts", OPTION_CONTACTS, "N", 0, "Contact nodes already present (default 10)", 0},
+    {"seconds", OPTION_SECONDS, "S", 0, "Time limit for a row; at least three nodes are measured (default 3)", 0},
+    {"contacts", OPTION_CONTACTS, "N", 0, "Contact nodes present beforehand (default 10)", 0},
     {"touched", OPTION_TOUCHED, "N", 0, "Nodes of a moved node's patch (default: the most frequent in the first mesh)", 0},
-    {"valences", OPTION_VALENCES, NULL, 0, "Move nodes of every valence in the first mesh", 0},
+    {"valences", OPTION_VALENCES, NULL, 0, "In the first mesh, move nodes of every valence", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
@@ -80,8 +80,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Adds contact nodes to the inverse and removes them, by every method: inside an element, on a face, " "and by moving nodes of the mesh. One thread, volumetric strain by element as in the paper. Methods that need the dense "
-    "inverse are skipped if the scene has another one.", NULL, NULL, NULL};
+    "Adds contact nodes to the inverse and removes them again, by every method: nodes added inside an element, nodes added on a "
+    "face, and mesh nodes moved. Uses one thread, and volumetric strain by element as in the paper. Methods that need the dense "
+    "inverse are left out if the scene uses another one.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 

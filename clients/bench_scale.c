@@ -42,9 +42,9 @@ typedef struct {
 enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_DEPTH, OPTION_INVERSE };
 
 static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene (at least one); may be repeated", 0},
-    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed; overrides the scenes", 0},
-    {"depth", OPTION_DEPTH, "METRES", 0, "Depth of insertion at each speed (default 0.08)", 0},
+    {"scene", 's', "FILE", 0, "Scene (at least one); repeat for several", 0},
+    {"inverse", OPTION_INVERSE, "OWNER", 0, "dense, sparse or condensed (default: as in the scenes)", 0},
+    {"depth", OPTION_DEPTH, "METRES", 0, "How far the needle goes at each speed (default 0.08)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number of contacts (default 1000)", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
@@ -80,7 +80,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Inserts the needle at 5, 20 and 50 mm/s in each scene and plays the motion figure8. Measures the time of a tick by number of contacts " "(at least 1 mm apart), the time from crossing a face to the new contact node's row, start-up time, and memory. All times except " "start-up are processor time of one thread.", NULL, NULL, NULL};
+    "On each scene, inserts the needle at 5, 20 and 50 mm/s and plays the motion figure8. Measures the time of a tick by number of "
+    "contacts (at least 1 mm apart), the time from crossing a face until the new contact node's row is available, start-up time, and "
+    "memory. All times except start-up are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 

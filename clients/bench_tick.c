@@ -38,10 +38,10 @@ enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_SPACING, OPTION_START };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
-    {"contacts", 'c', "N,...", 0, "Numbers of contacts (default 5,10)", 0},
-    {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number and motion (default 1000)", 0},
-    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes; overrides the scene", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m; the needle moves along +z (default 0.005,0.003,-0.201)", 0},
+    {"contacts", 'c', "N,...", 0, "Numbers of contacts to measure (default 5,10)", 0},
+    {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number of contacts and each motion (default 1000)", 0},
+    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes (default: the scene's)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m; the needle goes in along +z (default 0.005,0.003,-0.201)", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
@@ -83,7 +83,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Inserts the needle until it has a number of contacts, then times each tick while it advances slowly (advance, " "20 mm/s) and while its base moves sideways back and forth (sweep, 30 mm/s). In lockstep in one thread; the " "worker's part is not timed.", NULL, NULL, NULL};
+    "Pushes the needle in until it has a number of contacts, then times each tick while it advances (20 mm/s) and while its "
+    "base sweeps from side to side (30 mm/s). Runs in lockstep in one thread; the work of the server's worker is not timed.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 

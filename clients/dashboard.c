@@ -78,12 +78,12 @@ static duration duration_text(double s) {
     return d;
 }
 
-/* One before the first status. */
+/* One until the first status has arrived. */
 static int shown_needles(const dashboard *d) { return d->needle_count > 0 ? d->needle_count : 1; }
 
 typedef struct { char text[24]; } label;
 
-/* With the needle's number where there are several. */
+/* `word`, followed by the needle's number if there are several. */
 static label needle_label(const dashboard *d, const char *word, int needle) {
     label l;
     if (d->needle_count > 1) snprintf(l.text, sizeof l.text, "%s %d", word, needle);
@@ -96,7 +96,7 @@ static void add_needle(page *p, const dashboard *d, int needle) {
     char text[160] = ", ";
     flags_text((unsigned)s->flags, text + 2, sizeof text - 2);
     if (!s->flags) text[0] = '\0';
-    bool alarm = s->flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* a ramp is as it should be */
+    bool alarm = s->flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* ramps are normal */
     label name = needle_label(d, "needle", needle);
     if (s->owner == 0) add(p, alarm, "%-12sfree%s", name.text, text);
     else add(p, alarm, "%-12sof session %" PRId64 ", %d contacts%s", name.text, s->owner, s->contacts, text);
@@ -125,7 +125,7 @@ static void add_stages(page *p, const trocar_loop_timing_t *t) {
         1e6 * max[4], 1e6 * max[5]);
 }
 
-/* Sums over the needles; what is the server's is in the status of each. `pose_age`: of the needle that has been silent for longest. */
+/* Sums over the needles, with the largest `pose_age`. Values of the server are the same in every needle's status. */
 static trocar_status_t total_of(const dashboard *d) {
     trocar_status_t total = d->needles[0];
     for (int i = 1; i < d->needle_count; i++) {

@@ -17,11 +17,11 @@ typedef struct {
     bool heard;                                  /* a timing has arrived */
     double heard_at;                             /* s, arrival of the newest one */
     trocar_loop_timing_t timing;                 /* the newest */
-    int64_t first_misses;                        /* of the first one: misses before it alarm nobody */
-    double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last clear */
-    trocar_status_t needles[TROCAR_MAX_NEEDLES]; /* the newest of each, without its strings */
-    int needle_count;                            /* of the server's scene; 0: no status yet */
-    char scene[96], message[DASHBOARD_WIDTH];    /* strings of the newest */
+    int64_t first_misses;                        /* of the first one: earlier misses raise no alarm */
+    double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last reset */
+    trocar_status_t needles[TROCAR_MAX_NEEDLES]; /* newest status of each needle, without its strings */
+    int needle_count;                            /* of the server's scene; 0 before the first status */
+    char scene[96], message[DASHBOARD_WIDTH];    /* strings of the newest status */
     int64_t foreign;                             /* messages that could not be decoded */
 } dashboard;
 

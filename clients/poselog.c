@@ -17,7 +17,8 @@
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* Types of older releases, which lack fields at the end: `server` and `needle` of a wrench, what is told of needles in a status. */
+/* Message types of older releases, which lack the last fields: `needle` of poses and wrenches, `server` of wrenches, and the
+   last four fields of a status. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -106,8 +107,8 @@ static trocar_status check_type(const reader *r, const unsigned char *data, cons
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
-/* Gives data of an older type the fields that it lacks, zero, and the fingerprint of the type as it is now. Returns their length
-   then. `data` has room for that and is zero behind the data. */
+/* Converts a message of an older type to the current one: sets the current fingerprint and appends the missing fields as zero.
+   Returns the new length. `data` must have room for it and be zero after the message. */
 static int64_t complete(unsigned char *data, int64_t length, const older_type *older, int64_t fingerprint) {
     uint64_t found = (uint64_t)big_endian_64(data);
     while (older->missing && older->fingerprint != found) older++;
@@ -156,7 +157,7 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
-/* As the server takes them: of one needle and session, none twice or out of order. */
+/* Accepts poses like the server: of one needle and session, none repeated or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
     const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
     if (log->needle < 0) log->needle = p->needle;
@@ -243,7 +244,7 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
-/* `needle` -1: that of the first pose. */
+/* `needle` -1: the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
     *log = (pose_log){.needle = needle};
     trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, log, cut, why);

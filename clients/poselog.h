@@ -14,13 +14,13 @@
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 #define STATUS_CHANNEL "TROCAR_STATUS"
 
-/* The poses of a log as the server would take them: in order, of one session and thus of one needle. */
+/* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
 typedef struct {
     int needle;
     int count;
     trocar_needle_pose_t *poses;  /* count */
-    int64_t skipped_sessions;     /* left out: poses of other needles, and of other sessions than that of this needle's first pose */
-    int64_t skipped_old;          /* left out: poses whose number is not above the last one's, as a network repeats or reorders them */
+    int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
+    int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
@@ -31,11 +31,11 @@ typedef struct {
     char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 
-/* Reads the poses, or the wrenches, of the log at `path`; other channels are passed over. Poses are those of the needle that the
-   log's first pose is of, or of needle `needle`. BAD_INPUT, with file and event or
-   byte, for a log that is missing, damaged, cut short, of other message types or without any, and for a pose that is not
-   finite, without a unit quaternion (safety_check_pose) or not later than the one before. Messages of older releases, which did
-   not name their needle or server, count as of needle 0 and server 0. */
+/* Reads the poses, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
+   `needle`, or of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
+   of other message types or empty, and for a pose that is not finite, without a unit quaternion (safety_check_pose) or not later
+   than the previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
+   server 0's. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
 
@@ -52,7 +52,7 @@ void wrench_log_free(wrench_log *log);
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* The base's pose in a message, quaternion normalised; and the message of a pose of needle 0. */
+/* The pose in a message, with normalised quaternion, and the message of a pose of needle 0. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 

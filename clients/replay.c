@@ -1,5 +1,5 @@
-/* trocar-replay: a recorded pose log through the mechanics in lockstep, one tick a pose, without a network or a clock. One needle is
-   replayed, alone: as needles are alike, it is needle 0 of the simulation whatever its number. */
+/* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
+   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -26,8 +26,8 @@ typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
-    int needle;              /* whose poses are replayed, -1: that of the first pose */
-    int every;               /* of the wrenches, one goes to the log */
+    int needle;              /* index of the replayed needle; -1: the first pose's */
+    int every;               /* only every Nth wrench is logged */
     bool quiet;
 } options;
 
@@ -60,20 +60,20 @@ enum {
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
-    {"needle", OPTION_NEEDLE, "N", 0, "Replay the poses of needle N of a log with several, alone (default: the needle of the first pose)", 0},
+    {"needle", OPTION_NEEDLE, "N", 0, "Replay only needle N of a log with several (default: the needle of the first pose)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
-    {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench and no poses to --out: a small golden log", 0},
+    {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
-    {"at", OPTION_AT, "SECONDS", 0, "Time of the state for --vtu, from the first pose (default: the end)", 0},
+    {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
     {"compare", OPTION_COMPARE, "GOLDEN", 0,
-     "Compare with the wrenches of an LCM event log, from --out or a recording; exit status 1 if they differ", 0},
+     "Compare with the wrenches in an LCM event log, written by --out or recorded; exit status 1 if they differ", 0},
     {"tolerance", OPTION_TOLERANCE, "PERCENT", 0,
-     "Of each component's peak in GOLDEN, which counts as at least 0.1 N or 2 mN m (default 1)", 0},
+     "Allowed difference, relative to each component's peak in GOLDEN or to 0.1 N and 2 mN m if the peak is smaller (default 1)", 0},
     {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row per tick", 0},
     {"region", OPTION_REGION, "NAME", 0, "Region for --shift (default: the scene's first)", 0},
-    {"quiet", 'q', 0, 0, "No progress bar, no summary", 0},
+    {"quiet", 'q', 0, 0, "Print no progress bar and no summary", 0},
     {0},
 };
 
@@ -295,9 +295,9 @@ static trocar_status run_all(replay *r, report *why) {
 
 static void summarise(const replay *r) {
     fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, pose_log_time(&r->poses, r->poses.count - 1));
-    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s taken as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
+    if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)
-        fprintf(stderr, "%" PRId64 " poses of other needles and sessions left out\n", r->poses.skipped_sessions);
+        fprintf(stderr, "%" PRId64 " poses of other needles and sessions skipped\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
 }

@@ -27,9 +27,9 @@ enum { OPTION_ONCE = 256, OPTION_WAIT };
 
 static const struct argp_option option_list[] = {
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
-    {"plain", 'p', 0, 0, "Print lines of text once per second, as for files and terminals without cursor control", 0},
-    {"once", OPTION_ONCE, 0, 0, "Print once and exit", 0},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "How long --once waits for a server (default 5)", 0},
+    {"plain", 'p', 0, 0, "Print lines of text every second; the default where the output is a file or the terminal has no cursor control", 0},
+    {"once", OPTION_ONCE, 0, 0, "Print the values once and exit", 0},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up when no server has been heard for this long (default 5)", 0},
     {0},
 };
 
@@ -48,7 +48,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Shows timing, poses and wrenches of a running trocar-server, with histograms of lateness and compute time." "\vKeys: q quits, c clears the histograms. Exit status of --once: 1 if no server was heard.", NULL, NULL, NULL};
+    "Shows what trocar-server reports about its timing, its poses and its wrenches, with histograms of lateness and compute time."
+    "\vKeys: q quits, c clears the histograms. Exit status of --once: 1 if no server was heard.", NULL, NULL, NULL};
 
 /* ---- messages ---------------------------------------------------------------------------------------------------- */
 

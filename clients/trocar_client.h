@@ -14,8 +14,8 @@
 
    A client holds one needle. For a scene with several, open a client for each, with `needle` in its options.
 
-   The client chooses a session number, follows one server where two are heard, tells the server which wrench the hand feels
-   (the server's virtual coupling needs the round trip), and discards wrenches that are meant for another device.
+   The client chooses a session number, follows one server if two are heard, tells the server which wrench the hand feels
+   (its virtual coupling needs the round trip), and discards wrenches for other devices.
 
    Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
 
@@ -37,7 +37,7 @@ typedef struct trocar_client_options {
     const char *url;         /* LCM URL; NULL: $LCM_DEFAULT_URL, or else LCM's default */
     double watchdog;         /* s without a wrench until the force is zero; 0: 0.02 */
     int priority;            /* SCHED_FIFO priority of the client's thread, below the device's loop; 0: as the caller */
-    int needle;              /* which of the scene's needles the device holds, from 0 */
+    int needle;              /* index of the device's needle in the scene, from 0 */
 } trocar_client_options;
 
 /* The wrench to render. All zero while no wrenches arrive. */
@@ -63,8 +63,8 @@ void trocar_client_close(trocar_client *client);
    sends nothing, if a number is not finite. RT */
 int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
 
-/* The newest wrench. Returns 1, or 0 with a wrench of zero where the watchdog has expired: there is no server, the needle
-   belongs to another device, or the scene has no such needle (trocar-top says which). RT */
+/* The newest wrench. Returns 1, or 0 and a zero wrench if the watchdog has expired, because there is no server, the needle
+   belongs to another device, or the scene has no such needle (trocar-top shows the reason). RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
 /* Asks the server to remove the needle and relax the tissue; the next pose engages the needle again. RT */

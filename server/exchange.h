@@ -27,8 +27,8 @@ typedef struct {
 
 /* One needle in a view_sample */
 typedef struct {
-    bool engaged;                /* has been held since the start */
-    int64_t pose_utime;          /* us, of the pose that the tick answers */
+    bool engaged;                /* whether the needle has been held since the start */
+    int64_t pose_utime;          /* us, of the tick's pose */
     int flags;                   /* as in needle_wrench_t */
     int64_t saturated_ticks;     /* since start */
     double energy, energy_lowest; /* J, from the hand into the coupling */
@@ -36,11 +36,11 @@ typedef struct {
     int contacts;
 } needle_view;
 
-/* haptic -> telemetry, about 60 Hz: what a viewer may see of the last tick */
+/* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
 typedef struct {
     int64_t tick;
     int64_t wrench_dropped;      /* since start */
-    double snapshot_age;         /* s since the oldest request that is not answered yet, 0 if all are */
+    double snapshot_age;         /* s since the oldest unanswered request, 0 if all are answered */
     needle_view needles[TROCAR_MAX_NEEDLES];
     trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
 } view_sample;

@@ -23,7 +23,7 @@ static bool is_finite(const trocar_output *out) {
     return isfinite(out->force[0] + out->force[1] + out->force[2] + out->torque[0] + out->torque[1] + out->torque[2]);
 }
 
-/* After a tick whose result was not finite: this needle starts over where the hand is, and its wrench is ramped in. RT */
+/* After a tick whose result was not finite: restarts this needle at the hand's position, with a ramp of its wrench. RT */
 static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_output *out) {
     reset_needle(h, needle);
     coupling_engage(&h->needles[needle].coupling, newest);
@@ -33,7 +33,7 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
 
 /* The simulation's answer to the newest pose; zero before the first one. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
-    static const double LONGEST = 1.0; /* s, that the library takes */
+    static const double LONGEST = 1.0; /* s, longest tick of the library */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
@@ -67,7 +67,7 @@ static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     wake(h->exchange->io_wake);
 }
 
-/* What the newest pose tells of the way to the hand. RT */
+/* Passes the newest pose to the virtual coupling, which measures the round trip. RT */
 static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision decision, const pose_sample *newest) {
     if (decision == SAFETY_ENGAGE) coupling_engage(coupling, newest);
     if (decision != SAFETY_FOLLOW) return;
@@ -75,7 +75,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds where the time for one needle went: before, in and after the simulation, if that was ticked. RT */
+/* Adds one needle's times before, in and after the simulation; `ticked`: whether the simulation was called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
     if (ticked) trocar_sim_stages(h->sim, spent);
@@ -93,7 +93,7 @@ static needle_view view_of(const haptic_needle *n, const trocar_needle_wrench_t 
                          .coupling_stiffness = n->coupling.stiffness, .contacts = message->contacts};
 }
 
-/* Shows telemetry how things are, VIEWS_HZ times a second, once a needle is held. RT */
+/* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
     bool engaged = false;
@@ -108,7 +108,7 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     triple_buffer_publish(&h->exchange->views);
 }
 
-/* Makes the needle's wrench and sends it. Returns false once it has wound down. RT */
+/* Computes and sends the needle's wrench. Returns false once it has been ramped to zero after `wind_down`. RT */
 static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose_sample *newest, bool wind_down,
                         trocar_needle_wrench_t *message) {
     haptic_needle *n = &h->needles[needle];

@@ -7,7 +7,7 @@
 #include "loop.h"
 #include "virtual_coupling.h"
 
-/* What one needle has of its own: a needle that nobody holds, or whose device is silent, does not affect the others. */
+/* State of one needle. A needle that nobody holds, or whose device is silent, does not affect the others. */
 typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
@@ -15,7 +15,7 @@ typedef struct {
 } haptic_needle;
 
 typedef struct {
-    trocar_sim *sim;             /* the haptic thread is the one that ticks it */
+    trocar_sim *sim;             /* ticked by the haptic thread only */
     int needle_count;
     trocar_device_limits limits;
     double period;               /* s, nominal */
@@ -24,9 +24,9 @@ typedef struct {
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
-    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* all below: the haptic thread's own */
+    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* from here on used by the haptic thread only */
     int64_t wrench_dropped;      /* since start */
-    int64_t stages[LOOP_STAGES]; /* ns, of the last tick, all needles together */
+    int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
 } haptic;
 
 /* `sim`, of a model with `needle_count` needles, and `x` must outlive it. The simulation's clock becomes the monotonic one. */

@@ -18,8 +18,8 @@ enum { KEY_ALLOW_NON_RT = 256 };
 
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
-    {"lcm-url", 'l', "URL", 0, "LCM provider, default udpm://239.255.76.67:7667?ttl=0 or $LCM_DEFAULT_URL", 0},
-    {"rate", 'r', "HZ", 0, "Rate of the loop; overrides the scene", 0},
+    {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL, or udpm://239.255.76.67:7667?ttl=0)", 0},
+    {"rate", 'r', "HZ", 0, "Rate of the loop, in place of the scene's", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},

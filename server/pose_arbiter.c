@@ -60,9 +60,9 @@ static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) 
     return -1;
 }
 
-/* The limits bound the mean speed, not that of two poses which the network has bunched: unused time is credit, up to
-   the jitter. Once the wrench has been ramped out for want of poses, any place is good: the safety limits then decide whether
-   the needle goes on or begins anew. */
+/* The limits apply to the mean speed, not to that between two poses that the network has delivered together: unused time is
+   credited, up to the jitter. Once the wrench has been ramped to zero for lack of poses, any position is accepted: the safety
+   limits then decide whether the needle continues or engages again. */
 static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
     arbiter_needle *n = &in->needles[needle];
     double elapsed = since_last(in, needle, now);
@@ -77,7 +77,7 @@ static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t
     return true;
 }
 
-/* Counts poses of the owner that never arrived. */
+/* Counts lost poses of the owner. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
     arbiter_needle *n = &in->needles[m->needle];
     int64_t owner = owner_of(in, m->needle);
@@ -134,7 +134,7 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         return POSE_REFUSED;
     }
     if (session == newest->session && seq <= newest->seq) {
-        say(in, "pose %" PRId64 " of session %" PRId64 ": %" PRId64 " came before", seq, session, newest->seq);
+        say(in, "pose %" PRId64 " of session %" PRId64 ": out of order, after %" PRId64, seq, session, newest->seq);
         return POSE_OLD;
     }
     return POSE_ACCEPTED;
@@ -159,7 +159,7 @@ static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64
     return verdict;
 }
 
-/* A message of before it had `needle`, its last field, comes from a client that is older than this server. */
+/* A message that is too short by `needle`, its last field, comes from a client that is older than this server. */
 static const char *advice(size_t size, int size_now) {
     bool without_needle = size + sizeof(int32_t) == (size_t)size_now;
     return without_needle ? "; it has no `needle`: build its sender with this release's trocar.lcm" : "";

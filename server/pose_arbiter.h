@@ -1,5 +1,5 @@
-/* Checks every incoming message before anything else sees it: size, numbers, owner, order, speed. A needle has one owner, and
-   a session owns one needle. No network, no clock: bytes and arrival times are arguments. */
+/* Checks every incoming message before it is used: size, numbers, owner, order, speed. A needle has one owner, and a session
+   owns one needle. No network, no clock: bytes and arrival times are arguments. */
 #ifndef TROCAR_POSE_ARBITER_H
 #define TROCAR_POSE_ARBITER_H
 
@@ -8,30 +8,30 @@
 #include "safety_limits.h"
 #include "other_server.h"
 
-/* What telemetry reports about one needle. */
+/* One needle's state for telemetry. */
 typedef struct {
     int64_t owner;                   /* session, 0: nobody */
     int64_t received;                /* ns, monotonic: last accepted pose; 0 before the first */
     int64_t counts[POSE_VERDICTS];   /* poses by verdict, since start; MALFORMED and NO_NEEDLE are in arbiter_record */
-    int64_t poses_lost;              /* missing in the owner's sequence when a later one came */
+    int64_t poses_lost;              /* missing in the owner's sequence when a later one arrived */
 } needle_record;
 
-/* What telemetry reports about all. */
+/* The arbiter's state for telemetry. */
 typedef struct {
     needle_record needles[TROCAR_MAX_NEEDLES];
     int64_t poses_malformed;         /* not a needle_pose_t */
     int64_t poses_no_needle;         /* for a needle that the scene does not have */
     int64_t commands_refused;        /* malformed, unknown, of no such needle, or not from the owner */
     other_server other;              /* on the same LCM URL */
-    char message[200];               /* last refusal in words */
+    char message[200];               /* last refusal as text */
 } arbiter_record;
 
 /* One needle's session. */
 typedef struct {
-    pose_sample newest;              /* last accepted pose, or that nobody holds the needle */
-    bool begin_anew;                 /* the next pose starts a new engagement */
+    pose_sample newest;              /* last accepted pose; `held` false if nobody owns the needle */
+    bool begin_anew;                 /* whether the next pose starts a new engagement */
     int64_t heard;                   /* last sequence number of the owner, accepted or not */
-    double travel_credit;            /* s of motion at the limits that the time since the last poses allows */
+    double travel_credit;            /* s of motion at the limits, saved up since the last poses */
 } arbiter_needle;
 
 typedef struct {
@@ -44,7 +44,8 @@ typedef struct {
 void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits);
 
 /* Checks the bytes of a needle_pose_t that arrived at `now` (ns, monotonic); if ACCEPTED, `newest` of its needle is that pose.
-   The first valid pose's session owns the needle until it releases it or is silent for two seconds; until then it gets no other. */
+   The session of the first valid pose owns the needle until it releases it or is silent for two seconds, and gets no other needle
+   meanwhile. */
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
 /* Checks the bytes of a command_t and executes it. Returns true for a shutdown. */

@@ -109,15 +109,15 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
     return t->other_text;
 }
 
-/* A client that sends other types than this server's never gets a needle, and may not read this status either: stderr has its
-   first message. */
+/* Reports the first malformed pose on stderr: a client with other message types than this server's never gets a needle and may
+   not be able to read the status. */
 static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
     if (t->malformed_told || in->poses_malformed == 0) return;
     t->malformed_told = true;
     fprintf(stderr, "trocar-server: %s\n", in->message);
 }
 
-/* What lasts until somebody does something about it comes before the last refusal. */
+/* Persistent faults take precedence over the last refusal. */
 static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
     if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
     return accompanied ? other_server_text(t, &in->other) : in->message;
@@ -153,7 +153,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
-/* The needles first: a viewer's picture is complete with the deformation. Without memory for it there is no picture. */
+/* Sends the needles first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
     viewer_messages *m = &t->messages;

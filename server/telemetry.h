@@ -28,10 +28,10 @@ typedef struct {
     atomic_bool stop;
     lcm_t *lcm;
     char host[80];               /* this machine and process */
-    const char *inverse;         /* who owns it */
+    const char *inverse;         /* description of the inverse */
     int needle_count;            /* of the scene */
-    int64_t other_told;          /* the other server that stderr has named, 0: none; all from here on belongs to the thread */
-    bool malformed_told;         /* stderr has told of a malformed pose */
+    int64_t other_told;          /* the other server reported on stderr, 0: none; from here on used by the thread only */
+    bool malformed_told;         /* a malformed pose has been reported on stderr */
     char other_text[400];
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */

@@ -1,4 +1,4 @@
-/* What a viewer may see of a state, as messages: a needle with its contacts, and the displacement of every node. */
+/* Messages for viewers: a needle with its contacts, and the displacement of every node. */
 #ifndef TROCAR_VIEWER_MESSAGES_H
 #define TROCAR_VIEWER_MESSAGES_H
 
@@ -11,7 +11,7 @@ enum { VIEWER_CONTACTS = TROCAR_MAX_CONTACTS + 1 }; /* with the tip */
 
 typedef struct {
     int node_count;
-    trocar_picture *picture;       /* its user fills it before the messages are made */
+    trocar_picture *picture;       /* filled by the caller before the messages are made */
     double *nodal;                 /* 3 node_count, m: displacements */
     float *displacement;           /* the same, in the message's type */
     float **displacement_rows;     /* node_count pointers to its rows, for LCM */
@@ -19,7 +19,7 @@ typedef struct {
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
     double arc[VIEWER_CONTACTS];
     int8_t sliding[VIEWER_CONTACTS];
-    trocar_contacts_t contacts;    /* each valid until it is made again; utime and server are left to the sender */
+    trocar_contacts_t contacts;    /* both valid until made again; the sender sets utime and server */
     trocar_deformation_t deformation;
 } viewer_messages;
 
@@ -27,7 +27,7 @@ typedef struct {
 trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Make the messages from the picture: `contacts` of one needle, `deformation`. Not for the haptic thread. NO_MEMORY. */
+/* Make `contacts` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);
 

@@ -126,7 +126,7 @@ static void one_device_at_a_time(void **state) {
     for (double end = now() + 1; !exchange(second, &w);) assert_true(now() < end);
 }
 
-/* The scene with two needles, in a temporary file whose name goes to `path`. */
+/* Writes the scene with two needles to a temporary file. `path` is a template of mkstemp. */
 static void write_pair(char path[]) {
     FILE *in = fopen(MESHES "/figure8.yaml", "r"), *out = fdopen(mkstemp(path), "w");
     assert_true(in && out);
@@ -138,7 +138,7 @@ static void write_pair(char path[]) {
     fclose(out);
 }
 
-/* A period of both loops: the needles side by side, 60 mm apart. */
+/* One period of both loops, with the needles side by side, 60 mm apart. */
 static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench w[2]) {
     nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     for (int n = 0; n < 2; n++) {
@@ -148,7 +148,7 @@ static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench 
     }
 }
 
-/* A reset takes one needle's force, and a close lets it go; the other one is as it was. There is no third needle. */
+/* Resetting one needle removes its force and leaves the other needle unchanged. A third client gets no needle. */
 static void two_clients_hold_two_needles(void **state) {
     char scene[] = "/tmp/trocar-pair-XXXXXX";
     write_pair(scene);
@@ -178,7 +178,7 @@ static void two_clients_hold_two_needles(void **state) {
         assert_true(fabs(norm(w[1].force) - force) < 0.1 * force && fabs(w[1].depth - depth) < 1e-3);
     }
     print_message("after the reset of one %.3f N and %.3f N\n", norm(w[0].force), norm(w[1].force));
-    assert_true(norm(w[0].force) < 0.1 * force); /* where it lies in the tissue it counts as inserted without force */
+    assert_true(norm(w[0].force) < 0.1 * force); /* after a reset inside the tissue, the needle counts as inserted without force */
 
     assert_false(exchange(none, &nothing));
     trocar_client_close(clients[1]);
@@ -186,8 +186,8 @@ static void two_clients_hold_two_needles(void **state) {
     unlink(scene);
 }
 
-/* The server is killed in the middle of an insertion: within the watchdog's time the force is zero, and stays so. From the next
-   server it comes back by a ramp. */
+/* The server is killed in the middle of an insertion: the force is zero within the watchdog's time and stays zero. The next server
+   ramps it up again. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;

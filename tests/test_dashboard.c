@@ -164,7 +164,7 @@ static void each_needle_has_its_lines(void **state) {
     expect(&d, "energy 1", "lowest -1.0 mJ", true);
     expect(&d, "poses", "taken 120", true);
     expect(&d, "            too fast", "refused 5", true);
-    second.needle = 2; /* out of its own range */
+    second.needle = 2; /* not below its own `needle_count` */
     dashboard_take_status(&d, &second, 10.0);
     assert_int_equal(d.foreign, 1);
 }

@@ -88,7 +88,7 @@ static void put_pose_of(fixture *f, int needle, uint64_t engagement, int64_t seq
 
 static void put_pose(fixture *f, uint64_t engagement, int64_t seq, double z) { put_pose_of(f, 0, engagement, seq, 0.005, z); }
 
-/* The pose that waits was sent after this wrench. */
+/* Marks the waiting pose as sent after this wrench. */
 static void name_wrench(fixture *f, int64_t tick) {
     newest_poses waiting = *(const newest_poses *)triple_buffer_read(&f->exchange.poses, NULL);
     waiting.needles[0].wrench_tick = tick;
@@ -289,7 +289,7 @@ static int open_pair(void **state) {
     return 0;
 }
 
-enum { PUSHED = 400, AT_REST = 100 }; /* ticks of 0.05 mm: 20 mm; ticks after that */
+enum { PUSHED = 400, AT_REST = 100 }; /* ticks of 0.05 mm, thus 20 mm, and ticks at rest */
 static double depth_at(int i) { return -0.205 + 0.05e-3 * (i < PUSHED ? i : PUSHED); }
 static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 1, i, 0.06 * (needle - 0.5), depth_at(i)); }
 
@@ -300,7 +300,7 @@ static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
     for (trocar_work done = {.answered = 1}; done.answered;) assert_int_equal(trocar_sim_work(f->host.sim, &done, NULL), TROCAR_OK);
 }
 
-/* Pushes one or both of them in. */
+/* Inserts one or both needles. */
 static void push_pair(fixture *f, bool first, bool second, trocar_needle_wrench_t w[2]) {
     for (int i = 0; i <= PUSHED + AT_REST; i++) {
         if (first) put_in_pair(f, 0, i);
@@ -309,7 +309,7 @@ static void push_pair(fixture *f, bool first, bool second, trocar_needle_wrench_
     }
 }
 
-/* The bound is that of tests/library/test_needles.c: what one needle does to the tissue at the other is less than a tenth. */
+/* With the bound of tests/library/test_needles.c: each needle changes the other's force by less than a tenth. */
 static void each_device_feels_its_own_needle(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t both[2], alone[2][2];
@@ -348,7 +348,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     assert_true(w[1].flags == TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME && norm(w[1].force) > 0.2 && w[1].depth >= before[1].depth);
 
     int contacts = w[1].contacts;
-    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* it comes back and begins anew */
+    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* it comes back, as a new insertion */
     tick_pair(f, w);
     assert_true(w[0].depth == 0.0 && w[0].contacts == 0);
     assert_true(w[1].depth >= before[1].depth && w[1].contacts == contacts);

@@ -84,7 +84,7 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts[TROCAR_MAX_NEEDLES];
-    thread_usage start, used;    /* of the haptic thread: at the first tick, and from there on */
+    thread_usage start, used;    /* of the haptic thread: at the first tick, and since then */
     int64_t wrenches;
 } rig;
 
@@ -167,7 +167,7 @@ static void expect_a_quiet_loop(int64_t ticks, const char *needles) {
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
     assert_int_equal(r->wrenches, ticks * r->haptic.needle_count);
-    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the model was really at work */
+    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the needle really was in contact */
     assert_true(r->worker.served > 10);
     assert_int_equal(r->loop.usage.allocations, 0);
     if (locked && ALLOCATIONS_ARE_COUNTED) {

@@ -60,7 +60,7 @@ static void valid_pose_arrives_unchanged(void **unused) {
     assert_int_equal(in.needles[0].newest.received, 9 * MS);
     assert_true(in.needles[0].newest.base.position.y == 2);
     quat q = in.needles[0].newest.base.orientation;
-    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* made exactly unit */
+    assert_true(fabs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-14); /* normalised */
     assert_int_equal(in.record.needles[0].owner, -5);
     assert_int_equal(in.record.needles[0].counts[POSE_ACCEPTED], 1);
 }
@@ -97,7 +97,7 @@ static void random_payloads_never_pass_unchecked(void **unused) {
     for (int i = 0; i < 200000; i++) {
         trocar_needle_pose_t m = message(1, i, 0);
         packet p = pack_pose(&m);
-        for (size_t k = 8; k < p.size - 4; k++) { /* all but the needle, its last field */
+        for (size_t k = 8; k < p.size - 4; k++) { /* all except `needle`, the last field */
             random = 1664525u * random + 1013904223u;
             p.data[k] = (unsigned char)(random >> 24);
         }
@@ -119,7 +119,7 @@ static void nan_and_bad_quaternions_leave_the_last_pose(void **unused) {
     assert_int_equal(take(&in, &m, MS), POSE_NOT_UNIT);
     assert_int_equal(in.needles[0].newest.seq, 1);
     assert_int_equal(in.needles[0].newest.received, 0);
-    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* its number was not used up */
+    assert_int_equal(take_pose(&in, 1, 2, 0.25, MS), POSE_ACCEPTED); /* the refused pose did not use up its number */
 }
 
 static void sequence_numbers_must_increase(void **unused) {
@@ -139,7 +139,7 @@ static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     assert_int_equal(take_pose(&in, 2, 1, 0, 1999 * MS), POSE_REFUSED);
     assert_non_null(strstr(in.record.message, "session 2"));
     assert_int_equal(in.record.needles[0].owner, 1);
-    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* anywhere: it begins anew */
+    assert_int_equal(take_pose(&in, 2, 2, 9, 2001 * MS), POSE_ACCEPTED); /* at any place: a new insertion */
     assert_int_equal(in.record.needles[0].owner, 2);
     assert_true(in.needles[0].newest.engagement > engagement);
     assert_int_equal(take_pose(&in, 1, 2, 0, 2002 * MS), POSE_REFUSED);
@@ -151,12 +151,12 @@ static void a_release_frees_the_needle_at_once(void **unused) {
     pose_arbiter in = fresh();
     take_pose(&in, 1, 5, 0, 0);
     command(&in, 2, TROCAR_COMMAND_T_RELEASE);
-    assert_true(in.needles[0].newest.held); /* not the owner's to give up */
+    assert_true(in.needles[0].newest.held); /* only the owner may release */
     assert_int_equal(in.record.commands_refused, 1);
     command(&in, 1, TROCAR_COMMAND_T_RELEASE);
     assert_false(in.needles[0].newest.held);
     assert_int_equal(in.record.needles[0].owner, 0);
-    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a straggler does not take it back */
+    assert_int_equal(take_pose(&in, 1, 5, 0, MS), POSE_OLD); /* a late pose does not take the needle back */
     assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
 }
 
@@ -293,7 +293,7 @@ static void a_session_holds_one_needle(void **unused) {
     assert_int_equal(take_at(&in, 1, 7, 2, 1999 * MS), POSE_REFUSED);
     assert_string_equal(in.record.message, "session 7 refused for needle 1: it holds needle 0; release that first, or use a session for each");
     assert_true(in.record.needles[0].owner == 7 && in.record.needles[1].owner == 0);
-    assert_int_equal(take_at(&in, 1, 7, 3, 2001 * MS), POSE_ACCEPTED); /* needle 0 was left alone for two seconds */
+    assert_int_equal(take_at(&in, 1, 7, 3, 2001 * MS), POSE_ACCEPTED); /* needle 0 got no pose for two seconds */
     assert_true(in.record.needles[0].owner == 0 && in.record.needles[1].owner == 7);
     assert_true(!in.needles[0].newest.held && in.needles[1].newest.held);
 }
@@ -308,10 +308,10 @@ static void needles_that_the_scene_lacks_are_refused(void **unused) {
     assert_string_equal(in.record.message, "pose of session 7 refused for needle 2: the scene's `needles` is 2, counted from 0");
     for (int i = 0; i < 5; i++) command_to(&in, absent[i], 7, TROCAR_COMMAND_T_RESET);
     assert_int_equal(in.record.commands_refused, 5);
-    assert_int_equal(take_at(&in, 1, 7, 1, 0), POSE_ACCEPTED); /* its number was not used up */
+    assert_int_equal(take_at(&in, 1, 7, 1, 0), POSE_ACCEPTED); /* the refused pose did not use up its number */
 }
 
-/* A needle_pose_t of before it had `needle`: the same bytes with another fingerprint, and no last field. */
+/* A needle_pose_t of releases without `needle`: another fingerprint, and the last field is missing. */
 static void an_older_device_is_told_what_to_do(void **unused) {
     (void)unused;
     static const unsigned char older[] = {0xbe, 0x3a, 0xf9, 0x6b, 0xc7, 0x21, 0xe5, 0xea};

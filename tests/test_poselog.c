@@ -184,7 +184,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
     }
 }
 
-/* Two devices at once: each needle's poses on their own, by default those of the first pose's needle. */
+/* A log of two devices: reads one needle's poses only, by default those of the first pose's needle. */
 static void reads_one_needle_of_several(void **state) {
     (void)state;
     report why;
@@ -211,7 +211,7 @@ static void reads_one_needle_of_several(void **state) {
     assert_non_null(strstr(why.text, "no pose of needle 0"));
 }
 
-/* Recorded before messages had `needle`: these are needle 0's. */
+/* Messages of releases without `needle` count as needle 0's. */
 static void logs_without_needles_can_still_be_read(void **state) {
     (void)state;
     report why;

@@ -1,6 +1,6 @@
 #!/bin/bash
-# scene.md and messages.md in docs/reference equal the output of scripts/reference for the scene table and trocar.lcm, and are
-# complete.
+# scene.md, messages.md and programs.md in docs/reference are what scripts/reference makes of the scene table, of trocar.lcm and of the
+# programs' --help, and they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -16,5 +16,15 @@ lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
 for key in $(sed -nE 's/^ *([a-z_]+):.*/\1/p' "$source/tests/fuzz/corpus/scene/every_key.yaml" | sort -u); do
     grep -qE "^\| .*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
+done
+# Every option in the programs' tables, every script, and advice about every flag.
+for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device,replay,top,bench_*}.c "$source"/clients/view/view.c); do
+    grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
+done
+for script in "$source"/scripts/*; do
+    [ -d "$script" ] || grep -q "^### scripts/$(basename "$script")$" "$work/programs.md" || { echo "FAILED: no $script in programs.md" >&2; exit 1; }
+done
+for flag in $(sed -nE '/struct needle_wrench_t/,/EVENT_/s/.* const int32_t ([A-Z_]+) .*/\1/p' "$lcm" | grep -v EVENT_); do
+    grep -q "\`$flag\`" "$source/docs/troubleshooting.md" || { echo "FAILED: nothing about $flag in troubleshooting.md" >&2; exit 1; }
 done
 echo passed

@@ -26,6 +26,9 @@ setup --demo one-more
 [ $status -eq 0 ] || fail "$(cat said)"
 grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat asked)"
 ! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|ncurses|help2man|chromium' asked || fail "more than the demo needs: $(cat asked)"
+rm asked && setup --package
+for package in libwebsockets-dev libncurses-dev help2man; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+! grep -qE 'matplotlib|numpy|cmocka' asked || fail "more than the package needs: $(cat asked)"
 rm asked && setup
 for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016

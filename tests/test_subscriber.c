@@ -136,7 +136,7 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Of two needles the first one is shown; the other one's messages come between its own. */
+/* Of two needles, only the first is shown, although the other one's messages arrive in between. */
 static void the_first_needle_is_shown(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t first = {.tick = 77, .depth = 1}, second = {.tick = 77, .depth = 2, .needle = 1};
@@ -156,7 +156,7 @@ static void the_first_needle_is_shown(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* As they would come in by the network: no crash, all counted. */
+/* As the network might deliver them: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};

@@ -219,7 +219,7 @@ static void count_contacts(const lcm_recv_buf_t *b, const char *channel, const t
     f->tips[m->needle] = m->centreline[m->joint_count - 1][2];
 }
 
-/* Of two needles, the one that nobody has held yet is not shown; status comes for both. */
+/* Every needle has a status. Contacts are published only for needles that have been held. */
 static void each_needle_has_its_messages(void **state) {
     fixture *f = *state;
     for (int held = 1; held <= 2; held++) {

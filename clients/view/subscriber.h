@@ -1,4 +1,4 @@
-/* Receives the server's messages and adds them to a timeline. Of several needles the first one is shown. */
+/* Receives the server's messages and adds them to a timeline. With several needles, only the first one is shown. */
 #ifndef TROCAR_SUBSCRIBER_H
 #define TROCAR_SUBSCRIBER_H
 

@@ -1,39 +1,9 @@
-"""Makes a mesh, a scene and a quality report from a patient's outlines (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
-
-The first region is the gland: its surface is the membrane `capsule`. Regions that touch share their surface; overlaps
-belong to the smaller region. Outlines and surfaces are in DICOM's patient coordinates, millimetres.
-"""
-import argparse
+"""Makes a mesh, a scene and a quality report from a patient's outlines or surfaces; options.py has the options."""
 import os
 import re
 import sys
 
-from . import contours, limits, picture, pipeline, quality, reading, scene
-
-
-def parse_arguments(arguments):
-    parser = argparse.ArgumentParser("anatomy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("input", nargs="+", help="one file of outlines (.dcm, .csv), or surfaces (.stl, .ply), one per region, named after the file")
-    parser.add_argument("--list", action="store_true", help="list the regions of interest and exit")
-    parser.add_argument("--roi", action="append", default=[], metavar="NAME", help="soft region, the gland first; may be repeated")
-    parser.add_argument("--bone", action="append", default=[], metavar="NAME", help="region that no needle enters; may be repeated")
-    parser.add_argument("--output", default="patient", metavar="PREFIX", help="writes PREFIX.msh, .yaml, -quality.md, -quality.svg (default: patient)")
-    parser.add_argument("--nodes", type=int, default=570, help="number of nodes, reached within 10 %% (default 570)")
-    parser.add_argument("--corridor", type=float, nargs=3, metavar=("X", "Y", "RADIUS"),
-                        help="mm: elements of half the size around this line along z, in the mesh's frame")
-    parser.add_argument("--crop", action="store_true", help="a box around the gland and the bones only; what lies outside is cut off and reported")
-    parser.add_argument("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS",
-                        help="processor time for each stage; longer ones are stopped (default %(default)g)")
-    parser.add_argument("--unit", choices=("mm", "cm", "m"), default="mm", help="of STL and PLY (default mm)")
-    parser.add_argument("--picture", metavar="FILE.svg", help="draw the outlines as read and as interpreted, even if they cannot be used")
-    given = parser.parse_args(arguments)
-    if not given.time_limit > 0:
-        parser.error("--time-limit must be positive")
-    if given.nodes < 200:
-        parser.error("--nodes must be at least 200")
-    if given.corridor and given.corridor[2] <= 0:
-        parser.error("--corridor: the radius must be positive")
-    return given
+from . import contours, limits, options, picture, pipeline, quality, reading, scene
 
 
 def pick(name, available, path):
@@ -130,9 +100,10 @@ def write(path, content):
 
 
 def main():
+    given = options.parse(sys.argv[1:])
     limits.end_on_signals()
     try:
-        run(parse_arguments(sys.argv[1:]))
+        run(given)
     except (reading.BadFile, contours.Unusable, limits.TooLong, limits.Crashed, OSError) as error:
         print(f"anatomy: {error}", file=sys.stderr)
         sys.exit(2)

@@ -21,7 +21,7 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "$(_parse_help "$1" "$benchmark --help")" -- "$cur")
                 [[ ${COMPREPLY[0]-} != *= ]] || compopt -o nospace
             elif [[ $1 == *trocar-bench && $cword -eq 1 ]]; then
-                mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]*\)    .*/\1/p')" -- "$cur")
+                mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]\+\)  .*/\1/p')" -- "$cur")
             elif [[ $1 == *trocar-anatomy ]]; then
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;

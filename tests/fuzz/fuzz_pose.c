@@ -1,5 +1,5 @@
-/* TROCAR_POSE, a stream of messages: eight bytes of each input message say how many bytes it has and when it comes. Whatever
-   comes, what is handed on are finite unit poses within the limits of speed, in order, of one owner a needle. */
+/* TROCAR_POSE, a stream of messages: eight bytes before each message give its length and time. Accepted poses must always be
+   finite, have unit quaternions, respect the speed limits, be in order, and belong to one owner per needle. */
 #include "fuzz.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@ static void check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], 
     for (int i = 0; i < NEEDLES; i++) {
         const pose_sample *s = &in->needles[i].newest, *b = &before[i].newest;
         if (memcmp(s, b, sizeof *b) == 0) continue;
-        if (!s->held) { /* its owner has gone to another needle */
+        if (!s->held) { /* its owner has moved to another needle */
             REQUIRE(verdict == POSE_ACCEPTED && in->record.needles[i].owner == 0);
             continue;
         }

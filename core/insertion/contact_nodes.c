@@ -1,5 +1,6 @@
 #include "insertion/contact_nodes.h"
 
+#include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
 static const double PLAN_TOLERANCE = 2e-4; /* m, a planned contact node is used if the tip passes this close to it */
@@ -85,8 +86,9 @@ void leave_contact(const tick_context *tick) {
         drop_plan(state);
         slot = add_contact(tick, tip->nominal, tip->depth);
     }
+    lateral_axial logarithm = tip->resolved_known ? local_logarithm(tick->model, &tip->resolved) : (lateral_axial){0.0, 0.0};
     if (slot >= 0)
-        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .log_lateral = logarithm.lateral, .log_axial = logarithm.axial, .arc = tick->model->needle->given.length, .track = tip_place(tip),
                                                 .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
                                                 .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction};
     tip->next_contact = INFINITY;

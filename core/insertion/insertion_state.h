@@ -25,7 +25,7 @@ typedef struct {
     double slip;             /* m, by which the shaft slid forward past it in the last solve; applied by the next tick */
     double slid;             /* m of sliding since it last stuck */
     friction_state friction;
-    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
+    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways; 0: not known yet */
     double log_axial;        /* the same along the needle */
     double surplus_lateral, surplus_axial; /* m/N, compliance that its node adds by being in the mesh */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */

@@ -36,9 +36,11 @@ static void activate_contact(const tick_context *tick, int k) {
     const contact_field *field = &tick->snapshot->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    lateral_axial logarithm = local_logarithm(model, &field->resolved);
-    contact->log_lateral = logarithm.lateral;
-    contact->log_axial = logarithm.axial;
+    if (contact->log_lateral == 0.0) { /* the tip that left it did not know it yet */
+        lateral_axial logarithm = local_logarithm(model, &field->resolved);
+        contact->log_lateral = logarithm.lateral;
+        contact->log_axial = logarithm.axial;
+    }
     contact->surplus_lateral = field->surplus_lateral;
     contact->surplus_axial = field->surplus_axial;
     double ahead = shaft_ahead(model, state, k, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */

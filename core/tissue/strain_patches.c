@@ -14,19 +14,24 @@ typedef struct {
     int count, taken;        /* patches; tets in `grown` */
 } partition;
 
-/* The tet of the same region across a face, or -1. */
-static int across(const mesh *m, int tet, int face) {
-    int other = m->neighbours[tet][face];
-    return other >= 0 && m->region[other] == m->region[tet] ? other : -1;
+/* The tets of the same region that share a face with this one, in ascending order: choices among equals do not depend on the order of a
+   tet's corners, which is another one in the mirror image of a mesh. Returns how many. */
+static int beside(const mesh *m, int tet, int others[4]) {
+    int count = 0;
+    for (int face = 0; face < 4; face++) {
+        int other = m->neighbours[tet][face], place = count;
+        if (other < 0 || m->region[other] != m->region[tet]) continue;
+        for (; place > 0 && others[place - 1] > other; place--) others[place] = others[place - 1];
+        others[place] = other;
+        count++;
+    }
+    return count;
 }
 
 /* Faces of a tet to tets of this patch. */
 static int shared_faces(const partition *p, int tet, int patch) {
-    int shared = 0;
-    for (int face = 0; face < 4; face++) {
-        int other = across(p->mesh, tet, face);
-        shared += other >= 0 && p->patch[other] == patch;
-    }
+    int others[4], count = beside(p->mesh, tet, others), shared = 0;
+    for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
     return shared;
 }
 
@@ -57,16 +62,17 @@ static int suitability(const partition *p, int tet) {
 
 /* The free tet beside the patch that suits it best, the first of equals; -1 if there is none. */
 static int next_member(const partition *p) {
-    int best = -1, most = 0;
-    for (int k = p->first[p->count]; k < p->taken; k++)
-        for (int face = 0; face < 4; face++) {
-            int tet = across(p->mesh, p->grown[k], face);
-            if (tet < 0 || p->patch[tet] != NO_PATCH) continue;
-            int suits = suitability(p, tet);
+    int best = -1, most = 0, others[4];
+    for (int k = p->first[p->count]; k < p->taken; k++) {
+        int count = beside(p->mesh, p->grown[k], others);
+        for (int i = 0; i < count; i++) {
+            if (p->patch[others[i]] != NO_PATCH) continue;
+            int suits = suitability(p, others[i]);
             if (best >= 0 && suits <= most) continue;
-            best = tet;
+            best = others[i];
             most = suits;
         }
+    }
     return best;
 }
 
@@ -79,14 +85,14 @@ static void grow_patch(partition *p, int seed) {
 
 /* Patches spread like a front: each starts beside the earliest tet that still has a free neighbour. */
 static void grow_all(partition *p) {
-    int front = 0;
+    int front = 0, others[4];
     for (int start = 0; start < p->mesh->tet_count; start++) {
         if (p->patch[start] == NO_PATCH) grow_patch(p, start);
-        for (; front < p->taken; front++)
-            for (int face = 0; face < 4; face++) {
-                int tet = across(p->mesh, p->grown[front], face);
-                if (tet >= 0 && p->patch[tet] == NO_PATCH) grow_patch(p, tet);
-            }
+        for (; front < p->taken; front++) {
+            int count = beside(p->mesh, p->grown[front], others);
+            for (int i = 0; i < count; i++)
+                if (p->patch[others[i]] == NO_PATCH) grow_patch(p, others[i]);
+        }
     }
 }
 
@@ -97,14 +103,16 @@ static int end_of(const partition *p, int patch) { return patch + 1 < p->count ?
 
 /* Moves one tet of a small patch to the smallest patch beside it that is large enough; false if there is none. */
 static bool give_away(partition *p, int small) {
-    int given = -1, to = -1;
-    for (int k = p->first[small]; k < end_of(p, small); k++)
-        for (int face = 0; face < 4 && p->patch[p->grown[k]] == small; face++) {
-            int other = across(p->mesh, p->grown[k], face), patch = other < 0 ? small : p->patch[other];
+    int given = -1, to = -1, others[4];
+    for (int k = p->first[small]; k < end_of(p, small); k++) {
+        int tet = p->grown[k], count = p->patch[tet] == small ? beside(p->mesh, tet, others) : 0;
+        for (int i = 0; i < count; i++) {
+            int patch = p->patch[others[i]];
             if (p->size[patch] < LEAST_SIZE || (to >= 0 && p->size[patch] >= p->size[to])) continue;
-            given = p->grown[k];
+            given = tet;
             to = patch;
         }
+    }
     if (to < 0) return false;
     p->patch[given] = to;
     p->size[to]++;

@@ -16,8 +16,8 @@ typedef struct {
 } patch;
 
 /* The change that contact node `index` brings to the mesh with all nodes before it. Its sum with the stiffness of that mesh is
-   the stiffness of the next one. Mean strains of STRAIN_BY_NODE stay those of the nominal mesh, which is right for added nodes only:
-   nodes move with STRAIN_BY_ELEMENT. */
+   the stiffness of the next one. Averaged strains stay those of the nominal mesh, which is right for added nodes only: nodes
+   move with STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int index, patch *p);
 
 #endif

@@ -5,7 +5,7 @@ The manufactured field u = a sin(pi x/L) sin(pi y/L) sin(pi z/L) vanishes on the
 body force that it needs is loaded consistently. Linear elements should reach order 2 in the displacement and 1 in the
 energy norm (Strang and Fix 1973), whatever nu below 0.5. Volumetric strain by patch is core's default, by element its
 plain linear tetrahedron. The second field, curl (0, 0, sin^2 sin^2 sin^2), has no divergence, so that its load does not depend on
-lambda; at nu = 0.499 elements converge to it at once, or lock and hardly move (by element 76 % are missing at 5 500 nodes).
+lambda; at nu = 0.499 elements converge to it at once, or lock and hardly move (by element 76 % is missing on the mesh with 16 elements along an edge).
 """
 import itertools
 import sys

@@ -25,7 +25,7 @@ void simulation_defaults(simulation_config *config) {
                       .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
-        .volumetric = STRAIN_BY_NODE,
+        .volumetric = STRAIN_BY_PATCH,
     };
 }
 

@@ -80,6 +80,12 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
         }
         end_array(out);
     }
+    const int32_t *patches = trocar_model_strain_patches(model);
+    if (patches) {
+        begin_array("Int32", "volumetric_patch", 1, out);
+        for (int e = 0; e < m->tet_count; e++) fprintf(out, "%d\n", patches[m->parents[e]]);
+        end_array(out);
+    }
     fprintf(out, "</CellData>\n");
 }
 

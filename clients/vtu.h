@@ -8,8 +8,8 @@
 
 /* The tissue as PREFIX-tissue.vtu: the refined mesh (nominal nodes, then active contact nodes)
    at nominal positions. Point data `displacement` m, `applied_force` N on the tissue, `fixed` 0/1; cell data `region`
-   (named in a comment), `youngs_modulus` Pa, `poisson_ratio` and, with `volumetric_strain: node`, `volumetric_nodes`: the nominal nodes
-   onto which the cell's volumetric strain is averaged. K displacement = applied_force at all nodes not fixed. */
+   (named in a comment), `youngs_modulus` Pa, `poisson_ratio` and what the cell's volumetric strain is averaged over: `volumetric_patch`, a patch
+   of cells (`volumetric_strain: patch`), or `volumetric_nodes`, nominal nodes (`node`). K displacement = applied_force at all nodes not fixed. */
 trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const char *prefix, report *why);
 
 /* The needle as PREFIX-needle.vtu: the deformed centreline through joints and contact points. Point data `force` N on the needle,

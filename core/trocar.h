@@ -261,8 +261,11 @@ typedef struct trocar_material {
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region);
 
-/* 1 where volumetric strains are averaged around nodes (key "volumetric_strain"), 0 where each tetrahedron has its own. */
+/* How volumetric strains are averaged (key "volumetric_strain"). 1 if around nodes, else 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
+
+/* If they are averaged over patches of tetrahedra: tet_count patch numbers from 0 on, one for each tetrahedron; else, and with mesh_only, NULL. */
+TROCAR_API const int32_t *trocar_model_strain_patches(const trocar_model *model);
 
 /* Makes now what would else be made when it is first needed, as a condensed inverse's factor, minutes on a large mesh. From any
    thread, beside the others. Allocates. */

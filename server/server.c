@@ -164,7 +164,7 @@ static trocar_status create_in_a_hurry(server *s, report *why) {
 }
 
 trocar_status server_create(const server_options *options, server **created, report *why) {
-    server *s = calloc(1, sizeof *s);
+    server *s = allocate_on_cache_lines(sizeof *s);
     if (s == NULL) return fail(why, TROCAR_NO_MEMORY, "cannot allocate the server");
     s->options = *options;
     s->id = session_new();

@@ -99,9 +99,10 @@ def internal_forces(grid, tets):
     u = grid.point_data["displacement"][tets].reshape(-1, 12)
     strain = np.einsum("ekj,ej->ek", b, u)
     stress = np.einsum("ekl,el->ek", d, strain)
-    if "volumetric_nodes" in grid.cell_data:
+    if "volumetric_nodes" in grid.cell_data or "volumetric_patch" in grid.cell_data:
         modulus = d[:, 0, 1]  # lambda
-        pressure = averaged_volumetric_stress(grid, volumes, strain[:, :3].sum(axis=1), modulus)
+        average = nodal_volumetric_stress if "volumetric_nodes" in grid.cell_data else patch_volumetric_stress
+        pressure = average(grid, volumes, strain[:, :3].sum(axis=1), modulus)
         stress[:, :3] += (pressure - modulus * strain[:, :3].sum(axis=1))[:, None]
     local = np.einsum("eki,ek,e->ei", b, stress, volumes)
     forces = np.zeros_like(grid.points)
@@ -109,7 +110,13 @@ def internal_forces(grid, tets):
     return forces, volumes
 
 
-def averaged_volumetric_stress(grid, volumes, divergence, modulus):
+def patch_volumetric_stress(grid, volumes, divergence, modulus):
+    """lambda div u, with div u averaged by volume over each patch of cells."""
+    patch = grid.cell_data["volumetric_patch"].astype(int)
+    return modulus * (np.bincount(patch, volumes * divergence) / np.bincount(patch, volumes))[patch]
+
+
+def nodal_volumetric_stress(grid, volumes, divergence, modulus):
     """lambda div u, with div u averaged by volume at nodes, region by region, and the four nodes' mean for each cell."""
     nodes = grid.cell_data["volumetric_nodes"].astype(int) + len(grid.points) * grid.cell_data["region"].astype(int)[:, None]
     size = nodes.max() + 1

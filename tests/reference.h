@@ -154,29 +154,59 @@ static inline void reference_invert(reference *r) {
     reference_isolate(r, 0.0);
 }
 
-/* Stiffness lambda V b b^T of the strain averaged around a node, over the elements of one region of the nominal mesh. */
-static inline void reference_add_mean(reference *r, const tissue *t, int node, int region) {
-    const mesh *m = t->mesh;
-    const region_material *material = &t->materials[region];
-    double *b = calloc((size_t)(3 * r->node_count), sizeof *b), volume = 0.0;
+/* Adds a share of the volume integral of div u over an element, as coefficients of u. Returns that share of its volume. */
+static inline double reference_add_divergence(const vec3 *nodes, const int tet[4], double share, double *b) {
+    double g[4][3];
+    vec3 x[4];
+    for (int i = 0; i < 4; i++) x[i] = nodes[tet[i]];
+    share *= reference_gradients(x, g);
+    for (int i = 0; i < 12; i++) b[3 * tet[i / 3] + i % 3] += share * g[i / 3][i % 3];
+    return share;
+}
+
+/* Adds the stiffness lambda V b b^T of a mean strain with integral `b` over `volume`, and clears b. */
+static inline void reference_add_mean(reference *r, const region_material *material, double *b, double volume) {
     double lambda = material->youngs_modulus * material->poisson_ratio / ((1.0 + material->poisson_ratio) * (1.0 - 2.0 * material->poisson_ratio));
-    for (int e = 0; e < m->tet_count; e++) {
-        double g[4][3];
-        vec3 x[4];
-        const int *v = m->tets[e];
-        if (m->region[e] != region || (v[0] != node && v[1] != node && v[2] != node && v[3] != node)) continue;
-        for (int i = 0; i < 4; i++) x[i] = m->nodes[v[i]];
-        double share = 0.25 * reference_gradients(x, g);
-        volume += share;
-        for (int i = 0; i < 12; i++) b[3 * v[i / 3] + i % 3] += share * g[i / 3][i % 3];
-    }
     for (int p = 0; p < 3 * r->node_count && volume > 0.0; p++)
         for (int q = 0; q < 3 * r->node_count && b[p] != 0.0; q++) *reference_entry(r, p / 3, p % 3, q / 3, q % 3) += lambda / volume * b[p] * b[q];
+    memset(b, 0, (size_t)(3 * r->node_count) * sizeof *b);
+}
+
+/* The strain averaged around each node over the elements of one region of the nominal mesh. */
+static inline void reference_average_nodes(reference *r, const tissue *t) {
+    const mesh *m = t->mesh;
+    double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
+    for (int node = 0; node < m->node_count; node++)
+        for (int region = 0; region < m->group_count; region++) {
+            double volume = 0.0;
+            for (int e = 0; e < m->tet_count; e++) {
+                const int *v = m->tets[e];
+                if (m->region[e] == region && (v[0] == node || v[1] == node || v[2] == node || v[3] == node))
+                    volume += reference_add_divergence(m->nodes, v, 0.25, b);
+            }
+            reference_add_mean(r, &t->materials[region], b, volume);
+        }
     free(b);
 }
 
-/* The nominal mesh of this tissue refined by these contact nodes in order, and its stiffness. */
-static inline void reference_build(const tissue *t, const refinement *added, reference *r) {
+/* The strain averaged over each patch of these elements; each is part of an element of the nominal mesh, its parent. */
+static inline void reference_average_patches(reference *r, const tissue *t, const vec3 *nodes, int count, int (*tets)[4], const int *parent) {
+    double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
+    for (int patch = 0; patch < t->patch_count; patch++) {
+        double volume = 0.0;
+        int region = -1;
+        for (int e = 0; e < count; e++) {
+            if (t->patch[parent[e]] != patch) continue;
+            volume += reference_add_divergence(nodes, tets[e], 1.0, b);
+            region = t->mesh->region[parent[e]];
+        }
+        reference_add_mean(r, &t->materials[region], b, volume);
+    }
+    free(b);
+}
+
+/* The nominal mesh of this tissue with these contact nodes one after the other. */
+static inline void reference_refine(const tissue *t, const refinement *added, reference *r) {
     size_t nodes = (size_t)(t->mesh->node_count + added->count), tets = (size_t)(t->mesh->tet_count + 4 * added->count + 1);
     *r = (reference){.node_count = t->mesh->node_count, .tet_count = t->mesh->tet_count};
     r->nodes = malloc(nodes * sizeof *r->nodes);
@@ -196,10 +226,15 @@ static inline void reference_build(const tissue *t, const refinement *added, ref
         if (node->moved >= 0) reference_move(r, node->moved, node->position);
         else reference_split(r, node->position);
     }
-    reference_assemble(r, t->volumetric == STRAIN_BY_NODE);
-    for (int n = 0; n < t->mesh->node_count && t->volumetric == STRAIN_BY_NODE; n++)
-        for (int g = 0; g < t->mesh->group_count; g++)
-            if (t->mesh->groups[g].dimension == 3) reference_add_mean(r, t, n, g);
+}
+
+/* And its stiffness. Mean strains are those of the nominal mesh. */
+static inline void reference_build(const tissue *t, const refinement *added, reference *r) {
+    reference_refine(t, added, r);
+    reference_assemble(r, t->volumetric != STRAIN_BY_ELEMENT);
+    if (t->volumetric == STRAIN_BY_NODE) reference_average_nodes(r, t);
+    if (t->volumetric == STRAIN_BY_PATCH) /* the first parents are the nominal elements themselves */
+        reference_average_patches(r, t, t->mesh->nodes, t->mesh->tet_count, t->mesh->tets, r->parent);
 }
 
 /* The same, with the stiffness inverted. */

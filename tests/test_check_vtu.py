@@ -116,7 +116,7 @@ def write_case(case, prefix):
     def pick(*names):
         return {name: case[name] for name in names}
     write_vtu(prefix + "-tissue.vtu", case["points"], case["tets"], 10, pick("displacement", "applied_force", "fixed"),
-              pick("region", "youngs_modulus", "poisson_ratio"), {})
+              pick("region", "youngs_modulus", "poisson_ratio", *(["volumetric_patch"] if "volumetric_patch" in case else [])), {})
     write_vtu(prefix + "-needle.vtu", case["line"], [range(len(case["line"]))], 4, pick("force", "arc_length"), {},
               pick("base_position", "base_force", "base_torque"))
 
@@ -170,6 +170,13 @@ class CheckVtu(unittest.TestCase):
             case[name] = case[name] * 0
         self.assertFalse(self.verdict(case)[0])
         self.assertTrue(self.verdict(case, unloaded=True)[0])
+
+    def test_strain_is_averaged_over_the_patches(self):
+        case = solved_case()
+        case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # a cube of Kuhn's each: one layer, one strain
+        self.assertTrue(self.verdict(case)[0])
+        case["volumetric_patch"][:] = 0  # across the layers
+        self.assertFalse(self.verdict(case)[0])
 
     def test_not_a_number_is_refused(self):
         case = solved_case()

@@ -54,7 +54,7 @@ bad_input() {
     refuses --shift "$replay" --scene "$scene" --poses poses.log --region prostate
     refuses liver "$replay" --scene "$scene" --poses poses.log --shift x.csv --region liver
     refuses "--at 99 s is after the last pose" "$replay" --scene "$scene" --poses poses.log --vtu x --at 99
-    refuses "which benchmark" "$bench"
+    refuses "no benchmark given" "$bench"
     refuses tock "$bench" tock
     refuses --nonsense "$bench" tick --nonsense
     refuses --scene "$bench" tick --json x.json

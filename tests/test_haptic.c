@@ -36,7 +36,7 @@ static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
 static int open_scene(void **state) {
-    fixture *f = *state = calloc(1, sizeof *f);
+    fixture *f = *state = allocate_on_cache_lines(sizeof *f);
     f->host = host_open(MESHES "/figure8.yaml");
     return 0;
 }
@@ -284,7 +284,7 @@ static void stage_times_add_up_to_the_tick(void **state) {
 /* ---- two needles, 60 mm apart ---- */
 
 static int open_pair(void **state) {
-    fixture *f = *state = calloc(1, sizeof *f);
+    fixture *f = *state = allocate_on_cache_lines(sizeof *f);
     f->host = host_open_with(MESHES "/figure8.yaml", "needles", "2");
     return 0;
 }

@@ -293,8 +293,11 @@ static void moved_nodes_need_suitable_method_and_strain(void **unused) {
     assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "implicit"));
     c.remeshing = REMESH_IMPLICIT;
-    assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "volumetric_strain: element"));
+    for (int averaged = 0; averaged < 2; averaged++) {
+        c.volumetric = averaged ? STRAIN_BY_NODE : STRAIN_BY_PATCH;
+        assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
+        assert_non_null(strstr(why.text, "volumetric_strain: element"));
+    }
 }
 
 /* A worker that answers only every 20th tick: contacts are added later, forces stay close, and no tick waits. */

@@ -148,7 +148,7 @@ static void full_cache_gives_correct_results(void **state) {
     for (int g = 0; g < MESH_MAX_GROUPS; g++) materials[g] = (region_material){.youngs_modulus = 2e4, .poisson_ratio = 0.45};
     bool *fixed = calloc((size_t)m.node_count, sizeof *fixed);
     for (int i = 0; i < m.node_count; i++) fixed[i] = m.nodes[i].z > 0.0999;
-    assert_int_equal(tissue_create(&m, materials, fixed, STRAIN_BY_NODE, &t, &why), TROCAR_OK);
+    assert_int_equal(tissue_create(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
     assert_int_equal(inverse_create_sparse(&t, 0.0, &sparse, &why), TROCAR_OK);
     assert_int_equal(inverse_create_dense(&t, &dense, &why), TROCAR_OK);
     double largest = 0.0;

@@ -124,7 +124,47 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
 static void linear_fields_match_the_refined_mesh(void **state) {
     (void)state;
     check_linear_fields(STRAIN_BY_ELEMENT, 3);
-    check_linear_fields(STRAIN_BY_NODE, 2); /* no nodes are moved there */
+    check_linear_fields(STRAIN_BY_NODE, 2); /* nothing moves there */
+    check_linear_fields(STRAIN_BY_PATCH, 2);
+}
+
+/* ---- nodes added within a patch of averaged strain ---- */
+
+/* Adds nodes inside elements and on faces between two elements of one patch. */
+static void add_within_patches(const tissue *t, int count) {
+    memset(&request, 0, sizeof request);
+    while (request.wanted.count < count) {
+        int tet = 7 * (rand() % 40), index = request.wanted.count; /* several nodes share an element */
+        add_node((kind)(index % 2), tet, point_in(tet, 0.02));
+        const added_node *node = &request.wanted.nodes[index];
+        bool between = index % 2 == 1 && (node->across_tet < 0 || t->patch[node->across_tet] != t->patch[node->tet]);
+        if (between) request.wanted.count--;
+    }
+}
+
+/* The mean over a patch of split elements is that over the whole ones, so that K is that of the split mesh assembled with all its nodes. */
+static void split_elements_stay_in_their_patch(void **state) {
+    (void)state;
+    static const bool fixed[CUBE_NODES] = {[HELD] = true};
+    tissue t;
+    reference expected;
+    report why;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+    tested = &t;
+    add_within_patches(&t, 40);
+    add_nominal(&t);
+    for (int i = 0; i < request.wanted.count; i++) add_patch(&t, i);
+    reference_refine(&t, &request.wanted, &expected);
+    reference_assemble(&expected, true);
+    reference_average_patches(&expected, &t, expected.nodes, expected.tet_count, expected.tets, expected.parent);
+    for (int i = 0; i < 3 * expected.node_count; i++)
+        for (int j = 0; j < 3 * expected.node_count; j++)
+            if (i / 3 != HELD && j / 3 != HELD)
+                assert_close(stiffness[i][j], *reference_entry(&expected, i / 3, i % 3, j / 3, j % 3),
+                             1e-9 * fabs(*reference_entry(&expected, i / 3, i % 3, i / 3, i % 3)));
+    reference_free(&expected);
+    tested = &body.tissue;
+    tissue_free(&t);
 }
 
 int main(void) {
@@ -132,6 +172,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(patch_equals_the_difference_of_two_meshes),
         cmocka_unit_test(linear_fields_match_the_refined_mesh),
+        cmocka_unit_test(split_elements_stay_in_their_patch),
     };
     return cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -44,7 +44,7 @@ KEEP_FIRST(deformation, trocar_deformation_t)
 KEEP_FIRST(contacts, trocar_contacts_t)
 
 static int open_with(void **state, const char *needles) {
-    fixture *f = calloc(1, sizeof *f);
+    fixture *f = allocate_on_cache_lines(sizeof *f);
     report why = {""};
     *state = f;
     f->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);

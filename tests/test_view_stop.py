@@ -19,8 +19,11 @@ ACKNOWLEDGE, TAKE, STATUS = 1, 2, 4
 
 
 def write_log(path):
-    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns."""
-    log, at, time = open(f"{SOURCE}/tests/traces/figure8-golden.log", "rb").read(), 0, 1
+    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns. Replayed, because a live view refuses the
+    older message types of the recording."""
+    subprocess.run([f"{BUILD}/clients/trocar-replay", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--poses", f"{SOURCE}/tests/traces/figure8.log",
+                    "--out", f"{path}.replayed", "--every", "10", "--quiet"], check=True)
+    log, at, time = open(f"{path}.replayed", "rb").read(), 0, 1
     with open(path, "wb") as out:
         while at < len(log):
             name, data = struct.unpack_from(">II", log, at + 20)

@@ -95,3 +95,5 @@ trocar_material trocar_model_material(const trocar_model *model, int region) {
 }
 
 int trocar_model_averages_strain(const trocar_model *model) { return model->parts.config.volumetric == STRAIN_BY_NODE; }
+
+const int32_t *trocar_model_strain_patches(const trocar_model *model) { return model->parts.tissue.patch; }

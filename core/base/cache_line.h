@@ -18,4 +18,12 @@ static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory
     return TROCAR_OK;
 }
 
+/* A zeroed struct that has cache lines of its own in it: malloc() aligns to 16 bytes only, and the compiler may rely on more.
+   NULL without memory. Release with free(). */
+static inline void *allocate_on_cache_lines(size_t bytes) {
+    report ignored;
+    unsigned char *memory;
+    return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
+}
+
 #endif

@@ -25,7 +25,7 @@ void simulation_defaults(simulation_config *config) {
                       .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
-        .volumetric = STRAIN_BY_NODE,
+        .volumetric = STRAIN_BY_PATCH,
     };
 }
 
@@ -162,8 +162,8 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     call_once(&blas_once, use_one_blas_thread);
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
-    if (config->volumetric == STRAIN_BY_NODE && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes would bend strains averaged around them; "
+    if (config->volumetric != STRAIN_BY_ELEMENT && config->insertion.placement == PLACE_MOVED)
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: a moved node would change strains averaged beyond the elements around it; "
                     "choose volumetric_strain: element");
     trocar_status status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;

@@ -17,7 +17,7 @@ typedef struct {
 
 /* The change that the contact node in place `position` of the order brings to the mesh with all nodes before it. `position` may be r->count:
    a node that is in order[count] and not counted yet. Its sum with the stiffness of that mesh is
-   the stiffness of the next one. Mean strains of STRAIN_BY_NODE stay those of the nominal mesh, which is right for added nodes only:
+   the stiffness of the next one. Averaged strains stay those of the nominal mesh, which is right for added nodes only:
    nodes move with STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 

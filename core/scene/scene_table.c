@@ -25,7 +25,7 @@ _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
     }
 WORDS(model_word, [NEEDLE_ROD] = "rod", [NEEDLE_TETRAHEDRA] = "tetrahedra")
 WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PLACE_MOVED] = "moved")
-WORDS(strain_word, [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
+WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
 static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
 static const char *inverse_word(int index) { return index < INVERSE_CHOICES ? inverse_choice_name((inverse_choice)index) : NULL; }
 static const char *profile_word(int index) { return device_profiles[index]; }
@@ -81,7 +81,7 @@ const row SCENE_TABLE[] = {
     {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "how the inverse follows the changes of the mesh"},
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,
      .doc = "auto: dense below 1 GB, else condensed with a region_of_interest, else sparse"},
-    {"volumetric_strain", "", WORD, OF(simulation.volumetric), .words = strain_word, .doc = "averaged at nodes, which does not lock, or by element"},
+    {"volumetric_strain", "", WORD, OF(simulation.volumetric), .words = strain_word, .doc = "averaged over patches of tetrahedra or at nodes, which do not lock, or by element"},
     {"cache", "", DIRECTORY_PATH, OF(simulation.cache), .doc = "directory of condensed inverses; by default $XDG_CACHE_HOME/trocar"},
 
     {"region_of_interest.regions", "", NAMES, OF(simulation.roi.regions), .doc = "regions that needles reach"},

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/lame.h"
+#include "tissue/strain_patches.h"
 
 mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio) {
     double mu = shear_modulus(youngs_modulus, poisson_ratio), lambda = lame_lambda(youngs_modulus, poisson_ratio);
@@ -67,44 +68,59 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
         }
 }
 
-/* Adds an element's contribution to the mean volumetric strain of its nodes; one column per node of the region. */
-static void add_divergence(const tissue *t, int tet, const double *node_volume, cholmod_triplet *triplets) {
+/* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
+
+/* The means of div u that an element takes part in, by equal shares of its volume: its patch's, or its nodes'. Returns how many. */
+static int means_of(const tissue *t, int tet, int means[4]) {
+    if (t->volumetric == STRAIN_BY_PATCH) {
+        means[0] = t->patch[tet];
+        return 1;
+    }
+    memcpy(means, t->mesh->tets[tet], 4 * sizeof *means);
+    return 4;
+}
+
+static int mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
+
+/* Adds an element's contribution to its means; one column per mean. `whole`: their volumes. */
+static void add_divergence(const tissue *t, int tet, const double *whole, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];
     for (int c = 0; c < 4; c++) corners[c] = m->nodes[m->tets[tet][c]];
     const region_material *material = &t->materials[m->region[tet]];
     double volume = tet_gradients(corners, g), lambda = lame_lambda(material->youngs_modulus, material->poisson_ratio);
-    int *rows = triplets->i, *columns = triplets->j;
+    int *rows = triplets->i, *columns = triplets->j, means[4], count = means_of(t, tet, means);
     double *values = triplets->x;
-    for (int a = 0; a < 4; a++) {
-        int node = m->tets[tet][a];
-        double weight = 0.25 * volume * sqrt(lambda / node_volume[node]);
+    for (int a = 0; a < count; a++) {
+        double weight = volume / count * sqrt(lambda / whole[means[a]]);
         for (int c = 0; c < 4; c++) {
             int dof = t->dof[m->tets[tet][c]];
             for (int k = 0; k < 3 && dof >= 0; k++) {
                 size_t at = triplets->nnz++;
                 rows[at] = dof + k;
-                columns[at] = node;
+                columns[at] = means[a];
                 values[at] = weight * (k == 0 ? g[c].x : k == 1 ? g[c].y : g[c].z);
             }
         }
     }
 }
 
-/* B B^T of one region: sum over its nodes of lambda V (mean of div u)^2; V is a quarter of the volume of the elements around a node. */
-static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *node_volume) {
+/* B B^T of one region: sum over its means of lambda V (mean of div u)^2, V the mean's volume. `whole` has room for all of these. */
+static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole) {
     const mesh *m = t->mesh;
-    size_t tets = 0;
-    for (int i = 0; i < m->node_count; i++) node_volume[i] = 0.0;
+    size_t shares = 0;
+    int means[4];
+    memset(whole, 0, (size_t)mean_count(t) * sizeof *whole);
     for (int e = 0; e < m->tet_count; e++) {
         if (m->region[e] != region) continue;
-        tets++;
-        for (int c = 0; c < 4; c++) node_volume[m->tets[e][c]] += 0.25 * mesh_volume(m, e);
+        int count = means_of(t, e, means);
+        for (int a = 0; a < count; a++) whole[means[a]] += mesh_volume(m, e) / count;
+        shares += (size_t)count;
     }
-    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)m->node_count, 48 * tets + 1, 0, CHOLMOD_REAL, &t->common);
+    cholmod_triplet *triplets = cholmod_allocate_triplet((size_t)t->dof_count, (size_t)mean_count(t), 12 * shares + 1, 0, CHOLMOD_REAL, &t->common);
     if (!triplets) return NULL;
     for (int e = 0; e < m->tet_count; e++)
-        if (m->region[e] == region) add_divergence(t, e, node_volume, triplets);
+        if (m->region[e] == region) add_divergence(t, e, whole, triplets);
     cholmod_sparse *b = cholmod_triplet_to_sparse(triplets, 0, &t->common);
     cholmod_free_triplet(&triplets, &t->common);
     cholmod_sparse *full = b ? cholmod_aat(b, NULL, 0, 1, &t->common) : NULL;
@@ -115,11 +131,11 @@ static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *node_
 }
 
 static bool add_volumetric_stiffness(tissue *t) {
-    double *node_volume = malloc((size_t)t->mesh->node_count * sizeof *node_volume), one[2] = {1.0, 0.0};
-    bool added = node_volume != NULL;
+    double *whole = malloc((size_t)mean_count(t) * sizeof *whole), one[2] = {1.0, 0.0};
+    bool added = whole != NULL;
     for (int g = 0; g < t->mesh->group_count && added; g++) {
         if (t->mesh->groups[g].dimension != 3 || t->materials[g].poisson_ratio == 0.0) continue;
-        cholmod_sparse *region = volumetric_stiffness(t, g, node_volume);
+        cholmod_sparse *region = volumetric_stiffness(t, g, whole);
         cholmod_sparse *sum = region ? cholmod_add(t->stiffness, region, one, one, 1, 1, &t->common) : NULL;
         cholmod_free_sparse(&region, &t->common);
         added = sum != NULL;
@@ -127,8 +143,14 @@ static bool add_volumetric_stiffness(tissue *t) {
         cholmod_free_sparse(&t->stiffness, &t->common);
         t->stiffness = sum;
     }
-    free(node_volume);
+    free(whole);
     return added;
+}
+
+static trocar_status create_patches(tissue *t, report *why) {
+    t->patch = malloc((size_t)t->mesh->tet_count * sizeof *t->patch);
+    if (!t->patch) return fail(why, TROCAR_NO_MEMORY, "no memory for %d tetrahedra", t->mesh->tet_count);
+    return strain_patches_create(t->mesh, t->patch, &t->patch_count, why);
 }
 
 static trocar_status assemble(tissue *t, report *why) {
@@ -260,6 +282,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
         if (t->dof_count == 3 * m->node_count)
             status = fail(why, TROCAR_BAD_INPUT, "no node is fixed: name a surface or region under `fixed`");
     }
+    if (status == TROCAR_OK && volumetric == STRAIN_BY_PATCH) status = create_patches(t, why);
     if (status == TROCAR_OK) status = assemble(t, why);
     if (status != TROCAR_OK) tissue_free(t);
     return status;
@@ -281,5 +304,6 @@ void tissue_free(tissue *t) {
     free(t->fixed);
     free(t->dof);
     free(t->column);
+    free(t->patch);
     memset(t, 0, sizeof *t);
 }

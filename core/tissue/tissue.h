@@ -18,13 +18,16 @@ typedef struct {
 } region_material;
 
 /* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are
-   10 to 15 % too large); with the strain averaged at the nodes of each region they do not (Bonet and Burton 1998). The remaining
-   energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
-typedef enum { STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
+   10 to 15 % too large). They do not with the strain averaged over disjoint patches of 8 tetrahedra of one region (after the F-bar
+   patches of de Souza Neto and others 2005) or at the nodes of each region (Bonet and Burton 1998), which couples a node with its
+   neighbours' neighbours and makes large meshes expensive. The remaining energy, mu eps:eps, is always integrated by element, which
+   keeps K positive definite. */
+typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
+    int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not by patch */
     const region_material *materials; /* by group index; only the entries of dimension 3 count */
     bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */

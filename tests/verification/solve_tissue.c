@@ -1,7 +1,7 @@
 /* Displacements of a tissue under nodal forces, computed by the core for the scripts in this folder.
 
    usage: solve_tissue MESH <INPUT >OUTPUT
-   INPUT, one per line: `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
+   INPUT, one a line: `strain patch`, `strain node` or `strain element` (volumetric_strain), `material REGION E NU`, `fixed GROUP`, `case`
    (begins a load case), `load NODE FX FY FZ`.
    OUTPUT: x y z of each node (m), then for each case ux uy uz of each node (m), all with 17 digits. */
 #include <stdlib.h>
@@ -32,11 +32,13 @@ static trocar_status set_material(problem *p, const char *line, report *why) {
 }
 
 static trocar_status set_strain(problem *p, const char *line, report *why) {
-    bool by_node = strcmp(line, "strain node") == 0;
-    if (!by_node && strcmp(line, "strain element") != 0)
-        return fail(why, TROCAR_BAD_INPUT, "'%s': expected: strain node, or strain element", line);
-    p->strain = by_node ? STRAIN_BY_NODE : STRAIN_BY_ELEMENT;
-    return TROCAR_OK;
+    static const char *const words[] = {[STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element"};
+    for (int i = 0; i < 3; i++)
+        if (strcmp(line + strlen("strain "), words[i]) == 0) {
+            p->strain = (volumetric_strain)i;
+            return TROCAR_OK;
+        }
+    return fail(why, TROCAR_BAD_INPUT, "'%s': expected: strain patch, strain node or strain element", line);
 }
 
 static trocar_status fix_group(problem *p, const char *line, report *why) {

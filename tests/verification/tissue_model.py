@@ -178,9 +178,9 @@ def point_load(model, points, force):
 
 # ---- solutions: displacements (cases, n, 3) ----
 
-def solve_core(rows, model, materials, fixed, cases, strain="node"):
-    """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: where the
-    volumetric strain is evaluated, "node" (default) or "element"."""
+def solve_core(rows, model, materials, fixed, cases, strain="patch"):
+    """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: what the
+    volumetric strain is averaged over, "patch" or "node", or "element"."""
     lines = [f"strain {strain}"]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:

@@ -78,6 +78,22 @@ static double *averaged_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
+/* The same where it is lambda times the mean by volume over the element's patch. */
+static double *patch_stress(const lockstep *l, const vec3 *u) {
+    const mesh *m = &l->simulation.mesh;
+    const int *patch = l->simulation.tissue.patch;
+    double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->tet_count, sizeof *sum);
+    double *whole = sum + m->tet_count, volume;
+    for (int e = 0; e < m->tet_count; e++) {
+        double divergence = divergence_in(m, e, u, &volume);
+        sum[patch[e]] += volume * divergence;
+        whole[patch[e]] += volume;
+    }
+    for (int e = 0; e < m->tet_count; e++) stress[e] = first_lame(l, m->region[e]) * sum[patch[e]] / whole[patch[e]];
+    free(sum);
+    return stress;
+}
+
 /* Stress integrated over the elements of the refined mesh, assembled here from shape functions. */
 static resultant reaction_of_fixed_nodes(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
@@ -89,7 +105,8 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
     if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u);
     simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
-    double *averaged = l->simulation.config.volumetric == STRAIN_BY_NODE ? averaged_stress(l, u) : NULL;
+    volumetric_strain strain = l->simulation.config.volumetric;
+    double *averaged = strain == STRAIN_BY_NODE ? averaged_stress(l, u) : strain == STRAIN_BY_PATCH ? patch_stress(l, u) : NULL;
     for (int e = 0; e < whole.tet_count; e++) {
         const region_material *material = &l->simulation.materials[m->region[whole.parent[e]]];
         double nu = material->poisson_ratio, mu = material->youngs_modulus / (2.0 * (1.0 + nu));
@@ -125,7 +142,7 @@ enum { WAYS = sizeof ways / sizeof *ways };
 static void check_forces(rows *r, volumetric_strain strain) {
     simulation_config c = lockstep_config();
     c.volumetric = strain;
-    const char *name = strain == STRAIN_BY_ELEMENT ? ", strain by element" : "";
+    const char *name = strain == STRAIN_BY_ELEMENT ? ", strain by element" : strain == STRAIN_BY_NODE ? ", strain by node" : "";
     char check[128];
     c.needle.bevel_slope = 0.03;
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -337,6 +354,7 @@ static void check_exit(rows *r) {
 
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Coupled: equilibrium");
+    check_forces(&r, STRAIN_BY_PATCH);
     check_forces(&r, STRAIN_BY_NODE);
     check_forces(&r, STRAIN_BY_ELEMENT);
     check_bending(&r);

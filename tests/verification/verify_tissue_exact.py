@@ -1,13 +1,16 @@
 #!/usr/bin/python3
-"""The tissue against exact solutions: constant strain on an irregular mesh, and a manufactured trigonometric field.
+"""The tissue against exact solutions: constant strain on an irregular mesh, and two manufactured trigonometric fields.
 
 The manufactured field u = a sin(pi x/L) sin(pi y/L) sin(pi z/L) vanishes on the cube's faces, which are all fixed; the
-corresponding body force is applied consistently. Linear elements should reach order 2 in the displacement and 1 in the
-energy norm (Strang and Fix 1973) for every nu below 0.5. Volumetric strain by node is the core's default; by element it is the
-plain linear tetrahedron.
+body force that it needs is loaded consistently. Linear elements should reach order 2 in the displacement and 1 in the
+energy norm (Strang and Fix 1973), whatever nu below 0.5. Volumetric strain by patch is core's default, by element its
+plain linear tetrahedron. The second field, curl (0, 0, sin^2 sin^2 sin^2), has no divergence, so that its load does not depend on
+lambda; at nu = 0.499 elements converge to it at once, or lock and hardly move (by element 76 % is missing on the mesh with 16 elements along an edge).
 """
 import itertools
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +18,10 @@ import tissue_model as tm
 from rows import Rows
 
 SIDE = 0.1                            # m
+CURL_AMPLITUDE = 1e-5                 # m^2
+LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
-STRAINS = ("node", "element")         # where the volumetric strain is evaluated
+STRAINS = ("patch", "node", "element")  # what the volumetric strain is averaged over
 YOUNGS_MODULUS = 20e3                 # Pa
 ORDER_LIMIT = 0.05                    # relative, of the observed order on the finest pair of meshes
 
@@ -81,7 +86,14 @@ def patch_test(rows):
             rows.error(f"{name}, nu = {nu}, strain by {strain}", "u = d z, every node", error, 1e-10)
 
 
-# ---- manufactured solution ----
+# ---- manufactured solutions ----
+
+@dataclass
+class Solution:
+    displacement: Callable  # of x (..., 3), all in metres
+    gradient: Callable      # of x: du_i / dx_j
+    body_force: Callable    # of a material: a function of x, N/m^3
+
 
 def field(x):
     s, c = np.sin(np.pi * x / SIDE), np.cos(np.pi * x / SIDE)
@@ -117,48 +129,99 @@ def body_force(material):
     return density
 
 
+TRIGONOMETRIC = Solution(exact, exact_gradient, body_force)
+
+
+def curl_factor(x, order):
+    """Derivative of sin^2(pi x / L)."""
+    k = 2 * np.pi / SIDE
+    if order == 0:
+        return (1 - np.cos(k * x)) / 2
+    return k ** order / 2 * np.sin(k * x + (order - 1) * np.pi / 2)
+
+
+def curl_part(x, orders):
+    """d phi of these orders in x, y and z, of phi = sin^2 sin^2 sin^2."""
+    return np.prod([curl_factor(x[..., axis], order) for axis, order in enumerate(orders)], axis=0)
+
+
+def curl_derivative(x, extra):
+    """Of u = curl (0, 0, phi), once more differentiated by `extra`, orders in x, y and z."""
+    u = [curl_part(x, np.add((0, 1, 0), extra)), -curl_part(x, np.add((1, 0, 0), extra)), 0 * x[..., 0]]
+    return CURL_AMPLITUDE * np.stack(u, -1)
+
+
+def curl_force(material):
+    """Div u is zero, so lambda takes no part."""
+    return lambda x: -tm.lame(material)[1] * sum(curl_derivative(x, 2 * orders) for orders in np.eye(3, dtype=int))
+
+
+DIVERGENCE_FREE = Solution(lambda x: curl_derivative(x, (0, 0, 0)),
+                           lambda x: np.stack([curl_derivative(x, orders) for orders in np.eye(3, dtype=int)], -1), curl_force)
+
+
 def energy_density(material, gradient):
     lam, mu = tm.lame(material)
     strain = (gradient + np.swapaxes(gradient, -1, -2)) / 2
     return mu * np.einsum("...ij,...ij->...", strain, strain) + lam / 2 * np.einsum("...ii->...", strain) ** 2
 
 
-def errors(model, material, u):
+def errors(model, material, u, solution=TRIGONOMETRIC):
     """Relative errors in the L2 and in the energy norm."""
     points, weights = tm.tet_rule(4)
     g, volume = tm.gradients(model)
     x = np.einsum("qa,tax->tqx", points, model.nodes[model.tets])
-    difference = np.einsum("qa,tax->tqx", points, u[model.tets]) - exact(x)
-    strain_difference = np.einsum("tai,taj->tij", u[model.tets], g)[:, None] - exact_gradient(x)
+    difference = np.einsum("qa,tax->tqx", points, u[model.tets]) - solution.displacement(x)
+    strain_difference = np.einsum("tai,taj->tij", u[model.tets], g)[:, None] - solution.gradient(x)
 
     def integral(values):
         return np.einsum("q,t,tq->", 6 * weights, volume, values)
-    l2 = integral((difference ** 2).sum(-1)) / integral((exact(x) ** 2).sum(-1))
-    energy = integral(energy_density(material, strain_difference)) / integral(energy_density(material, exact_gradient(x)))
+    l2 = integral((difference ** 2).sum(-1)) / integral((solution.displacement(x) ** 2).sum(-1))
+    energy = integral(energy_density(material, strain_difference)) / integral(energy_density(material, solution.gradient(x)))
     return np.sqrt(l2), np.sqrt(energy)
 
 
-def convergence(rows, models, nu, strain):
-    material = (YOUNGS_MODULUS, nu)
-    found = []
+def observed(rows, models, nu, strain, solution):
+    """Errors (models, 2) and orders of convergence (models - 1, 2) in both norms."""
+    material, found = (YOUNGS_MODULUS, nu), []
     for model in models:
-        load = tm.body_load(model, body_force(material))
+        load = tm.body_load(model, solution.body_force(material))
         u = tm.solve_core(rows, model, {"tissue": material}, ["fixed"], [load], strain)[0]
-        found.append(errors(model, material, u))
-    size = np.array([(SIDE ** 3 / len(model.tets)) ** (1 / 3) for model in models])
+        found.append(errors(model, material, u, solution))
+    size = np.array([element_size(model) for model in models])
     found = np.array(found)
-    order = np.log(found[:-1] / found[1:]) / np.log(size[:-1] / size[1:])[:, None]
+    return found, np.log(found[:-1] / found[1:]) / np.log(size[:-1] / size[1:])[:, None]
+
+
+def element_size(model):
+    return (SIDE ** 3 / len(model.tets)) ** (1 / 3)
+
+
+def note(models, found):
+    return "errors " + ", ".join(f"{e:.2g}" for e in found) + f" at {len(models[-1].nodes)} nodes and coarser"
+
+
+def convergence(rows, models, nu, strain):
+    found, order = observed(rows, models, nu, strain, TRIGONOMETRIC)
     for column, (norm, expected) in enumerate((("L2 norm", 2), ("energy norm", 1))):
-        note = "errors " + ", ".join(f"{e:.2g}" for e in found[:, column]) + f" at {len(models[-1].nodes)} nodes and coarser"
         short_by = 1 - order[-1, column] / expected
         if strain == "element":
             error, reference = abs(short_by), "linear elements"
         else:  # theory bounds this element's error, so it may converge faster
             error, reference = max(0.0, short_by), "at least linear elements"
         rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[-1, column], expected, error,
-                 ORDER_LIMIT, note=note)
-        rows.curve("tissue-convergence", f"{norm}, nu = {nu}, strain by {strain}", 1e3 * size, found[:, column],
-                   "element size: cube root of the mean volume (mm)", "relative error", logarithmic=True)
+                 ORDER_LIMIT, note=note(models, found[:, column]))
+        rows.curve("tissue-convergence", f"{norm}, nu = {nu}, strain by {strain}", 1e3 * np.array([element_size(m) for m in models]),
+                   found[:, column], "element size: cube root of the mean volume (mm)", "relative error", logarithmic=True)
+
+
+def locking(rows, models, strains):
+    """Under the divergence-free field's load, which does not depend on lambda, an element that locks hardly moves when nu nears 0.5."""
+    rows.section = "Tissue: divergence-free field"
+    for strain in strains:
+        found, order = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)
+        rows.add(f"order in the L2 norm, nu = {LOCKING_NU}, strain by {strain}", "at least linear elements that do not lock",
+                 order[-1, 0], 2, max(0.0, 1 - order[-1, 0] / 2), ORDER_LIMIT, note=note(models, found[:, 0]))
 
 
 def main():
@@ -167,8 +230,10 @@ def main():
     rows.section = "Tissue: manufactured solution"
     divisions = (4, 8, 16) if rows.short_form else (4, 8, 16, 32)
     models = [cube(rows.folder / f"cube-{n}.msh", SIDE / n, lambda centre: True) for n in divisions]
-    for nu, strain in ((0.3, "element"), (0.45, "element"), (0.45, "node")):
+    averaged, plain_nu = (("patch",), (0.3,)) if rows.short_form else (("patch", "node"), (0.3, 0.45))
+    for nu, strain in [(nu, "element") for nu in plain_nu] + [(0.45, strain) for strain in averaged]:
         convergence(rows, models, nu, strain)
+    locking(rows, models[1:], averaged)
     return rows.end()
 
 

@@ -1,0 +1,157 @@
+#include "tissue/strain_patches.h"
+
+#include <stdlib.h>
+
+/* Smaller patches lock more, larger ones couple more nodes and bring nothing (measured for 4 to 12). */
+enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
+
+typedef struct {
+    const mesh *mesh;
+    int *patch;              /* tet_count: NO_PATCH at first */
+    int *grown;              /* tet_count: tets in the order in which patches took them */
+    int *first;              /* per patch: its first place in `grown` */
+    int *size;               /* per patch: its tets */
+    int count, taken;        /* patches; tets in `grown` */
+} partition;
+
+/* The tets of the same region that share a face with this one, in ascending order: choices among equals do not depend on the order of a
+   tet's corners, which is another one in the mirror image of a mesh. Returns how many. */
+static int beside(const mesh *m, int tet, int others[4]) {
+    int count = 0;
+    for (int face = 0; face < 4; face++) {
+        int other = m->neighbours[tet][face], place = count;
+        if (other < 0 || m->region[other] != m->region[tet]) continue;
+        for (; place > 0 && others[place - 1] > other; place--) others[place] = others[place - 1];
+        others[place] = other;
+        count++;
+    }
+    return count;
+}
+
+/* Faces of a tet to tets of this patch. */
+static int shared_faces(const partition *p, int tet, int patch) {
+    int others[4], count = beside(p->mesh, tet, others), shared = 0;
+    for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
+    return shared;
+}
+
+static void take(partition *p, int tet) {
+    p->patch[tet] = p->count;
+    p->grown[p->taken++] = tet;
+    p->size[p->count]++;
+}
+
+/* ---- growing ------------------------------------------------------------------------------------------------------ */
+
+/* If a tet has all its nodes in the patch that grows. */
+static bool adds_no_node(const partition *p, int tet) {
+    for (int corner = 0; corner < 4; corner++) {
+        bool found = false;
+        for (int k = p->first[p->count]; k < p->taken && !found; k++)
+            for (int c = 0; c < 4; c++) found |= p->mesh->tets[p->grown[k]][c] == p->mesh->tets[tet][corner];
+        if (!found) return false;
+    }
+    return true;
+}
+
+/* How well a free tet suits the patch that grows. The fewer nodes a patch has, the fewer entries K has: first tets that add no node,
+   then those with more faces to the patch, then those that would otherwise be left over. */
+static int suitability(const partition *p, int tet) {
+    return 100 * adds_no_node(p, tet) + 10 * shared_faces(p, tet, p->count) - shared_faces(p, tet, NO_PATCH);
+}
+
+/* The free tet beside the patch that suits it best, the first of equals; -1 if there is none. */
+static int next_member(const partition *p) {
+    int best = -1, most = 0, others[4];
+    for (int k = p->first[p->count]; k < p->taken; k++) {
+        int count = beside(p->mesh, p->grown[k], others);
+        for (int i = 0; i < count; i++) {
+            if (p->patch[others[i]] != NO_PATCH) continue;
+            int suits = suitability(p, others[i]);
+            if (best >= 0 && suits <= most) continue;
+            best = others[i];
+            most = suits;
+        }
+    }
+    return best;
+}
+
+static void grow_patch(partition *p, int seed) {
+    p->first[p->count] = p->taken;
+    p->size[p->count] = 0;
+    for (int tet = seed; tet >= 0; tet = p->size[p->count] < PATCH_SIZE ? next_member(p) : -1) take(p, tet);
+    p->count++;
+}
+
+/* Patches spread like a front: each starts beside the earliest tet that still has a free neighbour. */
+static void grow_all(partition *p) {
+    int front = 0, others[4];
+    for (int start = 0; start < p->mesh->tet_count; start++) {
+        if (p->patch[start] == NO_PATCH) grow_patch(p, start);
+        for (; front < p->taken; front++) {
+            int count = beside(p->mesh, p->grown[front], others);
+            for (int i = 0; i < count; i++)
+                if (p->patch[others[i]] == NO_PATCH) grow_patch(p, others[i]);
+        }
+    }
+}
+
+/* ---- what is left over ---------------------------------------------------------------------------------------------- */
+
+/* The place in `grown` after a patch's last tet. */
+static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
+
+/* Moves one tet of a small patch to the smallest patch beside it that is large enough; false if there is none. */
+static bool give_away(partition *p, int small) {
+    int given = -1, to = -1, others[4];
+    for (int k = p->first[small]; k < end_of(p, small); k++) {
+        int tet = p->grown[k], count = p->patch[tet] == small ? beside(p->mesh, tet, others) : 0;
+        for (int i = 0; i < count; i++) {
+            int patch = p->patch[others[i]];
+            if (p->size[patch] < LEAST_SIZE || (to >= 0 && p->size[patch] >= p->size[to])) continue;
+            given = tet;
+            to = patch;
+        }
+    }
+    if (to < 0) return false;
+    p->patch[given] = to;
+    p->size[to]++;
+    p->size[small]--;
+    return true;
+}
+
+/* Gives the tets of patches that found no room to grow to their neighbours. The first patch of each connected part is full or the
+   whole part, so in the end only parts that are small themselves have small patches. */
+static void dissolve_small(partition *p) {
+    for (bool changed = true; changed;) {
+        changed = false;
+        for (int i = 0; i < p->count; i++)
+            while (p->size[i] > 0 && p->size[i] < LEAST_SIZE && give_away(p, i)) changed = true;
+    }
+}
+
+/* Leaves out the numbers of patches that were dissolved. */
+static void renumber(partition *p) {
+    int kept = 0, *number = p->first;
+    for (int i = 0; i < p->count; i++) number[i] = p->size[i] > 0 ? kept++ : NO_PATCH;
+    for (int tet = 0; tet < p->mesh->tet_count; tet++) p->patch[tet] = number[p->patch[tet]];
+    p->count = kept;
+}
+
+trocar_status strain_patches_create(const mesh *m, int *patch, int *patch_count, report *why) {
+    size_t tets = (size_t)m->tet_count;
+    partition p = {.mesh = m, .patch = patch, .grown = malloc(tets * sizeof(int)), .first = malloc(tets * sizeof(int)),
+                   .size = malloc(tets * sizeof(int))};
+    trocar_status status = TROCAR_OK;
+    if (p.grown && p.first && p.size) {
+        for (int tet = 0; tet < m->tet_count; tet++) patch[tet] = NO_PATCH;
+        grow_all(&p);
+        dissolve_small(&p);
+        renumber(&p);
+        *patch_count = p.count;
+    } else status = fail(why, TROCAR_NO_MEMORY, "no memory for %zu tetrahedra", tets);
+    free(p.grown);
+    free(p.first);
+    free(p.size);
+    return status;
+}

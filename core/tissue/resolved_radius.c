@@ -199,25 +199,34 @@ static void add_elements(resolver *r, double poisson_ratio) {
     }
 }
 
-/* Elements of one group share their volumetric strain: around a node, in each region. */
-static void add_node_strain(resolver *r, int node, int region, double lambda) {
-    const mesh *m = r->tissue->mesh;
+/* The elements of the patch for which this holds share their volumetric strain, each with a part of its volume. */
+typedef struct {
+    int region, node, strain_patch; /* those of a region with a local node as a corner, or those of a strain patch; -1: does not matter */
+} strain_group;
+
+static bool shares_strain(const resolver *r, int tet, const strain_group *group) {
+    const tissue *t = r->tissue;
+    if (group->strain_patch >= 0) return t->patch[tet] == group->strain_patch;
+    if (t->mesh->region[tet] != group->region) return false;
+    for (int c = 0; c < 4; c++)
+        if (r->local[t->mesh->tets[tet][c]] == group->node) return true;
+    return false;
+}
+
+static void add_mean_strain(resolver *r, const strain_group *group, double lambda) {
     int count = 0, touched[MAX_NODES];
     vec3 mean[MAX_NODES] = {{0}};
     bool listed[MAX_NODES] = {false};
     double sum = 0.0;
     for (int i = 0; i < r->tet_count; i++) {
-        const int *corners = m->tets[r->tets[i]];
-        bool around = m->region[r->tets[i]] == region && (r->local[corners[0]] == node || r->local[corners[1]] == node
-                      || r->local[corners[2]] == node || r->local[corners[3]] == node);
-        if (!around) continue;
+        if (!shares_strain(r, r->tets[i], group)) continue;
         vec3 g[4];
-        double volume = 0.25 * gradients_of(r, r->tets[i], g);
+        double volume = gradients_of(r, r->tets[i], g) * (group->node >= 0 ? 0.25 : 1.0);
         sum += volume;
         for (int c = 0; c < 4; c++) {
-            int other = r->local[corners[c]];
-            if (!listed[other]) touched[count++] = other, listed[other] = true;
-            mean[other] = v3_axpy(volume, g[c], mean[other]);
+            int node = r->local[r->tissue->mesh->tets[r->tets[i]][c]];
+            if (!listed[node]) touched[count++] = node, listed[node] = true;
+            mean[node] = v3_axpy(volume, g[c], mean[node]);
         }
     }
     for (int a = 0; a < count; a++)
@@ -228,17 +237,23 @@ static void add_node_strain(resolver *r, int node, int region, double lambda) {
         }
 }
 
+static bool first_of(const resolver *r, int i, const int *label) {
+    for (int j = 0; j < i; j++)
+        if (label[r->tets[j]] == label[r->tets[i]]) return false;
+    return true;
+}
+
 static void assemble(resolver *r) {
-    const mesh *m = r->tissue->mesh;
-    double nu = r->poisson_ratio;
+    const tissue *t = r->tissue;
+    double nu = r->poisson_ratio, lambda = 2.0 * nu / (1.0 - 2.0 * nu);
     for (int i = 0; i < 3 * r->node_count; i++) memset(r->stiffness + (size_t)i * MAX_DOFS, 0, 3 * (size_t)r->node_count * sizeof(double));
-    bool whole = r->tissue->volumetric == STRAIN_BY_ELEMENT;
+    bool whole = t->volumetric == STRAIN_BY_ELEMENT, by_patch = t->volumetric == STRAIN_BY_PATCH;
     add_elements(r, whole ? nu : 0.0);
-    if (whole || nu == 0.0) return;
-    for (int g = 0; g < m->group_count; g++) {
-        bool present = false;
-        for (int i = 0; i < r->tet_count && !present; i++) present = m->region[r->tets[i]] == g;
-        for (int node = 0; node < r->node_count && present; node++) add_node_strain(r, node, g, 2.0 * nu / (1.0 - 2.0 * nu));
+    for (int i = 0; i < r->tet_count && !whole && nu > 0.0; i++) {
+        if (!first_of(r, i, by_patch ? t->patch : t->mesh->region)) continue;
+        if (by_patch) add_mean_strain(r, &(strain_group){-1, -1, t->patch[r->tets[i]]}, lambda);
+        for (int node = 0; node < r->node_count && !by_patch; node++)
+            add_mean_strain(r, &(strain_group){t->mesh->region[r->tets[i]], node, -1}, lambda);
     }
 }
 

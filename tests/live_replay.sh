@@ -15,10 +15,12 @@ at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real
 common=15   # limit in percent of the peak for 95 % of the wrenches
 largest=100 # limit for all
 last=1      # limit for the last one
-trace=$source/tests/traces/figure8.log scene=$source/meshes/figure8.yaml
+scene=$source/meshes/figure8.yaml
 work=$(mktemp -d)
+trace=$work/poses.log
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
 
+"$build/clients/trocar-device" --script figure8 --write-log "$trace" # the recorded trace has the older message types
 "$build/server/trocar-server" --scene "$scene" --rate 500 --allow-non-rt >"$work/server" 2>&1 &
 until grep -qx ready "$work/server"; do
     kill -0 $! || { cat "$work/server"; exit 1; }

@@ -125,6 +125,7 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     if (status != TROCAR_OK) return status;
     if (length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
         return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
+    if (p->needle < 0 || p->needle >= TROCAR_MAX_NEEDLES) return bad_event(r, "pose of a needle that no scene has: the log is damaged", why);
     pose base = raw_pose(p);
     pose_verdict verdict = safety_check_pose(&base);
     if (verdict == POSE_NOT_FINITE) return bad_event(r, "pose is not finite", why);

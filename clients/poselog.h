@@ -32,7 +32,7 @@ typedef struct {
 } wrench_log;
 
 /* Reads the poses, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
-   `needle`, or of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
+   `needle`, or with -1 (as in pose_log_read) those of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
    of other message types or empty, and for a pose that is not finite, without a unit quaternion (safety_check_pose) or not later
    than the previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
    server 0's. */

@@ -110,7 +110,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary " "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
+    "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary "
+    "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -172,7 +173,7 @@ static trocar_status prepare(replay *r, report *why) {
     trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
     const options *o = r->options;
     if (status == TROCAR_OK)
-        status = o->needle < 0 ? pose_log_read(o->pose_path, &r->poses, why) : pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
+        status = pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);

@@ -63,7 +63,8 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
         if (status != TROCAR_OK || run->output.contacts >= wanted->contacts) return status;
         if (run->output.contacts > most) most = run->output.contacts;
     }
-    return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: use a finer mesh, or " "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
+    return fail(why, TROCAR_BAD_INPUT, "%s: the needle meets %d contact nodes on its way in, not %d: use a finer mesh, or "
+                "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
 /* The leap at a membrane leaves several contact nodes at once: waits for its end, and retracts the base until they are removed. */

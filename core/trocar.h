@@ -79,7 +79,7 @@ enum {
     TROCAR_EVENT_REENTERED = 1 << 5,  /* and came back */
     TROCAR_EVENT_WITHDRAWN = 1 << 6,  /* the needle left the tissue the way it came in */
     TROCAR_EVENT_LATE = 1 << 7,       /* the worker's last answer does not cover the tip: the tick went on with what it had */
-    TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add: TROCAR_MAX_CONTACTS */
+    TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
     TROCAR_EVENT_UNSTABLE = 1 << 9,   /* no equilibrium: the needle buckled, without force until it is back where it was */
     TROCAR_EVENT_KEPT = 1 << 10       /* the closest node may not be moved: one was added instead */
 };

@@ -3,11 +3,7 @@
 # match the lockstep replay. Status 77: no network namespace here.
 # usage: live_replay.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
+. "${0%/*}/in_namespace.sh"
 
 # Player and server do not share a clock, so a tick may see two new poses or none. Viscous friction (100 N s/m^2 over 50 mm: up to a
 # third of the force) sees that as another speed, more so if the machine stalls. At the end both are at rest.
@@ -15,10 +11,10 @@ at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real
 common=15   # limit in percent of the peak for 95 % of the wrenches
 largest=100 # limit for all
 last=1      # limit for the last one
-trace=$source/tests/traces/figure8.log scene=$source/meshes/figure8.yaml
-work=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+scene=$source/meshes/figure8.yaml
+trace=$work/poses.log
 
+"$build/clients/trocar-device" --script figure8 --write-log "$trace" # the recorded trace has the older message types
 "$build/server/trocar-server" --scene "$scene" --rate 500 --allow-non-rt >"$work/server" 2>&1 &
 until grep -qx ready "$work/server"; do
     kill -0 $! || { cat "$work/server"; exit 1; }

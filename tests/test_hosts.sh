@@ -3,14 +3,8 @@
 # works and is monitored; then the device's cable is unplugged for a moment. Status 77: no namespaces here.
 # usage: test_hosts.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
+. "${0%/*}/in_namespace.sh"
 url='udpm://239.255.76.67:7667?ttl=1'
-work=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
 cd "$work"
 
 fail() { echo "FAILED: $*" >&2; cat server top report.json 2>/dev/null || true; exit 1; }

@@ -120,6 +120,7 @@ examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/f
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
+! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"
 cc "$examples/insert.c" -o insert_static $(pkg-config --cflags trocar) "$LD_LIBRARY_PATH/libtrocar.a" $(pkg-config --libs --static trocar | sed 's/-ltrocar //') -lpthread ||
     fail "the static library"
 planner/insert "$figure8" >insert_c.txt || fail "the C example: status $?"

@@ -134,7 +134,7 @@ static void *haptic_thread(void *context) {
 }
 
 static rig *rig_create(int64_t ticks, const char *needles) {
-    rig *r = calloc(1, sizeof *r);
+    rig *r = allocate_on_cache_lines(sizeof *r);
     report why = {""};
     r->host = host_open_with(MESHES "/figure8.yaml", "needles", needles);
     if (exchange_create(&r->exchange, r->host.model, &why) != TROCAR_OK) fail_msg("%s", why.text);

@@ -3,13 +3,7 @@
 # Status 77: no network namespace.
 # usage: test_packets.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
-work=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+. "${0%/*}/in_namespace.sh"
 cd "$work"
 touch server view # read before their programs may have started
 
@@ -18,8 +12,10 @@ declare -A programs # name: process
 
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 & programs[server]=$!
 until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
-"$build/clients/trocar-device" --script figure8 --duration 4 --report report.json >device 2>&1 & programs[device]=$!
-sleep 0.5 # so that the device owns the needle, not the bridge
+"$build/clients/trocar-device" --script figure8 --duration 6 --report report.json >device 2>&1 & programs[device]=$!
+until "$build/clients/trocar-top" --once 2>/dev/null | grep "of session" >owner; do # the device owns the needle, not the bridge
+    kill -0 ${programs[device]} || fail "the device did not start"
+done
 "$build/clients/bridge" >bridge 2>&1 & programs[bridge]=$!
 TERM=dumb "$build/clients/trocar-top" --plain >top 2>&1 & programs[top]=$!
 mkdir page && touch page/index.html

@@ -141,6 +141,7 @@ static void refuses_damage_and_names_the_place(void **state) {
 
 static void spoil_number(trocar_needle_pose_t *p) { p->position[1] = 0.0 / 0.0; }
 static void spoil_quaternion(trocar_needle_pose_t *p) { p->orientation[0] = 1.01; }
+static void spoil_needle(trocar_needle_pose_t *p) { p->needle = -1; }
 static void spoil_time(trocar_needle_pose_t *p) { p->utime -= 1000; }
 static void change_session(trocar_needle_pose_t *p) { p->session = 8; }
 
@@ -150,6 +151,8 @@ static void refuses_impossible_poses(void **state) {
     expect_bad("event 4", "not finite");
     write_log(5, 2, spoil_quaternion);
     expect_bad("event 4", "unit quaternion");
+    write_log(5, 2, spoil_needle);
+    expect_bad("event 4", "needle that no scene has");
     write_log(5, 2, spoil_time);
     expect_bad("event 4", "time does not advance");
 }

@@ -2,13 +2,7 @@
 # scripts/spy on a virtual screen, with server and device running: see CheckSpy.java. Status 77: no network namespace here.
 # usage: test_spy.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
-work=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+. "${0%/*}/in_namespace.sh"
 
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >"$work/server" 2>&1 &
 until grep -qx ready "$work/server"; do kill -0 $! || { cat "$work/server"; exit 1; }; sleep 0.05; done

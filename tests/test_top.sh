@@ -2,12 +2,8 @@
 # trocar-top with a running server, in tmux and in a dumb terminal, and without a server. Status 77: no namespace here.
 # usage: test_top.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 top=$1/clients/trocar-top # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
-work=$(mktemp -d)
+. "${0%/*}/in_namespace.sh"
+top=$build/clients/trocar-top
 trap 'tmux -S "$work/tmux" kill-server 2>/dev/null || true; kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
 cd "$work"
 

@@ -3,13 +3,7 @@
 # and when one device dies, only its needle's force is ramped down. Status 77: no network namespace.
 # usage: test_two_needles.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
-build=$1 source=$2 # absolute
-if [ "${3:-}" != --inside ]; then
-    "$source/scripts/netns" true || exit 77
-    exec "$source/scripts/netns" "$0" "$build" "$source" --inside
-fi
-work=$(mktemp -d)
-trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
+. "${0%/*}/in_namespace.sh"
 cd "$work"
 
 fail() { echo "FAILED: $*" >&2; tail -n 20 server device* top 2>/dev/null || true; exit 1; }

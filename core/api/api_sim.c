@@ -27,10 +27,9 @@ static trocar_status create_needle(const trocar_model *model, needle_track *need
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
-    sim->needles = aligned_alloc(CACHE_LINE, needles);
+    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault comes later */
     sim->workspace = calloc(1, sizeof *sim->workspace);
     sim->work_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (sim->needles) memset(sim->needles, 0, needles); /* touched, so that no page fault comes later */
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     if (sim->work_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     memset(sim->workspace, 0, sizeof *sim->workspace);

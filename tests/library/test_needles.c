@@ -118,16 +118,23 @@ static void the_coupling_is_reciprocal(void **state) {
     trocar_model_free(model);
 }
 
+/* Another simulation, in the state of this one. */
+static trocar_sim *restored_copy(trocar_model *model, const trocar_sim *sim) {
+    trocar_sim *copy;
+    size_t size = trocar_sim_state_size(sim);
+    void *state = malloc(size);
+    OK(trocar_sim_create(model, &copy, &why));
+    OK(trocar_sim_save(sim, state, size, &why));
+    OK(trocar_sim_restore(copy, state, size, &why));
+    free(state);
+    return copy;
+}
+
 static void what_follows_a_restore_follows_the_save(void **state) {
     (void)state;
     static trocar_output outputs[2][IN], again[2];
     trocar_model *model = create_model("2");
-    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other;
-    OK(trocar_sim_create(model, &other, &why));
-    size_t size = trocar_sim_state_size(sim);
-    void *start = malloc(size);
-    OK(trocar_sim_save(sim, start, size, &why));
-    OK(trocar_sim_restore(other, start, size, &why));
+    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other = restored_copy(model, sim);
     for (int t = 0; t < 50; t++)
         for (int n = 0; n < 2; n++) {
             trocar_pose base = base_at(n, 0.02, IN + t);
@@ -135,7 +142,6 @@ static void what_follows_a_restore_follows_the_save(void **state) {
             OK(trocar_sim_step(other, n, &base, 1e-3, &again[n], &why));
             assert_memory_equal(&outputs[n][0], &again[n], sizeof again[n]);
         }
-    free(start);
     trocar_sim_free(sim);
     trocar_sim_free(other);
     trocar_model_free(model);
@@ -234,12 +240,7 @@ static void contacts_follow_a_restore(void **state) {
     (void)state;
     static trocar_output outputs[2][IN];
     trocar_model *model = create_model("2");
-    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other;
-    OK(trocar_sim_create(model, &other, &why));
-    size_t size = trocar_sim_state_size(sim);
-    void *start = malloc(size);
-    OK(trocar_sim_save(sim, start, size, &why));
-    OK(trocar_sim_restore(other, start, size, &why));
+    trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs), *other = restored_copy(model, sim);
     for (int t = 0; t < 100; t++)
         for (int n = 0; n < 2; n++) {
             trocar_contact expected[ROOM], found[ROOM];
@@ -253,7 +254,6 @@ static void contacts_follow_a_restore(void **state) {
             OK(trocar_sim_step(sim, n, &base, 1e-3, &outputs[n][0], &why));
             OK(trocar_sim_step(other, n, &base, 1e-3, &outputs[n][1], &why));
         }
-    free(start);
     trocar_sim_free(sim);
     trocar_sim_free(other);
     trocar_model_free(model);

@@ -223,7 +223,7 @@ static side_passage along_side_face(double inside, double bevel_slope) {
         p.returns += (events & EVENT_REENTERED) != 0;
         p.withdrawals += (events & EVENT_WITHDRAWN) != 0;
         double step = v3_norm(v3_sub(l->wrench.force, before));
-        if (!(events & (EVENT_PUNCTURED | EVENT_EXITED)) && step > fmax(0.05, 0.07 * v3_norm(before))) p.jumps++;
+        if (!(events & (EVENT_PUNCTURED | EVENT_EXITED)) && step > fmax(0.05, 0.07 * v3_norm(before))) p.jumps++, print_message("tick %d: step %g of %g, events %x, exits %d depth %g contacts %d\n", tick, step, v3_norm(before), events, p.exits, l->wrench.depth, l->wrench.contacts);
         if (v3_norm(l->wrench.force) == 0.0 && v3_norm(before) > 0.0 && !(events & EVENT_WITHDRAWN)) p.drops++;
         before = l->wrench.force;
     }

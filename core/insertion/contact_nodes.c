@@ -94,12 +94,13 @@ bool leaves_contact_at_exit(const tick_context *tick, double depth) {
 void plan_exit(const tick_context *tick, vec3 way, double left) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    if (tip->next_contact != INFINITY || !leaves_contact_at_exit(tick, tip->depth + left)) return;
+    double due = tip->next_contact;
+    if (due < tip->depth + left || !leaves_contact_at_exit(tick, tip->depth + left)) return;
     vec3 exit = v3_axpy(left, way, tip->nominal);
     int slot = contact_planned(state);
     if (slot >= 0 && v3_norm(v3_sub(state->contacts[slot].track, exit)) < 0.5 * PLAN_TOLERANCE) return;
     drop_plan(state);
-    tip->next_contact = INFINITY;
+    tip->next_contact = due;
     add_contact(tick, exit, tip->depth + left, way);
 }
 

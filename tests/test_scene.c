@@ -31,7 +31,7 @@ static const char GOOD[] =
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {placement: faces, spacing: 3e-3, resolution: 0.35, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "contact: {placement: faces, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
     "remeshing: woodbury\n"                                        /* 20 */
     "device: {profile: touch, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
@@ -112,7 +112,7 @@ static void every_value_is_read(void **state) {
     assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->segments == 30);
     assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
-    assert_true(i->contact_spacing == 3e-3 && i->resolution == 0.35 && i->weakening_distance == 2e-3);
+    assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
     assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_int_equal(c->remeshing, REMESH_WOODBURY);
@@ -242,6 +242,7 @@ static void unknown_keys_are_refused(void **state) {
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
     assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
+    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": what the mesh resolves is measured: remove the key");
     assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
     assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
@@ -382,7 +383,7 @@ static void documented_parameter_table_is_correct(void **state) {
         ONCE("needle.segments", simulation.needle.segments), ONCE("contact.spacing", simulation.insertion.contact_spacing),
         ONCE("contact.weakening_distance", simulation.insertion.weakening_distance),
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
-        ONCE("contact.resolution", simulation.insertion.resolution), ONCE("contact.max_passes", simulation.insertion.max_passes),
+        ONCE("contact.max_passes", simulation.insertion.max_passes),
         ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
         ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),
         ONCE("device.max_force_rate", device.max_force_rate), ONCE("device.max_torque_rate", device.max_torque_rate),

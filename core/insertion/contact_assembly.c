@@ -78,20 +78,20 @@ void find_local_compliance(const tick_context *tick) {
     for (int i = 0; i < t; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
-        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus);
-        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus);
+        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus_lateral);
+        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
     double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
-    lateral_axial logarithm = local_logarithm(model, tip->tet, tip->nominal);
-    lateral_axial line = local_at(model, tip->tet, tip->nominal);
-    w->lateral[t] = logarithm.lateral / (shaft.lateral + radius * logarithm.lateral / line.lateral); /* one radius more */
-    w->held_axial = logarithm.axial / (shaft.axial + radius * logarithm.axial / line.axial);
+    lateral_axial logarithm = local_logarithm(model, &tip->resolved);
+    lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
+    w->lateral[t] = logarithm.lateral / (shaft.lateral + radius / line.lateral); /* one radius more */
+    w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
     w->loose = w->lateral[t] * (1.0 / fmax(hold, 1e-6) - 1.0);
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing);
+    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
@@ -117,7 +117,7 @@ void keep_shear(const tick_context *tick) {
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
-    double logarithm = local_logarithm(model, tip->tet, tip->nominal).axial;
+    double logarithm = local_logarithm(model, &tip->resolved).axial;
     tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, tip->shaft_traction, &tip->shaft_softness);
 }
 

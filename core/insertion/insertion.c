@@ -99,7 +99,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
 static void solve(const tick_context *tick) {
     int handles[4];
     accept_snapshot(tick);
-    tick->scratch->tip = follow_known_point(tick, handles);
+    tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     tick->scratch->point_count = 0;
     if (tick->scratch->tip || contact_is_active(tick->state, 0)) equilibrium_find(tick, handles);
     else tick->state->base_shift = v3(0, 0, 0);
@@ -171,12 +171,12 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
     const needle_tip *tip = &state->tip;
     double sum = sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
-               + tip->shaft_traction;
+               + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point;
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
-        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus
-             + c->softness + c->traction;
+        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
+             + c->surplus_axial + c->softness + c->traction;
     }
     return isfinite(sum);
 }

@@ -17,7 +17,6 @@ typedef enum { PLACE_INSIDE, PLACE_ON_FACES, PLACE_MOVED } contact_placement;
 typedef struct {
     contact_placement placement; /* where contact nodes are, and how they get there */
     double contact_spacing;      /* m, least distance between contact nodes along the track */
-    double resolution;           /* alpha: the mesh resolves the line-force field down to alpha h (README, "Local compliance") */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */
     double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */
@@ -37,6 +36,7 @@ typedef struct {
     double *node_lateral;        /* node_count, filled by local_create: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
     double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
     double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc in the depth, times its radius */
+    double *node_softness;       /* node_count: mean of 1 / mu, m^2/N; 0 on bone, where nothing is taken off for what the mesh yields */
     double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: the same bonded to a free surface */
 } insertion_model;
 

@@ -25,9 +25,9 @@ typedef struct {
     double slip;             /* m, by which the shaft slid forward past it in the last solve; applied by the next tick */
     double slid;             /* m of sliding since it last stuck */
     friction_state friction;
-    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways */
+    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways; 0: not known yet */
     double log_axial;        /* the same along the needle */
-    double surplus;          /* m/N, compliance that its node adds by being in the mesh */
+    double surplus_lateral, surplus_axial; /* m/N, compliance that its node adds by being in the mesh */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
     double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
@@ -58,6 +58,9 @@ typedef struct {
     vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
     vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
     double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
+    bool resolved_known;     /* what the mesh resolves at the tip: */
+    resolved_field resolved;
+    vec3 resolved_at;        /* m, nominal: where the tip was then */
     int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
     double known_weights[4]; /* and that point's barycentric weights */
 } needle_tip;

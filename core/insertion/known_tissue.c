@@ -33,13 +33,16 @@ static void activate_contact(const tick_context *tick, int k) {
     insertion_state *state = tick->state;
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
-    const added_node *node = &state->refined.nodes[slot];
+    const contact_field *field = &tick->snapshot->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    lateral_axial logarithm = local_logarithm(model, node->tet, node->position);
-    contact->log_lateral = logarithm.lateral;
-    contact->log_axial = logarithm.axial;
-    contact->surplus = local_surplus(model, node->tet, node->position);
+    if (contact->log_lateral == 0.0) { /* the tip that left it did not know it yet */
+        lateral_axial logarithm = local_logarithm(model, &field->resolved);
+        contact->log_lateral = logarithm.lateral;
+        contact->log_axial = logarithm.axial;
+    }
+    contact->surplus_lateral = field->surplus_lateral;
+    contact->surplus_axial = field->surplus_axial;
     double ahead = shaft_ahead(model, state, k, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
@@ -75,5 +78,27 @@ bool follow_known_point(const tick_context *tick, int handles[4]) {
     }
     tip->known_tet = tet;
     memcpy(tip->known_weights, weights, sizeof weights);
+    return true;
+}
+
+/* What remains of a difference between two measurements, of elements side by side or of a line that has turned, fades out as the tip
+   moves on by about a diameter. */
+static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
+
+bool follow_resolution(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    const line_piece *piece = snapshot_piece(tick->snapshot, tip->tet);
+    if (!piece) return tip->resolved_known;
+    resolved_field now = piece_at(piece, tip->nominal), used = now;
+    if (tip->resolved_known) {
+        resolved_field then = piece_at(piece, tip->resolved_at);
+        double moved = v3_norm(v3_sub(tip->nominal, tip->resolved_at)), fading = exp(-0.5 * moved / tick->model->needle->radius);
+        used.lateral = exp(faded(log(now.lateral), log(then.lateral), log(tip->resolved.lateral), fading));
+        used.axial = exp(faded(log(now.axial), log(then.axial), log(tip->resolved.axial), fading));
+        used.point = faded(now.point, then.point, tip->resolved.point, fading);
+    }
+    tip->resolved = used;
+    tip->resolved_at = tip->nominal;
+    tip->resolved_known = true;
     return true;
 }

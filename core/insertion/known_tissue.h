@@ -15,4 +15,7 @@ void accept_snapshot(const tick_context *tick);
    face, and what it would add is below what the mesh resolves. RT */
 bool follow_known_point(const tick_context *tick, int handles[4]);
 
+/* Brings up to date what the mesh resolves at the tip, without a jump. False: it has never been measured for this tip. RT */
+bool follow_resolution(const tick_context *tick);
+
 #endif

@@ -5,15 +5,9 @@
 #include "base/lame.h"
 
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
-/* A mesh that resolves a line force's field down to alpha h when it acts sideways does so, against the resolved needle of
-   tests/verification, down to these multiples of it when it acts along the line, at a point, and at a point of the surface. */
-static const double AXIAL_RESOLUTION = 1.1, POINT_RESOLUTION = 1.57, SURFACE_RESOLUTION = 1.43;
-/* Mean of mu h d^-1, the compliance that a node half way along a random chord adds to that of its element (README, "Node
-   addition"): 0.11 over all chords, 0.15 by length; contact nodes are on neither the shortest nor only the longest. */
-static const double SURPLUS = 0.12;
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
-static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than haptic devices render */
+static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -29,6 +23,7 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_lateral[node] += line.lateral;
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
+    model->node_softness[node] += 1.0 / mu;
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
@@ -42,8 +37,9 @@ static void harden_bone(insertion_model *model) {
         for (int e = 0; e < m->tet_count; e++)
             for (int k = 0; k < 16; k++) { /* faces, and their corners */
                 int face = k / 4, node = m->tets[e][k % 4];
-                if (k % 4 != face && m->face_groups[e][face] >> model->membranes[i].group & 1)
-                    model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
+                if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
+                model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
+                model->node_softness[node] = 0.0;
             }
     }
 }
@@ -52,7 +48,7 @@ trocar_status local_create(insertion_model *model, report *why) {
     const mesh *m = model->mesh;
     size_t n = (size_t)m->node_count;
     int *count = calloc(n, sizeof *count);
-    double *sums = calloc(4 * n, sizeof *sums);
+    double *sums = calloc(5 * n, sizeof *sums);
     if (!count || !sums) {
         free(count);
         free(sums);
@@ -62,12 +58,13 @@ trocar_status local_create(insertion_model *model, report *why) {
     model->node_axial = sums + n;
     model->node_disc = sums + 2 * n;
     model->node_punch = sums + 3 * n;
+    model->node_softness = sums + 4 * n;
     for (int e = 0; e < m->tet_count; e++)
         for (int c = 0; c < 4; c++) {
             count[m->tets[e][c]]++;
             add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
         }
-    for (size_t i = 0; i < 4 * n; i++) sums[i] /= count[i % n];
+    for (size_t i = 0; i < 5 * n; i++) sums[i] /= count[i % n];
     free(count);
     harden_bone(model);
     return TROCAR_OK;
@@ -75,7 +72,7 @@ trocar_status local_create(insertion_model *model, report *why) {
 
 void local_free(insertion_model *model) {
     free(model->node_lateral);
-    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = NULL;
+    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = model->node_softness = NULL;
 }
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
@@ -87,38 +84,20 @@ static double interpolate(const insertion_model *model, int tet, const double we
     return sum;
 }
 
-/* Logarithms of the radius that the mesh resolves over the needle's. */
-static lateral_axial unresolved(const insertion_model *model, int tet, const double weights[4]) {
-    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
-    return (lateral_axial){fmax(log(resolved / model->needle->radius), LEAST_LOGARITHM),
-                              fmax(log(AXIAL_RESOLUTION * resolved / model->needle->radius), LEAST_LOGARITHM)};
-}
-
-lateral_axial local_at(const insertion_model *model, int tet, vec3 x) {
+lateral_axial local_line_compliance_at(const insertion_model *model, int tet, vec3 x) {
     double weights[4];
     mesh_barycentric(model->mesh, tet, x, weights);
-    lateral_axial logarithm = unresolved(model, tet, weights);
-    return (lateral_axial){interpolate(model, tet, weights, model->node_lateral) * logarithm.lateral,
-                              interpolate(model, tet, weights, model->node_axial) * logarithm.axial};
+    return (lateral_axial){interpolate(model, tet, weights, model->node_lateral), interpolate(model, tet, weights, model->node_axial)};
 }
 
-lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x) {
-    double weights[4];
-    mesh_barycentric(model->mesh, tet, x, weights);
-    return unresolved(model, tet, weights);
+lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved) {
+    double radius = model->needle->radius;
+    return (lateral_axial){fmax(log(resolved->lateral / radius), LEAST_LOGARITHM), fmax(log(resolved->axial / radius), LEAST_LOGARITHM)};
 }
 
 /* 1 / mu */
 static double softness(const insertion_model *model, int tet, const double weights[4]) {
     return 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial);
-}
-
-double local_surplus(const insertion_model *model, int tet, vec3 x) {
-    double weights[4];
-    mesh_barycentric(model->mesh, tet, x, weights);
-    const region_material *material = &model->materials[model->mesh->region[tet]];
-    double mu = shear_modulus(material->youngs_modulus, material->poisson_ratio);
-    return SURPLUS / (mu * interpolate(model, tet, weights, model->mesh->node_size));
 }
 
 double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
@@ -134,14 +113,12 @@ double local_of_share(double logarithm, double stiffness, double surplus) {
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
    skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
-    double resolved = model->settings.resolution * interpolate(model, tet, weights, model->mesh->node_size);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double dent = pressing * punch / radius;
     double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
-    double known = (1.0 - in) * punch / SURFACE_RESOLUTION + in * disc / POINT_RESOLUTION;
-    return fmax(whole / radius - known / resolved, 0.0);
+    return fmax(whole / radius - point * interpolate(model, tet, weights, model->node_softness), 0.0);
 }

@@ -4,32 +4,29 @@
 #define TROCAR_LOCAL_COMPLIANCE_H
 
 #include "insertion/insertion_model.h"
+#include "tissue/resolved_radius.h"
 
 /* A quantity for forces across the needle, and for those along it. */
 typedef struct {
     double lateral, axial;
 } lateral_axial;
 
-/* Local compliance of a line force at point x of nominal element `tet`, m^2/N: divide by the length that it stands for.
-   Continuous across elements. RT */
-lateral_axial local_at(const insertion_model *model, int tet, vec3 x);
-
-/* Its two factors, for a contact that stays where it is and stands for shaft in several regions: compliance of a line force in
-   this material per logarithm, m^2/N, */
+/* The local compliance of a line force, m^2/N (divide by the length that it stands for), has two factors: that of its material
+   per logarithm, m^2/N, */
 lateral_axial local_line_compliance(const region_material *material); /* RT */
 
-/* and the logarithm, of the radius that the mesh resolves there over the needle's. RT */
-lateral_axial local_logarithm(const insertion_model *model, int tet, vec3 x);
+/* at point x of nominal element `tet` a mean over the materials around, continuous across elements; */
+lateral_axial local_line_compliance_at(const insertion_model *model, int tet, vec3 x); /* RT */
 
-/* What a contact node yields already by being in the mesh, on average, m/N. RT */
-double local_surplus(const insertion_model *model, int tet, vec3 x);
+/* and the logarithm, of the radius that the mesh resolves there over the needle's. RT */
+lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved);
 
 /* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
 double local_of_share(double logarithm, double stiffness, double surplus);
 
 /* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface that it presses on with
-   `pressing` (N). RT */
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
+   `pressing` (N). `point`: resolved_field.point there. RT */
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point);
 
 /* Speed of shear waves, m/s. RT */
 double local_wave_speed(const insertion_model *model, int tet, vec3 x);

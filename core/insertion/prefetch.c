@@ -3,13 +3,19 @@
 #include <string.h>
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9};
+static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin: from here on the line must be the very one, so that an insertion does
+                                                              not depend on how the needle came there */
 static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
 typedef struct {
     int count, needed;       /* as in remesh_request */
     int nodes[MAX_WINDOW];
-} node_list;
+    int piece_count;
+    line_in_tet pieces[MAX_PIECES];
+    line_tolerance tolerance; /* of lines that were asked for before */
+} wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
     for (int i = 0; i < count; i++)
@@ -17,17 +23,31 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
-static void add_tet(const mesh *m, int tet, node_list *list) {
+static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
     for (int c = 0; c < 4; c++)
         if (list->count < MAX_WINDOW && !contains(list->nodes, list->count, m->tets[tet][c]))
             list->nodes[list->count++] = m->tets[tet][c];
 }
 
-/* Elements on the way from x by `distance` along the unit direction, across gaps as well. */
-static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double distance, node_list *list) {
+static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
+    for (int i = 0; i < list->piece_count; i++)
+        if (list->pieces[i].tet == tet) return;
+    if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, v3_unit(direction)};
+}
+
+/* Elements on the way from x by `distance` along the unit direction, across gaps as well; the line through the first of them, within
+   `near`, is measured. `back`: the direction points back along the track. */
+typedef struct {
+    double distance, near;
+    bool back;
+} reach_of_path;
+
+static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, reach_of_path reach, wanted_tissue *list) {
+    double distance = reach.distance;
     for (int step = 0; step < AHEAD && tet >= 0; step++) {
         double chord;
         add_tet(m, tet, list);
+        if (reach.distance - distance <= reach.near) add_piece(tet, x, reach.back ? v3_scale(-1.0, direction) : direction, list);
         int face = mesh_exit(m, tet, x, direction, &chord);
         if (face < 0 || chord > distance) return;
         x = v3_axpy(chord, direction, x);
@@ -41,34 +61,47 @@ static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, double dist
     }
 }
 
-static void add_surroundings(const mesh *m, int tet, node_list *list) {
+static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
     add_tet(m, tet, list);
     for (int f = 0; f < 4; f++)
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
-/* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
-static void add_track(const mesh *m, const insertion_state *state, node_list *list) {
-    const shaft_contact *last = last_contact(state);
-    vec3 from = last ? v3_sub(last->track, last->beside) : state->entry;
-    vec3 back = v3_sub(from, state->tip.nominal);
+/* Back along the track from x to the last contact node but `skipped`, or to where the needle went in. Returns that point. */
+static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int tet, vec3 x, int skipped, wanted_tissue *list) {
+    int k = contacts_passed(state) - 1 - skipped;
+    const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;
+    vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
-    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), length, list);
-    int passed = contacts_passed(state);
-    for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) add_tet(m, state->refined.nodes[state->refined.order[k]].tet, list);
+    if (length > 0.0) add_path(m, tet, x, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
+    return to;
 }
 
-static node_list wanted_nodes(const insertion_model *model, const insertion_state *state) {
+/* The way back: the elements of the last contact nodes, and those between the tip and the last one, and from there to the one before. */
+static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
+    vec3 last = add_stretch_back(m, state, state->tip.tet, state->tip.nominal, 0, list);
+    int passed = contacts_passed(state);
+    if (passed > 0) add_stretch_back(m, state, state->refined.nodes[state->refined.order[passed - 1]].tet, last, 1, list);
+    for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) {
+        const added_node *node = &state->refined.nodes[state->refined.order[k]];
+        add_tet(m, node->tet, list);
+        add_piece(node->tet, node->line.point, node->line.direction, list);
+        if (added_on_face(node) && node->across_tet >= 0) add_piece(node->across_tet, node->line.point, node->line.direction, list);
+    }
+}
+
+static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
     const mesh *m = model->mesh;
     int n = model->needle->given.segments;
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
-    node_list list = {.count = 0};
+    wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
-        if (hit.hit) add_path(m, hit.tet, hit.point, direction, reach * (1.0 - hit.fraction) + 0.25 * reach, &list);
+        if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;
+        if (hit.hit) add_path(m, hit.tet, hit.point, direction, (reach_of_path){.distance = reach * (1.25 - hit.fraction)}, &list);
         return list;
     }
     double weights[4];
@@ -76,14 +109,14 @@ static node_list wanted_nodes(const insertion_model *model, const insertion_stat
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
     vec3 way = tip_way(&state->tip, direction);
-    add_path(m, state->tip.tet, state->tip.nominal, way, WINDOW_SPAN, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){WINDOW_SPAN, WINDOW_SPAN, false}, &list);
     surface_hit next = {.hit = false};
     if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    add_path(m, state->tip.tet, state->tip.nominal, way, reach, &list);
-    if (next.hit) add_path(m, next.tet, next.point, direction, reach * (1.0 - next.fraction) + 0.25 * reach, &list);
+    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){.distance = reach, .near = -1.0}, &list);
+    if (next.hit) add_path(m, next.tet, next.point, direction, (reach_of_path){.distance = reach * (1.25 - next.fraction)}, &list);
     return list;
 }
 
@@ -102,10 +135,22 @@ static void copy_contacts(const refinement *from, refinement *to) {
     }
 }
 
-static bool window_suffices(const remesh_request *request, const node_list *wanted) {
+static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
     for (int i = 0; i < wanted->count; i++)
         if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
+    for (int i = 0; i < wanted->piece_count; i++)
+        if (!request_line(request, &wanted->pieces[i], wanted->tolerance)) return false;
     return true;
+}
+
+/* Lines that were asked for already stay as they were, so that the worker need not measure them again. */
+static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
+    for (int i = 0; i < wanted->piece_count; i++) {
+        const line_in_tet *known = request_line(request, &wanted->pieces[i], wanted->tolerance);
+        if (known) wanted->pieces[i] = *known;
+    }
+    request->piece_count = wanted->piece_count;
+    memcpy(request->pieces, wanted->pieces, (size_t)wanted->piece_count * sizeof *wanted->pieces);
 }
 
 /* Where the needle is going: the tip's material point and the end's direction. */
@@ -121,7 +166,7 @@ static bool same_line(const remesh_request *request, vec3 tip, vec3 direction) {
 }
 
 void prefetch_request(const insertion_model *model, insertion_state *state) {
-    node_list wanted = wanted_nodes(model, state);
+    wanted_tissue wanted = wanted_nodes(model, state);
     remesh_request *request = &state->request;
     bool same = same_contacts(&request->wanted, &state->refined);
     vec3 tip, direction;
@@ -131,6 +176,7 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     request->tip = tip;
     request->direction = direction;
     if (!same) copy_contacts(&state->refined, &request->wanted);
+    copy_pieces(&wanted, request);
     request->window_count = wanted.count;
     request->needed = wanted.needed;
     memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);

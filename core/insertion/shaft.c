@@ -58,5 +58,5 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
     shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
-    return local_of_share(contact->log_axial, stiffness, contact->surplus) * length * (dry + material->friction_viscous * contact->slip / dt);
+    return local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * (dry + material->friction_viscous * contact->slip / dt);
 }

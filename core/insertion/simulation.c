@@ -21,7 +21,7 @@ void simulation_defaults(simulation_config *config) {
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .needle_count = 1,
-        .insertion = {.contact_spacing = 2e-3, .resolution = 0.42, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
+        .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
@@ -206,7 +206,7 @@ trocar_status simulation_step(simulation *s, tick_context tick, compliance_snaps
     insertion_tick(&tick);
     if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
     if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_serve(s->remesher, &tick.state->request, snapshot, why);
+    return remesher_answer(s->remesher, &tick.state->request, snapshot, why);
 }
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {

@@ -65,7 +65,9 @@ void tip_glide_on_surface(const tick_context *tick) {
     vec3 tangential = v3_axpy(-pressing, inward, tip->force);
     double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
-    double compliance = 0.5 * local_at(model, tip->tet, tip->nominal).lateral / model->needle->radius;
+    if (!tip->resolved_known) return;
+    double line = local_line_compliance_at(model, tip->tet, tip->nominal).lateral;
+    double compliance = 0.5 * line * local_logarithm(model, &tip->resolved).lateral / model->needle->radius;
     tip_glide(tick, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
 }
 

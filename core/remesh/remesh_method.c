@@ -125,11 +125,14 @@ trocar_status remesher_init(remesher *r, const remesh_operations *operations, in
     r->tissue = inverse_tissue(inv);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
     r->handles = calloc((size_t)SNAPSHOT_LD * SNAPSHOT_LD, sizeof(double));
+    trocar_status status = resolver_create(r->tissue, &r->resolver, why);
+    if (status != TROCAR_OK) return status;
     bool gathers = gathered_create(&r->gathered, r->tissue->mesh->node_count);
     return r->handles && gathers ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
 }
 
 void remesher_release(remesher *r) {
     gathered_free(&r->gathered);
+    resolver_free(r->resolver);
     free(r->handles);
 }

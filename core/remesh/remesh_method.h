@@ -41,6 +41,10 @@ struct remesher {
     vec3 line_tip, line_direction;   /* of the last request */
     bool line_new;                   /* not followed yet */
     int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; made ready so far */
+    resolver *resolver;
+    int piece_count;
+    line_piece pieces[MAX_PIECES];   /* of the last request */
+    contact_field contacts[MAX_CONTACTS];
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };

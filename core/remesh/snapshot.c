@@ -33,3 +33,30 @@ int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinemen
     while (known < refined->count && refined->nodes[refined->order[known]].id == snapshot->ids[refined->order[known]]) known++;
     return known;
 }
+
+static bool lines_agree(const line_in_tet *a, const line_in_tet *b, line_tolerance tolerance) {
+    vec3 off = v3_cross(a->direction, v3_sub(b->point, a->point));
+    return a->tet == b->tet && v3_norm(off) < tolerance.aside && v3_norm(v3_sub(b->direction, a->direction)) < tolerance.turn;
+}
+
+const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (lines_agree(&request->pieces[i], line, tolerance)) return &request->pieces[i];
+    return NULL;
+}
+
+const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
+    for (int i = 0; i < snapshot->piece_count; i++)
+        if (snapshot->pieces[i].line.tet == tet) return &snapshot->pieces[i];
+    return NULL;
+}
+
+/* Along the line, displacements by a line force are linear within an element, and by a force at the place itself quadratic. */
+resolved_field piece_at(const line_piece *piece, vec3 x) {
+    const resolved_field *f = piece->at;
+    double way = v3_dot(v3_sub(x, piece->start), piece->line.direction);
+    double s = piece->length > 0.0 ? fmin(fmax(way / piece->length, 0.0), 1.0) : 0.0, t = 1.0 - s;
+    return (resolved_field){.lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
+                            .axial = exp(t * log(f[0].axial) + s * log(f[2].axial)),
+                            .point = t * (t - s) * f[0].point + 4.0 * s * t * f[1].point + s * (s - t) * f[2].point};
+}

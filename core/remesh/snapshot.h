@@ -25,12 +25,30 @@ typedef struct {
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
 
+/* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */
+typedef struct {
+    line_in_tet line;
+    double length;           /* m, of the line within the element */
+    vec3 start;              /* m, where it comes in */
+    resolved_field at[MAX_RESOLVED];
+} line_piece;
+
+enum { MAX_PIECES = 16 };
+
+/* Of a contact node: what the mesh resolves there, and what it yields more because the node was added, m/N. */
+typedef struct {
+    resolved_field resolved;
+    double surplus_lateral, surplus_axial;
+} contact_field;
+
 /* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */
 typedef struct {
     uint64_t serial;
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
+    int piece_count;
+    line_in_tet pieces[MAX_PIECES]; /* of the way around the tip */
     int needed;              /* number at the front of the window that are indispensable; others may be left out if costly (inverse_holds) */
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
 } remesh_request;
@@ -41,6 +59,9 @@ typedef struct {
     uint64_t serial;         /* of the request that it answers; 0: none yet */
     uint64_t ids[MAX_CONTACTS]; /* of the contact node in each slot; 0: the slot is free */
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
+    contact_field contacts[MAX_CONTACTS];
+    int piece_count;
+    line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
@@ -51,6 +72,20 @@ bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], in
 
 /* How many contact nodes, from the first in order to the first whose rows the snapshot does not hold. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
+
+/* The line of the request that is in the same element and as close as this to the other; NULL: none. RT */
+typedef struct {
+    double aside, turn;      /* m, rad */
+} line_tolerance;
+const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance);
+
+static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* what the mesh resolves on one holds for the other */
+
+/* The piece in element `tet`, or NULL. RT */
+const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
+
+/* What the mesh resolves at the point of the piece that is closest to x. RT */
+resolved_field piece_at(const line_piece *piece, vec3 x);
 
 /* Compliance between two handles, m/N. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);

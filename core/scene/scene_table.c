@@ -71,7 +71,6 @@ const row SCENE_TABLE[] = {
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
      .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
-    {"contact.resolution", "", NUMBER, OF(simulation.insertion.resolution), &POSITIVE, .doc = "alpha of the local compliance"},
     {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
      .doc = "of sliding over which static friction falls to kinetic"},
     {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,

@@ -49,8 +49,8 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
 }
 
 /* Local compliance at a point that represents the shaft between two depths: its regions act in parallel. */
-static double local_between(const insertion_model *model, const insertion_state *s, int tet, vec3 x, double from, double to, bool along, double surplus) {
-    lateral_axial logarithm = local_logarithm(model, tet, x);
+static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, bool along, double surplus) {
+    lateral_axial logarithm = local_logarithm(model, resolved);
     double stiffness = 0.0;
     for (int k = 0; k < s->stratum_count; k++) {
         double top = fmax(from, s->strata[k].depth), bottom = k + 1 < s->stratum_count ? fmin(to, s->strata[k + 1].depth) : to;
@@ -71,20 +71,21 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     all = *s;
     for (int i = 0; i < contacts; i++) all.contacts[all.refined.order[i]].status = CONTACT_ACTIVE;
     mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
-    if (!snapshot_covers(&b->snapshot, corners, handles)) return 0;
+    const line_piece *piece = snapshot_piece(&b->snapshot, s->tip.tet);
+    if (!snapshot_covers(&b->snapshot, corners, handles) || !piece) return 0;
+    resolved_field resolved = piece_at(piece, s->tip.nominal);
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
         shaft_share share = shaft_share_of(&all, i, true);
-        const added_node *node = &s->refined.nodes[i];
-        a[i * n + i] += local_between(model, s, node->tet, node->position, share.from, share.to, axis == 2,
-                                      local_surplus(model, node->tet, node->position));
+        const contact_field *field = &b->snapshot.contacts[i];
+        a[i * n + i] += local_between(model, s, &field->resolved, share.from, share.to, axis == 2, axis == 2 ? field->surplus_axial : field->surplus_lateral);
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     shaft_share share = shaft_share_of(&all, contacts, true);
-    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0);
-    double end = local_at(model, s->tip.tet, s->tip.nominal).lateral / model->needle->radius;
-    double shaft = local_between(model, s, s->tip.tet, s->tip.nominal, share.from, share.to, axis == 2, 0.0);
+    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0, resolved.point);
+    double end = local_line_compliance_at(model, s->tip.tet, s->tip.nominal).lateral * local_logarithm(model, &resolved).lateral / model->needle->radius;
+    double shaft = local_between(model, s, &resolved, share.from, share.to, axis == 2, 0.0);
     a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* in parallel */
     *tip_alone = 1e-3 / (own + disc);
     return n;
@@ -131,7 +132,7 @@ int main(int argc, char **argv) {
     if (status == TROCAR_OK) {
         base.position.z = atof(argv[6]) + config.needle.length;
         insertion_reset(&b->simulation.insertion, base, &b->state);
-        status = remesher_serve(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
+        status = remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
     }
     if (status != TROCAR_OK) {
         fprintf(stderr, "rigid_needle: %s\n", why.text);

@@ -1,0 +1,90 @@
+#include "remesh/resolved_line.h"
+
+#include <string.h>
+
+#include "remesh/refined_field.h"
+
+/* Where the line comes in and goes out of its element, m from its point; both 0 if it only touches a corner or an edge. */
+static void clip(const mesh *m, const line_in_tet *line, double *from, double *to) {
+    double here[4], there[4], unit = m->node_size[m->tets[line->tet][0]];
+    *from = -INFINITY;
+    *to = INFINITY;
+    mesh_barycentric(m, line->tet, line->point, here);
+    mesh_barycentric(m, line->tet, v3_axpy(unit, line->direction, line->point), there);
+    for (int c = 0; c < 4; c++) {
+        double slope = (there[c] - here[c]) / unit;
+        if (slope > 0.0) *from = fmax(*from, -here[c] / slope);
+        if (slope < 0.0) *to = fmin(*to, -here[c] / slope);
+    }
+    if (!(*from < *to)) *from = *to = 0.0;
+}
+
+static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_piece *piece, report *why) {
+    double from, to;
+    vec3 x[MAX_RESOLVED];
+    clip(r->tissue->mesh, line, &from, &to);
+    for (int k = 0; k < MAX_RESOLVED; k++) x[k] = v3_axpy(from + 0.5 * k * (to - from), line->direction, line->point);
+    *piece = (line_piece){.line = *line, .length = to - from, .start = x[0]};
+    return resolver_measure(r->resolver, line->tet, line->direction, MAX_RESOLVED, x, piece->at, why);
+}
+
+static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+/* Only the very same line: what is answered must not depend on what was asked for before. */
+static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
+    for (int i = 0; i < r->piece_count; i++) {
+        const line_in_tet *known = &r->pieces[i].line;
+        if (known->tet == line->tet && same_vector(known->point, line->point) && same_vector(known->direction, line->direction)) return &r->pieces[i];
+    }
+    return NULL;
+}
+
+bool lines_are_new(const remesher *r, const remesh_request *request) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (!find_piece(r, &request->pieces[i])) return true;
+    return false;
+}
+
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why) {
+    line_piece pieces[MAX_PIECES];
+    int count = 0;
+    for (int i = 0; i < request->piece_count; i++) {
+        const line_piece *known = find_piece(r, &request->pieces[i]);
+        if (known) {
+            pieces[count++] = *known;
+        } else if (most-- > 0) {
+            trocar_status status = measure_piece(r, &request->pieces[i], &pieces[count++], why);
+            if (status != TROCAR_OK) return status;
+        }
+    }
+    r->piece_count = count;
+    memcpy(r->pieces, pieces, (size_t)count * sizeof *pieces);
+    return TROCAR_OK;
+}
+
+/* A moved node's is that of a node added at the same place. */
+static mat3 surplus_of(const remesher *r, int slot) {
+    const added_node *node = &r->refined.nodes[slot];
+    if (node->moved < 0) return node_surplus(r->tissue, &r->refined, r->refined.count);
+    leaf_point at;
+    memcpy(at.corners, r->tissue->mesh->tets[node->tet], sizeof at.corners);
+    mesh_barycentric(r->tissue->mesh, node->tet, node->position, at.weights);
+    return surplus_compliance(r->tissue, &(refinement){.count = 0}, node->tet, &at);
+}
+
+trocar_status resolve_contact(remesher *r, int slot, report *why) {
+    const added_node *node = &r->refined.nodes[slot];
+    line_in_tet line = node->line;
+    r->contacts[slot] = (contact_field){.surplus_axial = 0.0};
+    if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
+    const line_piece *known = find_piece(r, &line);
+    line_piece measured;
+    trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
+    if (status != TROCAR_OK) return status;
+    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
+    mat3 surplus = surplus_of(r, slot);
+    double along = v3_dot(line.direction, m3_apply(&surplus, line.direction));
+    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,
+                                         .surplus_lateral = 0.5 * (surplus.m[0][0] + surplus.m[1][1] + surplus.m[2][2] - along)};
+    return TROCAR_OK;
+}

@@ -1,0 +1,28 @@
+/* Displacements by forces in an infinite elastic body and below a free plane surface, for unit force and unit shear modulus: what
+   a mesh is compared with where it is too coarse to resolve them. */
+#ifndef TROCAR_EXACT_FIELDS_H
+#define TROCAR_EXACT_FIELDS_H
+
+#include "base/vec.h"
+
+/* At (x, y), by a force per length along an infinite line, the z axis. The additive constants are such that a rigid cylinder of
+   radius R around the line moves by the value below at rho = R. Kelvin's solution in plane strain, and anti-plane shear.
+   Lateral: the line is pushed along x; axial: along z. 1/m stands for N/m over Pa. */
+vec3 line_lateral(double x, double y, double poisson_ratio);
+vec3 line_axial(double x, double y);
+
+/* Traction of the same fields on a surface of this area vector, N per N/m of the line; axis 0, 1: the line is pushed along x, y; 2: along z. */
+vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
+
+/* The radius of the cylinder that moves by `u` under the same force. */
+double line_lateral_radius(double u, double poisson_ratio);
+double line_axial_radius(double u);
+
+/* At `x`, by a unit force at `source`, in a body whose free surface is the plane z = 0; source.z >= 0, x.z >= 0.
+   Mindlin, Physics 7, 195 (1936). Far below the surface it is Kelvin's. m^-1 */
+vec3 mindlin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio);
+
+/* The same in an infinite body: Kelvin's solution. */
+vec3 kelvin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio);
+
+#endif

@@ -1,0 +1,33 @@
+/* What the mesh resolves of a needle's field at a place, measured: a line force, and a point force, act on a small patch of its
+   elements whose boundary moves as in the exact solution; how far the mesh yields to them is compared with that solution.
+   No constant is fitted. See README.md, "Local compliance". */
+#ifndef TROCAR_RESOLVED_RADIUS_H
+#define TROCAR_RESOLVED_RADIUS_H
+
+#include "tissue/tissue.h"
+
+/* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */
+typedef struct {
+    double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does */
+    double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
+} resolved_field;
+
+/* A line through an element: a piece of the needle's way. */
+typedef struct {
+    int tet;
+    vec3 point, direction;   /* m, and unit vector */
+} line_in_tet;
+
+typedef struct resolver resolver;
+
+/* `t` must outlive it. NO_MEMORY. */
+trocar_status resolver_create(const tissue *t, resolver **created, report *why);
+void resolver_free(resolver *r);
+
+enum { MAX_RESOLVED = 3 };
+
+/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about
+   a millisecond. NUMERIC if the patch has no stiffness. */
+trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
+
+#endif

@@ -87,6 +87,15 @@ replay() {
     # the log's own poses replay to the same table; its wrenches are ignored
     "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
+    # a recorded needle that the scene does not have is needle 0 of the simulation, but keeps its index in the log
+    "$programs/trocar-replay" --scene "$scene" --poses "$source/tests/fuzz/corpus/poselog/two_needles.log" --needle 1 --out second.log --quiet
+    python3 - second.log <<'END' || fail "needle or number of needles in the status of a replay's log"
+import struct, sys
+log = open(sys.argv[1], "rb").read()
+channel, size = struct.unpack(">ii", log[20:28])
+needle, needles, _, _ = struct.unpack(">iiiq", log[28 + channel + size - 20:28 + channel + size])  # status_t's last fields
+sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
+END
     # the gland is pushed along the needle, pulled back beyond its initial place, and at rest again when the needle is out
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"

@@ -23,7 +23,7 @@ refuses() {
 }
 
 bad_input() {
-    local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench
+    local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench parts=$programs/../tests/benchmarks/bench_parts
     "$device" --script insert --write-log poses.log
     head -c 1000 poses.log >cut.log
     "$device" --script hold --duration 3.1 --write-log longer.log
@@ -60,11 +60,11 @@ bad_input() {
     refuses --scene "$bench" tick --json x.json
     refuses "--contacts: 2.5" "$bench" tick --scene "$scene" --contacts 5,2.5
     refuses "--contacts: 65" "$bench" tick --scene "$scene" --contacts 65
-    refuses --scene "$bench" remesh --samples 3
-    refuses "--touched: 4" "$bench" remesh --scene "$scene" --touched 4
-    refuses none.yaml "$bench" remesh --scene none.yaml
-    refuses "--inverse: 'big'" "$bench" scale --scene "$scene" --inverse big
-    refuses none.yaml "$bench" scale --scene none.yaml
+    refuses --scene "$parts" remesh --samples 3
+    refuses "--touched: 4" "$parts" remesh --scene "$scene" --touched 4
+    refuses none.yaml "$parts" remesh --scene none.yaml
+    refuses "--inverse: 'big'" "$parts" scale --scene "$scene" --inverse big
+    refuses none.yaml "$parts" scale --scene none.yaml
     refuses none.yaml "$bench" tick --scene none.yaml --json x.json
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
@@ -149,14 +149,14 @@ bench() {
     cat bench.txt
     "$source/tests/check_bench.py" bench.json 5 10
     [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
-    "$programs/trocar-bench" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
+    "$programs/../tests/benchmarks/bench_parts" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
     cat remesh.txt
     "$source/tests/check_remesh_bench.py" remesh.json
     [ "$(grep -cE ' (inside|face|move) ' remesh.txt)" -eq 17 ] || fail "not 17 rows in the table"
     "$source/scripts/plot_bench" remesh.json nodes.svg valence.svg >ratios.txt
     cat ratios.txt
     grep -q '<svg' nodes.svg && grep -q '<svg' valence.svg || fail "no figures"
-    "$programs/trocar-bench" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
+    "$programs/../tests/benchmarks/bench_parts" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
     cat scale.txt
     "$source/tests/check_scale_bench.py" scale.json dense
     "$source/scripts/plot_scale" tick.svg worker.svg scale.json scale.json

@@ -127,6 +127,12 @@ static void wrench_echoes_its_pose(void **state) {
     assert_int_equal(w.pose_seq, 41);
     assert_int_equal(w.pose_utime, 1041);
     assert_int_equal(w.tick, 0);
+
+    f->poses.needles[0].held = false; /* as after a release */
+    *(newest_poses *)triple_buffer_slot(&f->exchange.poses) = f->poses;
+    triple_buffer_publish(&f->exchange.poses);
+    tick(f, &w);
+    assert_true(w.session == 0 && w.pose_seq == -1 && w.pose_utime == 0);
 }
 
 /* Moves the tip from `from` to `to` (mm from its start), 1 mm in 20 ticks; serves the requests in between. */

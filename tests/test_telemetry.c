@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "telemetry.h"
 #include "trocar_contacts_t.h"
@@ -251,11 +252,35 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
+/* On stderr, once, even if another message has been refused since. */
+static void the_first_malformed_pose_is_reported(void **state) {
+    fixture *f = *state;
+    char said[1000] = "";
+    show_a_needle(f);
+    arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
+    in->poses_malformed = 2;
+    strcpy(in->malformed, "pose of 3 bytes refused");
+    strcpy(in->message, "session 9 refused");
+    triple_buffer_publish(&f->exchange.intakes);
+    FILE *kept = tmpfile();
+    int before = dup(STDERR_FILENO);
+    fflush(stderr);
+    dup2(fileno(kept), STDERR_FILENO);
+    receive(f);
+    dup2(before, STDERR_FILENO);
+    close(before);
+    rewind(kept);
+    said[fread(said, 1, sizeof said - 1, kept)] = '\0';
+    fclose(kept);
+    assert_string_equal(said, "trocar-server: pose of 3 bytes refused\n");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_first_malformed_pose_is_reported, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(each_needle_has_its_messages, open_pair, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

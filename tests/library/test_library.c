@@ -472,7 +472,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     int tets = trocar_model_tet_count(model);
     assert_null(trocar_model_strain_patches(model));
     for (int i = 0; i < tets; i++) assert_in_range(trocar_model_strain_patches(whole)[i], 0, tets - 1);
-    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; what has none is on the outside */
+    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; a face of the skin has none */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);

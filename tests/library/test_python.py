@@ -128,6 +128,36 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_allclose(total, -out.force, atol=1e-9)
         self.assertTrue(np.all(sim.displacements()[model.nodes[:, 2] > 0.0299] == 0))
 
+    def test_contacts_by_id_slot_status_and_needle(self):
+        """Each field against what the library's documentation promises, over a push and a retraction of the second of two needles."""
+        scene = trocar.Scene.load(FIGURE8)
+        scene["needles"] = 2
+        sim = trocar.Sim(trocar.Model(scene))
+        pose = lambda tick: [0.005, 0.003, -0.201 + 1.5e-4 * min(tick, 400 - tick), 1, 0, 0, 0]
+        sim.reset(pose(0), needle=1)
+        held, seen = {}, set()  # slot and depth of each contact by id
+        for tick in range(400):
+            out = sim.step(pose(tick), 0.001, needle=1)
+            self.assertEqual(sim.contacts(), [])
+            active, pending = sim.contacts(needle=1), sim.pending_contacts(needle=1)
+            tissue = [c for c in active if c.kind == "tissue"]
+            self.assertEqual(len(tissue), out.contacts)
+            for c in active:
+                self.assertEqual((c.needle, c.status), (1, "sliding" if c.state else "sticking"))
+            for c in active[len(tissue):]:
+                self.assertEqual((c.kind, c.id, c.slot), ("tip", 0, -1))
+            for c in pending:
+                self.assertIn(c.status, ("planned", "adding"))
+                self.assertFalse(c.force.any())
+            for c in tissue + pending:
+                self.assertEqual(held.setdefault(c.id, (c.slot, c.depth)), (c.slot, c.depth))
+            slots = [c.slot for c in tissue + pending]
+            self.assertEqual(len(set(slots)), len(slots))
+            seen.update(c.status for c in active + pending)
+        self.assertGreater(len(held), 2)
+        self.assertNotIn(0, held)
+        self.assertLessEqual({"planned", "sticking", "sliding"}, seen)
+
     def test_save_and_restore(self):
         pose = lambda tick: [0.005, 0.003, -0.201 + 1e-4 * tick, 1, 0, 0, 0]
         sim = trocar.Sim(self.model)

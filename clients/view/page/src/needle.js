@@ -1,4 +1,4 @@
-// The needle with its actual bending, its hub, and its contacts.
+// A needle with its actual bending, its hub, and its contacts.
 import * as THREE from 'three'
 import { CONTACT } from './colours.js'
 
@@ -33,7 +33,8 @@ function instances(geometry) {
 }
 
 export class Needle {
-  constructor(scene) {
+  /** `hub`: its colour. */
+  constructor(scene, hub) {
     this.length = scene.needle.length
     this.radius = scene.needle.diameter / 2
     this.tipColour = '#ffffff'
@@ -41,7 +42,7 @@ export class Needle {
     this.body = new THREE.Group()
     this.group.add(this.body)
     this.addShaft()
-    this.addHub()
+    this.addHub(hub)
     this.addContacts()
   }
 
@@ -68,11 +69,11 @@ export class Needle {
     this.body.add(shaft)
   }
 
-  addHub() {
+  addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
     const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // on the bevel's side
     this.hub = new THREE.Group()
-    this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: '#2c7fb8', specular: '#88bbee', shininess: 40 })))
+    this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
     this.body.add(this.hub)
   }
@@ -85,15 +86,18 @@ export class Needle {
     this.group.add(this.dots, this.arrows)
   }
 
-  show(picture) {
-    const base = new THREE.Quaternion(picture.orientation[1], picture.orientation[2], picture.orientation[3], picture.orientation[0])
-    const line = trace(picture.joints, RINGS)
-    this.bend(line, base)
-    this.hub.position.fromArray(picture.joints)
+  /** `shape`: a needle of a picture, or undefined to hide it. Sets `line`, its points and tangents from base to tip. */
+  show(shape) {
+    this.group.visible = Boolean(shape)
+    this.line = this.tip = null
+    if (!shape) return
+    const base = new THREE.Quaternion(shape.orientation[1], shape.orientation[2], shape.orientation[3], shape.orientation[0])
+    this.line = trace(shape.joints, RINGS)
+    this.bend(this.line, base)
+    this.hub.position.fromArray(shape.joints)
     this.hub.quaternion.copy(base)
-    this.touch(picture.contacts)
-    this.tip = line.places.at(-1)
-    return line
+    this.touch(shape.contacts)
+    this.tip = this.line.places.at(-1)
   }
 
   /** Rings around the centreline with a twist-free frame; the tip is bevelled. */

@@ -1,8 +1,8 @@
 /* The worker's lateness during an insertion: ticks run in model time, the worker in the processor time of each answer, so that a
    busy machine gives the same figures. One thread.
 
-   Like the remeshing benchmark it measures internals: it follows single contact nodes and delays each answer until it would have
-   been ready, which a user of the library does not need. scale_timing.c is therefore built with core's headers. */
+   It uses internals: it runs the worker at once and withholds each answer until it would have been ready, whereas trocar_sim_work hands an
+   answer to the next tick; and it changes the spacing of contact nodes of a model that has been created. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 

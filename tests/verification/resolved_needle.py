@@ -46,9 +46,9 @@ ABOUT = (
     "Total force needed to move a rigid needle, or the disc at its end, by 1 mm in tissue that is bonded to it. "
     "Lengths in m, forces in N, moduli in Pa. Block |x|, |y| <= 0.06, 0 <= z <= 0.1; z = 0 is held, all else is free. "
     "'axis': x, y of the tip; the needle reaches from the skin (z = 0.1) down to z = 'tip'. 'angle': between needle and skin in "
-    "degrees, going in along +x; 90 where there is none. The modulus is "
+    "degrees, going in along +x, or at 'azimuth' degrees from there toward +y; straight down where there is none. The modulus is "
     "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, without rotation: sideways (+x, "
-    "or as near to it as is at right angles to an oblique needle), across (+y), axial (outwards). "
+    "or, of an oblique needle, at right angles to it in its vertical plane), across (of an oblique needle, horizontal), axial (outwards). "
     "disc: only the hole's end face moves, along -z without moving sideways, the rest of the hole is free of traction. "
     "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' is the relative difference of the "
     "two meshes. Displacement elements are too stiff, so that the exact force lies below."
@@ -62,25 +62,30 @@ def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, abov
             "youngs_modulus_above": above, "youngs_modulus_below": below, "interface": HEIGHT / 2}
 
 
-def oblique(angle, length=0.060):
-    """A needle of which `length` is inside, half of it on either side of x = 0."""
-    across, down = length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
-    return {**case(HEIGHT - down, axis=(0.5 * across, -0.0027)), "angle": angle}
+def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
+    """A needle of which `length` is inside, half of it on either side of x, y = middle."""
+    across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
+    way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
+    return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
 
 
-def direction(one):
-    """The needle's, into the tissue."""
-    angle = math.radians(one.get("angle", 90))
-    return np.array([math.cos(angle), 0.0, -math.sin(angle)]) if "angle" in one else np.array([0.0, 0.0, -1.0])
+def directions(one):
+    """Unit vectors: of the needle into the tissue; at right angles to it, in the plane that it has in common with z; horizontal."""
+    if "angle" not in one:
+        return np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    angle, azimuth = math.radians(one["angle"]), math.radians(one["azimuth"])
+    forward, side = np.array([math.cos(azimuth), math.sin(azimuth), 0.0]), np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    return math.cos(angle) * forward - math.sin(angle) * up, math.sin(angle) * forward + math.cos(angle) * up, side
 
 
 def loads(one):
     """Displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion."""
-    inwards = direction(one)
+    inwards, sideways, across = directions(one)
     if one["kind"] == "disc":
         return {"axial": MOVE * inwards}
-    cases = {"sideways": MOVE * np.array([-inwards[2], 0.0, inwards[0]]), "axial": -MOVE * inwards}
-    return {**cases, "across": np.array([0.0, MOVE, 0.0])} if "angle" in one else cases
+    cases = {"sideways": MOVE * sideways, "axial": -MOVE * inwards}
+    return {**cases, "across": MOVE * across} if "angle" in one else cases
 
 
 def all_cases():
@@ -96,6 +101,7 @@ def all_cases():
     cases["stiff_below"] = case(0.020, below=CONTRAST * SOFT)
     cases["stiff_above"] = case(0.020, above=CONTRAST * SOFT)
     cases |= {f"oblique_{angle}": oblique(angle) for angle in (60, 45, 30)}
+    cases["body_diagonal"] = oblique(math.degrees(math.asin(3 ** -0.5)), 45, (0.0, 0.0))  # of a cube
     cases |= {f"tip_disc_r{1e3 * r:g}": case(0.020, r, disc=True) for r in radii}
     cases["skin_disc"] = case(HEIGHT, disc=True)
     return cases
@@ -254,40 +260,65 @@ def right_handed(nodes, tets):
 # ---- oblique needles -------------------------------------------------------------------------------------------------
 
 def oblique_axis(one, z):
-    """At the height z of the undeformed mesh, the x of the deformed one's axis, and the vector (x, z) to which (1, 0) turns there.
+    """At the height z of the undeformed mesh: how far forward the deformed one's axis is from the tip, and the vector (forward, up)
+    to which a unit vector forward turns there.
 
     Beside the axis each face of a layer stays plane. It is at right angles to the needle at the tip, so that the end is flat, and
     horizontal at the skin and at the bottom. Moving points along the needle keeps the hole a circular cylinder."""
-    inwards, height = direction(one), one["tip"]
-    normal, slope = np.array([-inwards[2], 0.0, inwards[0]]), -inwards[0] / inwards[2]
-    within = z >= height
-    below = np.clip(z / height, 0.0, 1.0)
-    centre = one["axis"][0] + np.where(within, -slope * (z - height), slope * BEND * (1 - below ** (height / BEND)))
-    up = np.where(within, (z - height) / (HEIGHT - height), 0.0)
-    tilt = below ** (height / TILT)
-    along_x = np.where(within, normal[0] + up * slope * inwards[0], tilt * normal[0] + 1 - tilt)
-    along_z = np.where(within, normal[2] + up * slope * inwards[2], tilt * normal[2])
-    return centre, along_x, along_z
+    angle, height = math.radians(one["angle"]), one["tip"]
+    slope, within, below = 1.0 / math.tan(angle), z >= height, np.clip(z / height, 0.0, 1.0)
+    centre = np.where(within, -slope * (z - height), slope * BEND * (1 - below ** (height / BEND)))
+    up, tilt = np.where(within, (z - height) / (HEIGHT - height), 0.0), below ** (height / TILT)
+    forward = np.where(within, math.sin(angle) + up * slope * math.cos(angle), 1 - tilt * (1 - math.sin(angle)))
+    return centre, forward, np.where(within, (1 - up) * math.cos(angle), tilt * math.cos(angle))
+
+
+def middle_of(one):
+    """x and y half-way between skin and tip."""
+    back = 0.5 * (HEIGHT - one["tip"]) / math.tan(math.radians(one["angle"]))
+    return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
+
+
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of a C3D10, in the order of its nodes 4 to 9
+
+
+def straighten(nodes, elements, far):
+    """Puts middle nodes of edges with a far end half-way between the ends."""
+    for i, edge in enumerate(EDGES, 4):
+        ends, middle = elements[:, edge], elements[:, i]
+        chosen = far[ends].any(axis=1)
+        nodes[middle[chosen]] = nodes[ends[chosen]].mean(axis=1)
+
+
+def least_jacobian(nodes, elements):
+    """Of each element, at its integration points."""
+    inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
+    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # of the barycentric coordinates
+    least = np.full(len(elements), np.inf)
+    for point in outer + (inner - outer) * np.eye(4):
+        shape = np.concatenate([(4 * point[:, None] - 1) * gradients, [4 * (point[a] * gradients[b] + point[b] * gradients[a]) for a, b in EDGES]])
+        least = np.minimum(least, np.linalg.det(np.einsum("enx,nk->exk", nodes[elements], shape)))
+    return least
 
 
 def deform(one, nodes, elements):
-    """Nodes of the straight needle's mesh, x and y from its axis, moved so that the needle is oblique: all of the rings move with it,
-    the block's sides stay. Elements outside the rings keep straight edges."""
+    """Nodes of a straight needle's mesh, x and y from its axis, moved so that the needle is oblique: the rings move with it, the
+    block's sides stay. Elements outside the rings keep straight edges, and so do those that would fold."""
+    middle, side = middle_of(one), directions(one)[2]
+    forward = np.array([side[1], -side[0]])
     x, y, z = nodes.T
-    axis_y = one["axis"][1]
-    share = np.maximum(np.abs(x) / HALF_WIDTH, np.maximum(y / (HALF_WIDTH - axis_y), -y / (HALF_WIDTH + axis_y)))
-    weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - abs(axis_y))), 0.0, 1.0)
-    centre, along_x, along_z = oblique_axis(one, z)
-    turned = weight ** 3 * x  # the turn fades faster than the shift, which keeps elements from folding
-    moved = np.stack([x + weight * centre + turned * (along_x - 1), y + axis_y, z + turned * along_z], axis=1)
-    outside = np.hypot(x, y) > RINGS_RADIUS * (1 + 1e-9)
-    for i, (a, b) in enumerate(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)), 4):
-        ends, node = elements[:, [a, b]], elements[:, i]
-        straight = outside[ends].any(axis=1)
-        moved[node[straight]] = moved[ends[straight]].mean(axis=1)
-    corners = moved[elements[:, :4]]
-    if np.linalg.det(corners[:, 1:] - corners[:, :1]).min() <= 0.0:
-        sys.exit("resolved_needle: the deformed mesh has mirrored elements")
+    share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
+    weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
+    centre, ahead, up = oblique_axis(one, z)
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the turn fades faster than the shift, which keeps elements from folding
+    shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
+    moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
+    distance = np.hypot(x, y)
+    straighten(moved, elements, distance > RINGS_RADIUS * (1 + 1e-9))
+    folded = least_jacobian(moved, elements) <= 0.0
+    straighten(moved, elements[folded], distance > one["radius"] * (1 + 1e-9))
+    if least_jacobian(moved, elements).min() <= 0.0:
+        sys.exit("resolved_needle: the deformed mesh has folded elements")
     return moved
 
 
@@ -296,9 +327,9 @@ def deform(one, nodes, elements):
 def block_with_needle(one, mesh):
     """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
     first = mesh["rim"] * one["radius"]
-    place = (0.0, one["axis"][1]) if "angle" in one else one["axis"]
+    place = middle_of(one) if "angle" in one else one["axis"]
     vertices, triangles = plane_triangulation(place, one["radius"], first, mesh)
-    heights = layers(one, -direction(one)[2] * first, mesh)
+    heights = layers(one, -directions(one)[0][2] * first, mesh)
     nodes, elements = extrude(vertices, triangles, heights)
 
     within = np.linalg.norm(vertices, axis=1)[triangles].max(axis=1) < one["radius"] * (1 + 1e-6)

@@ -22,6 +22,15 @@ FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner
 
 # ---- by Gmsh -----------------------------------------------------------------------------------------------------------
 
+def set_field(expression):
+    """Element sizes from an expression in x, y and z alone."""
+    sizes = gmsh.model.mesh.field.add("MathEval")
+    gmsh.model.mesh.field.setString(sizes, "F", expression)
+    gmsh.model.mesh.field.setAsBackgroundMesh(sizes)
+    for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
+        gmsh.option.setNumber("Mesh." + option, 0)
+
+
 def block(path, size, layered=False, field=None):
     """Unstructured; `size`: of all elements, or, with `field` (an expression in x, y, z), the largest."""
     gmsh.initialize()
@@ -40,11 +49,7 @@ def block(path, size, layered=False, field=None):
     gmsh.model.setPhysicalName(2, 9, "fixed")
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     if field:
-        sizes = gmsh.model.mesh.field.add("MathEval")
-        gmsh.model.mesh.field.setString(sizes, "F", field)
-        gmsh.model.mesh.field.setAsBackgroundMesh(sizes)
-        for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints"):
-            gmsh.option.setNumber("Mesh." + option, 0)
+        set_field(field)
     else:
         gmsh.option.setNumber("Mesh.MeshSizeMin", size)
     gmsh.model.mesh.generate(3)
@@ -75,6 +80,16 @@ def read(path):
 
 # ---- by numpy ----------------------------------------------------------------------------------------------------------
 
+def msh(nodes, groups, elements):
+    """Text of a Gmsh file. groups: dimension, number and name; elements: Gmsh's type, group and nodes."""
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups)), *(f'{dim} {number} "{name}"' for dim, number, name in groups),
+             "$EndPhysicalNames", "$Nodes", str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes",
+             "$Elements", str(len(elements)),
+             *(f"{i} {kind} 2 {group} {group} {' '.join(str(1 + node) for node in corners)}" for i, (kind, group, corners) in enumerate(elements, 1)),
+             "$EndElements", ""]
+    return "\n".join(lines)
+
+
 def write(path, nodes, tets, lower=None):
     """`lower`: of each tetrahedron, whether it is in the region of that name."""
     tets = np.array(tets)
@@ -83,14 +98,10 @@ def write(path, nodes, tets, lower=None):
     used, tets = np.unique(tets, return_inverse=True)
     nodes, tets = nodes[used], tets.reshape(-1, 4)
     floor = np.concatenate([tets[:, face] for face in FACES])
-    floor = floor[np.abs(nodes[floor][..., 2]).max(axis=1) < 1e-9] + 1
-    group = np.where(lower, 2, 1) if lower is not None else np.ones(len(tets), int)
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3", '3 1 "upper"', '3 2 "lower"', '2 9 "fixed"', "$EndPhysicalNames", "$Nodes",
-             str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes", "$Elements",
-             str(len(floor) + len(tets)), *(f"{i} 2 2 9 9 {a} {b} {c}" for i, (a, b, c) in enumerate(floor.tolist(), 1)),
-             *(f"{i} 4 2 {g} {g} {a} {b} {c} {d}" for i, (g, (a, b, c, d)) in enumerate(zip(group.tolist(), (tets + 1).tolist()), len(floor) + 1)),
-             "$EndElements", ""]
-    path.write_text("\n".join(lines))
+    floor = floor[np.abs(nodes[floor][..., 2]).max(axis=1) < 1e-9]
+    region = np.where(lower, 2, 1) if lower is not None else np.ones(len(tets), int)
+    elements = [(2, 9, face) for face in floor.tolist()] + [(4, group, tet) for group, tet in zip(region.tolist(), tets.tolist())]
+    path.write_text(msh(nodes, ((3, 1, "upper"), (3, 2, "lower"), (2, 9, "fixed")), elements))
 
 
 # Corners of a cell are numbered 4 x + 2 y + z. Kuhn: six paths of edges from corner 0 to 7. Five: a regular tetrahedron and four corners,
@@ -99,9 +110,8 @@ KUHN = [(0, a, a | b, 7) for a in (1, 2, 4) for b in (1, 2, 4) if a != b]
 FIVE = ([(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 3, 6), (4, 0, 5, 6), (7, 3, 5, 6)], [(1, 2, 4, 7), (0, 1, 2, 4), (3, 1, 2, 7), (5, 1, 4, 7), (6, 2, 4, 7)])
 
 
-def structured(kind, cells):
+def structured(kind, cells, low=(-HALF_WIDTH, -HALF_WIDTH, 0.0), high=(HALF_WIDTH, HALF_WIDTH, HEIGHT)):
     """Nodes and tetrahedra of a grid of cells (nx, ny, nz), each cut into six ("Kuhn") or five ("five") tetrahedra."""
-    low, high = (-HALF_WIDTH, -HALF_WIDTH, 0.0), (HALF_WIDTH, HALF_WIDTH, HEIGHT)
     grid = np.meshgrid(*(np.linspace(a, b, n + 1) for a, b, n in zip(low, high, cells)), indexing="ij")
     nodes = np.stack([axis.ravel() for axis in grid], axis=1)
     cell = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)

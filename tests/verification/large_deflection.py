@@ -5,7 +5,7 @@ The case depth_r0.635_nu0.45 of resolved_needle.py on a coarser mesh of quadrati
 with large displacements (NLGEOM) in two nearly incompressible hyperelastic materials of the same initial moduli,
     neo-Hookean   C10 = mu / 2,  D1 = 2 / K
     Yeoh          the same and C20 = S C10, S = 0.2: stiffens
-Writes large_deflection.json next to this script, which verify_large_deflection.py and scripts/figures read. Takes an hour on one core.
+Writes large_deflection.json next to this script, which verify_large_deflection.py and scripts/figures read. Takes a quarter of an hour on one core.
 
 usage: large_deflection.py [FOLDER]     FOLDER: for CalculiX's files; default: a temporary one
 """

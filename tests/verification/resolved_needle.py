@@ -35,6 +35,8 @@ BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; Cal
 # Discs have a finer rim: where the bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees,
 # Williams 1952), displacements go with the power 0.28 of the distance at nu = 0.45, so forces go as rim^0.56.
 MESHES = {
+    "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
+               "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
     "standard": {"needle": {"rim": 0.16, "slope": 0.75, "far_slope": 0.375, "sectors": 10, "largest": 0.015},
                  "disc": {"rim": 0.003, "slope": 0.6, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
     "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
@@ -50,8 +52,8 @@ ABOUT = (
     "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, without rotation: sideways (+x, "
     "or, of an oblique needle, at right angles to it in its vertical plane), across (of an oblique needle, horizontal), axial (outwards). "
     "disc: only the hole's end face moves, along -z without moving sideways, the rest of the hole is free of traction. "
-    "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' is the relative difference of the "
-    "two meshes. Displacement elements are too stiff, so that the exact force lies below."
+    "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' and 'coarse_above_standard' are "
+    "relative differences of two meshes. Displacement elements are too stiff, so that the exact force lies below."
 )
 
 
@@ -413,12 +415,13 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Add the force along each motion on the finest mesh solved, and the deviation of the standard mesh from the fine one."""
+    """Add the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
-    entry["force"] = force.get("fine", force.get("standard"))
-    if len(force) == 2:
-        entry["standard_above_fine"] = {name: force["standard"][name] / fine - 1 for name, fine in force["fine"].items()}
+    solved = list(force)  # from coarse to fine
+    entry["force"] = force[solved[-1]]
+    for mesh, finer in zip(solved, solved[1:]):
+        entry[f"{mesh}_above_{finer}"] = {name: force[mesh][name] / value - 1 for name, value in force[finer].items()}
 
 
 def solver_version():

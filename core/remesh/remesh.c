@@ -58,11 +58,11 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-static trocar_status add_node(remesher *r, int slot, const added_node *node, vec3 direction, report *why) {
+static trocar_status add_node(remesher *r, int slot, const added_node *node, report *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    trocar_status status = resolve_contact(r, slot, direction, why);
+    trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
     status = confirm(r, why);
@@ -122,7 +122,7 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     return clear;
 }
 
-static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 direction, report *why) {
+static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
         if (clear >> r->refined.order[i] & 1) remove_node(r, i);
@@ -130,7 +130,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 di
     for (int i = 0; i < wanted->count; i++) {
         int slot = wanted->order[i];
         if (kept >> slot & 1) continue;
-        trocar_status status = add_node(r, slot, &wanted->nodes[slot], direction, why);
+        trocar_status status = add_node(r, slot, &wanted->nodes[slot], why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
@@ -209,7 +209,7 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = resolve_pieces(r, request, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     if (status != TROCAR_OK) return status;
     snapshot->serial = request->serial;
@@ -229,14 +229,14 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
     static const refinement nothing = {.count = 0};
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
-    trocar_status status = update_nodes(r, &nothing, v3(0, 0, 0), why);
+    trocar_status status = update_nodes(r, &nothing, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->contacts, snapshot->contacts, sizeof r->contacts);
     memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
     return status;

@@ -7,7 +7,7 @@
 /* Brings the pieces up to date with a request: measures those that no earlier piece agrees with. */
 trocar_status resolve_pieces(remesher *r, const remesh_request *request, report *why);
 
-/* At contact node `index`, on a line along `direction` (zero: unknown), with those before it in the mesh. */
-trocar_status resolve_contact(remesher *r, int index, vec3 direction, report *why);
+/* At the contact node in `slot`, which comes next in the order, with those before it in the mesh. */
+trocar_status resolve_contact(remesher *r, int slot, report *why);
 
 #endif

@@ -57,9 +57,13 @@ static void look_ahead(scale_run *run) {
 
 /* ---- what the mesh resolves ---------------------------------------------------------------------------------------- */
 
+static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
 static bool piece_known(const line_piece *pieces, int count, const line_in_tet *line) {
-    for (int i = 0; i < count; i++)
-        if (lines_agree(&pieces[i].line, line)) return true;
+    for (int i = 0; i < count; i++) {
+        const line_in_tet *known = &pieces[i].line;
+        if (known->tet == line->tet && same_vector(known->point, line->point) && same_vector(known->direction, line->direction)) return true;
+    }
     return false;
 }
 
@@ -86,8 +90,8 @@ static int64_t measure_all_again(scale_run *run) {
     for (int i = 0; i < request->wanted.count; i++) {
         int slot = request->wanted.order[i];
         const added_node *node = &request->wanted.nodes[slot];
-        line_piece own = {.line = {node->tet, node->position, request->direction}, .start = node->position};
-        if (run->ids[slot] == node->id || v3_norm(request->direction) == 0.0) continue;
+        line_piece own = {.line = node->line, .start = node->position};
+        if (run->ids[slot] == node->id || v3_norm(node->line.direction) == 0.0) continue;
         if (!piece_known(run->next->pieces, run->next->piece_count, &own.line)) taken += measure_again(run, &own);
     }
     run->piece_count = run->next->piece_count;

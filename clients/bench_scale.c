@@ -145,9 +145,8 @@ static void print_motion(const char *name, const scale_timing *s, FILE *out) {
 static void print_patches(const measured *m, FILE *out) {
     static const char *const names[] = {"with", "without"};
     const scale_timing *both[] = {&m->with, &m->without};
-    fprintf(out, "patch solves: p50 %.2f ms, p99 %.2f ms, max %.2f ms; of an answer that needs any, p50 %.2f ms, max %.2f ms\n",
-            1e3 * histogram_quantile(&m->with.patch, 0.5), 1e3 * histogram_quantile(&m->with.patch, 0.99), 1e3 * histogram_max(&m->with.patch),
-            1e3 * histogram_quantile(&m->with.patches, 0.5), 1e3 * histogram_max(&m->with.patches));
+    fprintf(out, "patch solves: p50 %.2f ms, p99 %.2f ms, max %.2f ms\n",
+            1e3 * histogram_quantile(&m->with.patch, 0.5), 1e3 * histogram_quantile(&m->with.patch, 0.99), 1e3 * histogram_max(&m->with.patch));
     for (int i = 0; i < 2; i++)
         fprintf(out, "%.0f mm/s again, %s their time: answer p50 %.2f ms, p99 %.2f ms, max %.2f ms; %d of %d late; tick p50 %.1f us\n", 1e3 * speeds[1],
                 names[i], 1e3 * histogram_quantile(&both[i]->crossing, 0.5), 1e3 * histogram_quantile(&both[i]->crossing, 0.99),
@@ -190,7 +189,6 @@ static void json_motion(json *j, const scale_timing *s) {
     json_timed(j, "tick", &s->tick);
     json_timed(j, "serve", &s->serve);
     json_timed(j, "patch", &s->patch);
-    json_timed(j, "patches", &s->patches);
     json_timed(j, "crossing", &s->crossing);
     json_open(j, "activation", '{');
     json_integer(j, "count", s->activation.count);

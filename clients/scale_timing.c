@@ -29,11 +29,7 @@ typedef struct {
     double entered_at, entered_depth; /* s, m: time and depth of entering it */
     int contact_count;
     followed contacts[MAX_CONTACTS];  /* of the state */
-    resolver *resolver;      /* the benchmark's own, to repeat the worker's measurements */
     bool free_patches;
-    int piece_count;         /* of the last answer: */
-    line_piece pieces[MAX_PIECES];
-    uint64_t ids[MAX_CONTACTS];
     scale_timing *result;
 } scale_run;
 
@@ -55,55 +51,8 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* ---- what the mesh resolves ---------------------------------------------------------------------------------------- */
-
-static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
-
-static bool piece_known(const line_piece *pieces, int count, const line_in_tet *line) {
-    for (int i = 0; i < count; i++) {
-        const line_in_tet *known = &pieces[i].line;
-        if (known->tet == line->tet && same_vector(known->point, line->point) && same_vector(known->direction, line->direction)) return true;
-    }
-    return false;
-}
-
-/* Returns its processor time, ns. */
-static int64_t measure_again(scale_run *run, const line_piece *piece) {
-    vec3 x[MAX_RESOLVED];
-    resolved_field unused[MAX_RESOLVED];
-    report why;
-    for (int k = 0; k < MAX_RESOLVED; k++) x[k] = v3_axpy(0.5 * k * piece->length, piece->line.direction, piece->start);
-    int64_t start = processor_ns();
-    resolver_measure(run->resolver, piece->line.tet, piece->line.direction, MAX_RESOLVED, x, unused, &why);
-    int64_t taken = processor_ns() - start;
-    histogram_add(&run->result->patch, taken);
-    return taken;
-}
-
-/* Repeats the measurements that the answer in `next` needed: of pieces of the needle's way, and of contact nodes off it. Returns their
-   processor time, ns. */
-static int64_t measure_all_again(scale_run *run) {
-    const remesh_request *request = &run->state.request;
-    int64_t taken = 0;
-    for (int i = 0; i < run->next->piece_count; i++)
-        if (!piece_known(run->pieces, run->piece_count, &run->next->pieces[i].line)) taken += measure_again(run, &run->next->pieces[i]);
-    for (int i = 0; i < request->wanted.count; i++) {
-        int slot = request->wanted.order[i];
-        const added_node *node = &request->wanted.nodes[slot];
-        line_piece own = {.line = node->line, .start = node->position};
-        if (run->ids[slot] == node->id || v3_norm(node->line.direction) == 0.0) continue;
-        if (!piece_known(run->next->pieces, run->next->piece_count, &own.line)) taken += measure_again(run, &own);
-    }
-    run->piece_count = run->next->piece_count;
-    memcpy(run->pieces, run->next->pieces, sizeof run->pieces);
-    memcpy(run->ids, run->next->ids, sizeof run->ids);
-    if (taken > 0) histogram_add(&run->result->patches, taken);
-    return taken;
-}
-
-/* ---- the worker ------------------------------------------------------------------------------------------------------ */
-
-/* The worker takes the newest request when it has finished the last one. */
+/* The worker takes the newest request when it has finished the last one. What the mesh resolves on new lines comes after
+   the rows, line by line, until there is a newer request. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
@@ -112,17 +61,19 @@ static trocar_status work(scale_run *run, report *why) {
         run->ready = -1.0;
     }
     if (run->ready >= 0.0) return TROCAR_OK;
-    if (run->snapshot->serial == run->state.request.serial) {
+    bool fresh = run->snapshot->serial != run->state.request.serial;
+    remesher *r = run->sim->needles[0].remesher;
+    if (!fresh && !remesher_must_measure(r, &run->state.request)) {
         look_ahead(run);
         return TROCAR_OK;
     }
     double begin = fmax(run->now, run->idle); /* a slice of idle work in progress is finished first */
     int64_t start = processor_ns();
-    trocar_status status = remesher_serve(run->sim->needles[0].remesher, &run->state.request, run->next, why);
+    trocar_status status = fresh ? remesher_serve(r, &run->state.request, run->next, why)
+                                 : remesher_measure(r, &run->state.request, 1, run->next, why);
     int64_t taken = processor_ns() - start;
-    histogram_add(&run->result->serve, taken);
-    int64_t patches = status == TROCAR_OK ? measure_all_again(run) : 0;
-    if (run->free_patches) taken = taken > patches ? taken - patches : 0;
+    histogram_add(fresh ? &run->result->serve : &run->result->patch, taken);
+    if (status == TROCAR_OK && run->free_patches) status = remesher_measure(r, &run->state.request, MAX_PIECES + MAX_CONTACTS, run->next, why);
     run->ready = run->idle = begin + 1e-9 * (double)taken;
     return status;
 }
@@ -211,9 +162,8 @@ trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, sc
     trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
     if (status == TROCAR_OK) {
         run->free_patches = wanted->free_patches;
-        status = resolver_create(&sim->model->parts.tissue, &run->resolver, why);
+        insertion_reset(&sim->model->parts.insertion, wanted->start, &run->state);
     }
-    if (status == TROCAR_OK) insertion_reset(&sim->model->parts.insertion, wanted->start, &run->state);
     double duration = wanted->script ? REST + wanted->script->duration : wanted->depth / wanted->speed;
     result->ticks = (int)(duration / wanted->dt);
     pose before = wanted->start;
@@ -226,7 +176,6 @@ trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, sc
     }
     if (run) {
         forget(run, 0);
-        resolver_free(run->resolver);
         free(run->snapshot);
         free(run->next);
     }

@@ -18,15 +18,14 @@ typedef struct {
     const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis, */
     double speed, depth;     /* m/s, m: at this speed to this depth */
     double dt;               /* s, length of a tick */
-    bool free_patches;       /* answers come as if measuring what the mesh resolves took no time */
+    bool free_patches;       /* what the mesh resolves is there as soon as the rows are, as if measuring it took no time */
 } scale_case;
 
 typedef struct {
     int ticks, most_contacts;
     histogram tick;          /* of insertion_tick, processor time */
-    histogram serve;         /* of each answer, processor time */
-    histogram patch;         /* of each measurement of what the mesh resolves, repeated after the answer, processor time */
-    histogram patches;       /* all measurements of an answer, for answers that needed any */
+    histogram serve;         /* of each answer, processor time: of its rows, */
+    histogram patch;         /* and of measuring what the mesh resolves on one line */
     int contacts;            /* requested contact nodes, each when the tip enters its element: */
     histogram crossing;      /* from there to the tick that could use it */
     histogram activation;    /* of the active ones: delay after the tip left their element (0: before) */

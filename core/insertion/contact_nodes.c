@@ -37,7 +37,7 @@ static int move_or_add(const tick_context *tick, int near, vec3 position, uint64
 static void set_line(insertion_state *state, int slot, vec3 direction) {
     added_node *node = &state->refined.nodes[slot];
     node->line = (line_in_tet){node->tet, node->position, v3_unit(direction)};
-    const line_in_tet *known = request_line(&state->request, &node->line);
+    const line_in_tet *known = request_line(&state->request, &node->line, SAME_FIELD);
     if (known) node->line = *known;
 }
 

@@ -3,6 +3,9 @@
 #include <string.h>
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9};
+static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin: from here on the line must be the very one, so that an insertion does
+                                                              not depend on how the needle came there */
 static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
@@ -11,6 +14,7 @@ typedef struct {
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
+    line_tolerance tolerance; /* of lines that were asked for before */
 } wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
@@ -91,11 +95,12 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     int n = model->needle->given.segments;
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
-    wanted_tissue list = {.count = 0, .piece_count = 0};
+    wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
+        if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;
         if (hit.hit) add_path(m, hit.tet, hit.point, direction, (reach_of_path){.distance = reach * (1.25 - hit.fraction)}, &list);
         return list;
     }
@@ -134,14 +139,14 @@ static bool window_suffices(const remesh_request *request, const wanted_tissue *
     for (int i = 0; i < wanted->count; i++)
         if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
     for (int i = 0; i < wanted->piece_count; i++)
-        if (!request_line(request, &wanted->pieces[i])) return false;
+        if (!request_line(request, &wanted->pieces[i], wanted->tolerance)) return false;
     return true;
 }
 
 /* Lines that were asked for already stay as they were, so that the worker need not measure them again. */
 static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
     for (int i = 0; i < wanted->piece_count; i++) {
-        const line_in_tet *known = request_line(request, &wanted->pieces[i]);
+        const line_in_tet *known = request_line(request, &wanted->pieces[i], wanted->tolerance);
         if (known) wanted->pieces[i] = *known;
     }
     request->piece_count = wanted->piece_count;

@@ -65,6 +65,7 @@ static void back_into_gap(const tick_context *tick) {
 }
 
 void leave_tissue(const tick_context *tick) {
+    tick->state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
     tick->state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
     tick->output->events |= EVENT_WITHDRAWN;
 }

@@ -203,15 +203,14 @@ bool remesher_look_ahead(remesher *r) {
 
 /* ---- a request ------------------------------------------------------------------------------------------------------- */
 
-trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+static trocar_status check_request(const remesh_request *request, report *why) {
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
-    trocar_status status = move_window(r, request, why);
-    if (status == TROCAR_OK) status = resolve_pieces(r, request, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
-    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status != TROCAR_OK) return status;
+    return TROCAR_OK;
+}
+
+static void fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot) {
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
@@ -223,7 +222,28 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
-    return TROCAR_OK;
+}
+
+trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = check_request(request, why);
+    if (status == TROCAR_OK) status = move_window(r, request, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
+    if (status == TROCAR_OK) fill(r, request, snapshot);
+    return status;
+}
+
+bool remesher_must_measure(const remesher *r, const remesh_request *request) { return lines_are_new(r, request); }
+
+trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = resolve_pieces(r, request, most, why);
+    if (status == TROCAR_OK) fill(r, request, snapshot);
+    return status;
+}
+
+trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = remesher_serve(r, request, snapshot, why);
+    return status == TROCAR_OK ? remesher_measure(r, request, MAX_PIECES, snapshot, why) : status;
 }
 
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {

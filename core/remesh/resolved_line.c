@@ -39,17 +39,26 @@ static const line_piece *find_piece(const remesher *r, const line_in_tet *line) 
     return NULL;
 }
 
-trocar_status resolve_pieces(remesher *r, const remesh_request *request, report *why) {
+bool lines_are_new(const remesher *r, const remesh_request *request) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (!find_piece(r, &request->pieces[i])) return true;
+    return false;
+}
+
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why) {
     line_piece pieces[MAX_PIECES];
+    int count = 0;
     for (int i = 0; i < request->piece_count; i++) {
         const line_piece *known = find_piece(r, &request->pieces[i]);
-        trocar_status status = TROCAR_OK;
-        if (known) pieces[i] = *known;
-        else status = measure_piece(r, &request->pieces[i], &pieces[i], why);
-        if (status != TROCAR_OK) return status;
+        if (known) {
+            pieces[count++] = *known;
+        } else if (most-- > 0) {
+            trocar_status status = measure_piece(r, &request->pieces[i], &pieces[count++], why);
+            if (status != TROCAR_OK) return status;
+        }
     }
-    r->piece_count = request->piece_count;
-    memcpy(r->pieces, pieces, (size_t)request->piece_count * sizeof *pieces);
+    r->piece_count = count;
+    memcpy(r->pieces, pieces, (size_t)count * sizeof *pieces);
     return TROCAR_OK;
 }
 
@@ -72,6 +81,7 @@ trocar_status resolve_contact(remesher *r, int slot, report *why) {
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
+    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
     mat3 surplus = surplus_of(r, slot);
     double along = v3_dot(line.direction, m3_apply(&surplus, line.direction));
     r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,

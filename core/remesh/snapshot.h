@@ -73,9 +73,13 @@ bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], in
 /* How many contact nodes, from the first in order to the first whose rows the snapshot does not hold. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
-/* The line of the request that is close enough to this one, in the same element, for what the mesh resolves there to hold for both; NULL:
-   none. RT */
-const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line);
+/* The line of the request that is in the same element and as close as this to the other; NULL: none. RT */
+typedef struct {
+    double aside, turn;      /* m, rad */
+} line_tolerance;
+const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance);
+
+static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* what the mesh resolves on one holds for the other */
 
 /* The piece in element `tet`, or NULL. RT */
 const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);

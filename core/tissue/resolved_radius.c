@@ -1,5 +1,6 @@
 #include "tissue/resolved_radius.h"
 
+#include <cblas.h>
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -50,8 +51,7 @@ static void solve(resolver *r) {
     for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = 0.0;
     for (int i = 0; i < r->unknowns; i++) {
         const double *row = r->around.stiffness + (size_t)r->unknown[i] * AROUND_DOFS;
-        right[i] = r->load[r->unknown[i]];
-        for (int j = 0; j < n; j++) right[i] -= row[j] * r->moved[j];
+        right[i] = r->load[r->unknown[i]] - cblas_ddot(n, row, 1, r->moved, 1);
     }
     LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'U', r->unknowns, 1, r->reduced, r->unknowns, right, r->unknowns);
     for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = right[i];

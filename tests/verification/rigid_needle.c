@@ -137,7 +137,7 @@ static trocar_status start(body *b, char **argument, bool oblique, pose *base, r
     vec3 tip = v3(atof(argument[4]), atof(argument[5]), atof(argument[6]));
     *base = base_of(tip, config.needle.length, angle * M_PI / 180.0, azimuth * M_PI / 180.0);
     insertion_reset(&b->simulation.insertion, *base, &b->state);
-    return remesher_serve(b->simulation.remesher, &b->state.request, &b->snapshot, why);
+    return remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, why);
 }
 
 int main(int argc, char **argv) {

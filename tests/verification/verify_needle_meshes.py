@@ -167,7 +167,7 @@ def contrast(check):
         nodes, tets = nm.structured(kind, (12, 12, 10))
         meshes[kind] = check.written(f"{kind}-layers", (nodes, tets), nodes[tets, 2].mean(axis=1) < 0.05)
     for name, mesh in meshes.items():
-        for case_name in ("stiff_ahead", "stiff_below"):
+        for case_name in (name for name in check.cases if name.startswith("stiff_")):
             check.place(name.split()[0], mesh, case_name)
 
 

@@ -6,6 +6,8 @@
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
 
+#include <stdbool.h>
+
 #include "base/report.h"
 #include "motion.h"
 #include "timing.h"
@@ -16,6 +18,7 @@ typedef struct {
     const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis, */
     double speed, depth;     /* m/s, m: at this speed to this depth */
     double dt;               /* s, length of a tick */
+    bool free_patches;       /* what the mesh resolves is there as soon as the rows are, as if measuring it took no time */
 } scale_case;
 
 typedef struct {

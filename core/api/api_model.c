@@ -14,6 +14,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     trocar_model *m = calloc(1, sizeof *m);
     if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
     simulation_config config = scene->values.simulation;
+    config.scene_path = scene->values.path;
     if (options) {
         config.progress = (inverse_progress){options->progress, options->context};
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
@@ -24,6 +25,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
     restore_floating_mode(before);
     m->parts.config.mesh_given = NULL; /* the scene's, which may go */
+    m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
     return status;

@@ -1,0 +1,221 @@
+#include "insertion/guides.h"
+
+#include "insertion/contact_assembly.h"
+
+static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
+static const double FORCE_TOLERANCE = 2e-3;   /* N, between the force of the last pass and the edge's at the needle's new place, */
+static const double FORCE_RELATIVE = 1e-3;    /* or this part of the force */
+
+static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
+static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
+static guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points[point].face]; }
+
+/* m behind the front face: the plane of a point. */
+static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
+
+/* Is the point on its way through the plate, at the tip? */
+static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
+
+/* m along the needle from the plane through `centre` to the point. */
+static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
+    return v3_dot(v3_sub(p->position, centre), normal) / v3_dot(needle_along(p), normal);
+}
+
+/* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
+
+/* Arc at which the centreline crosses the plane, from a guess close to it. */
+static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 normal) {
+    double length = tick->model->needle->given.length;
+    for (int i = 0; i < 3; i++) {
+        needle_point p = needle_at(tick->model->needle, &tick->state->needle, arc);
+        double step = beyond_plane(&p, centre, normal);
+        if (!isfinite(step)) break; /* the needle is parallel to the plate */
+        arc = fmin(fmax(arc - step, 0.0), length);
+    }
+    return arc;
+}
+
+/* The tip has crossed the front face. */
+static void pass_front(const tick_context *tick, const guide *g, guide_state *s, double behind) {
+    double arc = crossing(tick, tick->model->needle->given.length - behind, g->origin, g->normal);
+    vec3 at = needle_at(tick->model->needle, &tick->state->needle, arc).position;
+    int hole = guide_hole_at(g, at);
+    s->passage = hole == BESIDE_PLATE ? GUIDE_BESIDE : hole == NO_HOLE ? GUIDE_MISSED : GUIDE_IN_HOLE;
+    if (s->passage != GUIDE_IN_HOLE) return;
+    s->hole = hole;
+    s->faces[0].arc = arc;
+    s->faces[1].arc = tick->model->needle->given.length;
+}
+
+/* The needle's material point on each face that friction does not hold. */
+static void follow_faces(const tick_context *tick, const guide *g, guide_state *s) {
+    for (int f = 0; f < GUIDE_FACES; f++) {
+        guide_contact *face = &s->faces[f];
+        if (at_tip(g, s, f)) face->arc = tick->model->needle->given.length;
+        else if (!face->touching) face->arc = crossing(tick, face->arc, guide_hole(g, s->hole, plane_of(s, f)), g->normal);
+    }
+}
+
+void guides_follow(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    vec3 base = state->needle.joints[0], tip = state->needle.joints[model->needle->given.segments];
+    for (int i = 0; i < model->guide_count; i++) {
+        const guide *g = &model->guides[i];
+        guide_state *s = &state->guides[i];
+        double behind = v3_dot(v3_sub(tip, g->origin), g->normal);
+        bool from_front = s->passage != GUIDE_AHEAD || v3_dot(v3_sub(base, g->origin), g->normal) < 0.0;
+        if (!(behind > 0.0 && from_front)) {
+            *s = (guide_state){.passage = GUIDE_AHEAD};
+            continue;
+        }
+        if (s->passage == GUIDE_AHEAD) pass_front(tick, g, s, behind);
+        if (s->passage == GUIDE_MISSED) tick->output->events |= EVENT_MISSED_GUIDE;
+        if (s->passage != GUIDE_IN_HOLE) continue;
+        s->depth = fmin(behind, g->thickness);
+        follow_faces(tick, g, s);
+    }
+}
+
+void guides_slide(const insertion_model *model, insertion_state *state) {
+    for (int i = 0; i < model->guide_count; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            guide_contact *face = &state->guides[i].faces[f];
+            face->arc = fmin(fmax(face->arc - face->slip, 0.0), model->needle->given.length);
+            face->slip = 0.0;
+        }
+}
+
+bool guides_hold(const insertion_model *model, const insertion_state *state) {
+    for (int i = 0; i < model->guide_count; i++)
+        if (state->guides[i].passage == GUIDE_IN_HOLE) return true;
+    return false;
+}
+
+void guides_release(insertion_state *state) {
+    for (int i = 0; i < MAX_GUIDES; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            guide_contact *face = &state->guides[i].faces[f];
+            face->force = v3(0, 0, 0);
+            face->slip = 0.0;
+            face->touching = false;
+        }
+}
+
+/* ---- points of contact ------------------------------------------------------------------------------------------------- */
+
+void guides_list(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_workspace *w = tick->scratch;
+    w->guided = 0;
+    for (int i = 0; i < model->guide_count; i++) {
+        const guide_state *s = &tick->state->guides[i];
+        int faces = s->passage != GUIDE_IN_HOLE ? 0 : model->guides[i].thickness > 0.0 ? 2 : 1;
+        for (int f = 0; f < faces; f++)
+            w->points[w->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f};
+    }
+}
+
+/* The edge's force for the point where it is, a spring against the part of its offset beyond the clearance:
+
+       f = k (r - c) d / r,   d = offset in the plane of the face, r = |d|
+
+   with stiffness k along d and k (1 - c / r) across it. The needle is touched where it crosses the plane, so that a displacement of it
+   across its axis moves the offset by J, oblique where the needle is not normal to the plate, and the edge's force on it is J^T f: across
+   the needle, without friction. */
+void guides_locate(const tick_context *tick, int point) {
+    insertion_workspace *w = tick->scratch;
+    contact_point *p = &w->points[point];
+    hole_edge *edge = &w->edges[point];
+    const guide *g = guide_of(tick, point);
+    const guide_state *s = state_of(tick, point);
+    p->arc = s->faces[p->face].arc;
+    p->at = needle_at(tick->model->needle, &tick->state->needle, p->arc);
+    vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face)), along = needle_along(&p->at);
+    double beyond = beyond_plane(&p->at, centre, g->normal);
+    vec3 crossing = v3_axpy(-beyond, along, p->at.position), offset = v3_sub(crossing, centre);
+    double r = v3_norm(offset), slope = v3_dot(along, g->normal);
+    *edge = (hole_edge){.touched = r > g->clearance || g->clearance == 0.0, .axial = 1.0 / g->stiffness};
+    p->target = crossing;
+    if (!edge->touched) return;
+    vec3 away = r > 0.0 ? v3_scale(1.0 / r, offset) : g->across[0], around = v3_cross(g->normal, away);
+    double j[2][2];
+    for (int i = 0; i < 2; i++) {
+        vec3 side = v3(p->at.frame.m[0][i], p->at.frame.m[1][i], p->at.frame.m[2][i]);
+        vec3 moved = v3_axpy(-v3_dot(side, g->normal) / slope, along, side);
+        j[0][i] = v3_dot(away, moved);
+        j[1][i] = v3_dot(around, moved);
+    }
+    double determinant = j[0][0] * j[1][1] - j[0][1] * j[1][0], pressed = r - g->clearance;
+    double radial = 1.0 / g->stiffness, tangential = 1.0 / fmax(r > 0.0 ? g->stiffness * pressed / r : g->stiffness, LEAST_STIFFNESS);
+    double x[2] = {j[1][1] / determinant, -j[1][0] / determinant}, y[2] = {-j[0][1] / determinant, j[0][0] / determinant}; /* columns of J^-1 */
+    edge->lateral[0] = radial * x[0] * x[0] + tangential * y[0] * y[0];
+    edge->lateral[1] = radial * x[0] * x[1] + tangential * y[0] * y[1];
+    edge->lateral[2] = radial * x[1] * x[1] + tangential * y[1] * y[1];
+    vec3 back = m3_apply(&p->at.frame, v3(x[0] * pressed, x[1] * pressed, 0.0));
+    p->target = v3_sub(crossing, back);
+    edge->force = m3_apply(&p->at.frame, v3(j[0][0] * g->stiffness * pressed, j[0][1] * g->stiffness * pressed, 0.0));
+}
+
+void guides_bound(const tick_context *tick, int point) {
+    const insertion_workspace *w = tick->scratch;
+    contact_problem *p = &tick->scratch->problem;
+    const contact_point *at = &w->points[point];
+    const guide *g = guide_of(tick, point);
+    const guide_contact *face = contact_of(tick, point);
+    bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
+    vec3 along = needle_along(&at->at), pressing = v3_axpy(-v3_dot(face->force, along), along, face->force);
+    double friction = holds ? g->friction * v3_norm(pressing) : 0.0;
+    p->upper[point] = friction;
+    p->lower[point] = -friction;
+    p->viscosity[point][0] = p->viscosity[point][1] = 0.0;
+    p->state[point] = face->friction;
+}
+
+/* An unknown without any coupling: its force is zero. */
+static void decouple(contact_problem *p, int index) {
+    int all = 2 * p->count + p->axial_count;
+    for (int j = 0; j < index; j++) p->compliance[index][j] = 0.0;
+    for (int i = index + 1; i < all; i++) p->compliance[i][index] = 0.0;
+    p->compliance[index][index] = 1.0;
+}
+
+void guides_add_compliance(const tick_context *tick, int point) {
+    contact_problem *p = &tick->scratch->problem;
+    const hole_edge *edge = &tick->scratch->edges[point];
+    int x = unknown(p->count, point, 0), along = unknown(p->count, point, 2);
+    if (edge->touched) {
+        p->compliance[x][x] += edge->lateral[0];
+        p->compliance[x + 1][x] += edge->lateral[1];
+        p->compliance[x + 1][x + 1] += edge->lateral[2];
+        p->compliance[along][along] += edge->axial;
+    } else {
+        decouple(p, x);
+        decouple(p, x + 1);
+        decouple(p, along);
+    }
+}
+
+void guides_close_gap(const tick_context *tick, int point) {
+    contact_problem *p = &tick->scratch->problem;
+    if (tick->scratch->edges[point].touched) return;
+    for (int a = 0; a < 3; a++) p->gap[unknown(p->count, point, a)] = 0.0;
+}
+
+void guides_take(const tick_context *tick, int point) {
+    const contact_problem *p = &tick->scratch->problem;
+    guide_contact *face = contact_of(tick, point);
+    face->touching = tick->scratch->edges[point].touched;
+    face->slip = p->slip[point];
+    face->friction = p->state[point];
+}
+
+bool guides_agree(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->guided; i++) {
+        vec3 along = needle_along(&w->points[i].at), force = contact_of(tick, i)->force;
+        vec3 off = v3_sub(v3_axpy(-v3_dot(force, along), along, force), w->edges[i].force);
+        if (v3_norm(off) > fmax(FORCE_TOLERANCE, FORCE_RELATIVE * v3_norm(force))) return false;
+    }
+    return true;
+}

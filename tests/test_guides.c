@@ -169,10 +169,152 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     lockstep_free(l);
 }
 
+/* ---- friction -------------------------------------------------------------------------------------------------------------- */
+
+/* Pressed to one side in the air and moved along the hole: the coefficient times the normal force, against the motion, after the edge has
+   given way by less than that force over its stiffness. */
+static void friction_follows_the_normal_force(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    pose start = lockstep_start();
+    start.position.z -= 0.03;
+    c.guide_count = 1;
+    c.guides[0] = hole_before_tip(start, c.needle.length, 0.1, 0.0, c.needle.outer_diameter + 0.2e-3);
+    c.guides[0].friction = 0.2;
+    lockstep *l = lockstep_create(&c, start);
+    lockstep_move(l, v3(4e-3, 0, 0), 0.2, 1e-3);
+    const double ways[] = {0.004, -0.006, 0.006};
+    for (int i = 0; i < 3; i++) {
+        double sign = copysign(1.0, ways[i]), last = l->wrench.force.z;
+        int ticks = 300, settled = 0;
+        for (int k = 0; k < ticks; k++) {
+            lockstep_move(l, v3(0, 0, ways[i] / ticks), 1e-3, 1e-3);
+            /* friction acts along the needle, which is bent by a few degrees there */
+            const guide_contact *face = &l->state.guides[0].faces[0];
+            needle_point at = needle_at(&l->simulation.needle, &l->state.needle, face->arc);
+            double along = v3_dot(face->force, needle_along(&at)), across = v3_norm(v3_axpy(-along, needle_along(&at), face->force));
+            assert_true(fabs(along) <= 0.2 * across * 1.01 + 1e-9);
+            if (fabs(along / (0.2 * across) - sign) < 0.01) settled++;
+            assert_true(fabs(l->wrench.force.z - last) < 1.5 * c.guides[0].stiffness * fabs(ways[i]) / ticks);
+            last = l->wrench.force.z;
+        }
+        print_message("%+.0f mm: friction at its limit in %d of %d ticks\n", 1e3 * ways[i], settled, ticks);
+        assert_true(settled > ticks - 20 && l->wrench.force.z * sign < 0.0);
+    }
+    lockstep_free(l);
+}
+
+/* ---- which hole ------------------------------------------------------------------------------------------------------------- */
+
+/* 5 x 3 holes, 5 mm apart, in a plate whose back face is 5 mm before the skin; the middle one is on the axis of lockstep_start. */
+static guide_config template_over_skin(const simulation_config *c) {
+    guide_config g = guide_defaults();
+    pose start = lockstep_start();
+    snprintf(g.name, sizeof g.name, "template");
+    g.origin = v3(start.position.x, start.position.y, -0.025);
+    g.normal = v3(0, 0, 2);
+    g.along = v3(3, 0, 1);
+    g.columns = 5;
+    g.rows = 3;
+    g.hole_diameter = c->needle.outer_diameter + 0.2e-3;
+    return g;
+}
+
+static guide_state passage_at(vec3 aside, unsigned *events, guide_state *withdrawn) {
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    pose start = lockstep_start();
+    start.position = v3_add(start.position, v3_add(aside, v3(0, 0, -0.026)));
+    lockstep *l = lockstep_create(&c, start);
+    lockstep_move(l, v3(0, 0, 0.022), 0.1, 1e-3);
+    guide_state reached = l->state.guides[0];
+    *events = l->wrench.events;
+    lockstep_move(l, v3(0, 0, -0.03), 0.1, 1e-3);
+    *withdrawn = l->state.guides[0];
+    assert_false(l->wrench.events & EVENT_MISSED_GUIDE);
+    assert_true(v3_norm(l->wrench.force) == 0.0);
+    lockstep_free(l);
+    return reached;
+}
+
+static void the_tip_chooses_the_hole(void **unused) {
+    (void)unused;
+    static const struct { double x, y; guide_passage passage; int hole; } cases[] = {
+        {0, 0, GUIDE_IN_HOLE, 7}, {5e-3, 0, GUIDE_IN_HOLE, 8}, {-10e-3, -5e-3, GUIDE_IN_HOLE, 0}, {10.5e-3, 5.2e-3, GUIDE_IN_HOLE, 14},
+        {2.5e-3, 0, GUIDE_MISSED, 0}, {0, 1.2e-3, GUIDE_MISSED, 0}, {13e-3, 8e-3, GUIDE_MISSED, 0}, {16e-3, 0, GUIDE_BESIDE, 0}, {0, -11e-3, GUIDE_BESIDE, 0},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        unsigned events;
+        guide_state withdrawn, s = passage_at(v3(cases[i].x, cases[i].y, 0), &events, &withdrawn);
+        assert_int_equal(s.passage, cases[i].passage);
+        if (s.passage == GUIDE_IN_HOLE) assert_int_equal(s.hole, cases[i].hole);
+        assert_int_equal((events & EVENT_MISSED_GUIDE) != 0, cases[i].passage == GUIDE_MISSED);
+        assert_int_equal(withdrawn.passage, GUIDE_AHEAD);
+    }
+}
+
+/* A needle that lies through the plate when it is reset is in its hole from the first tick on. */
+static void a_needle_can_start_in_its_hole(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    pose start = lockstep_start();
+    start.position.x += 5e-3;
+    lockstep *l = lockstep_create(&c, start);
+    lockstep_tick(l, start, 1e-3);
+    assert_true(l->state.guides[0].passage == GUIDE_IN_HOLE && l->state.guides[0].hole == 8);
+    assert_true(v3_norm(l->wrench.force) < 1e-9);
+    lockstep_free(l);
+}
+
+/* ---- insertions -------------------------------------------------------------------------------------------------------------- */
+
+/* A hand that goes in and out and trembles, and turns the needle a little. */
+static pose trembling(pose start, int tick, int ticks, unsigned seed) {
+    double t = (double)tick / ticks, phase = 0.7 * seed, in = 0.07 * (t < 0.6 ? t / 0.6 : 1.0 - 0.9 * (t - 0.6) / 0.4);
+    vec3 tilt = v3(0.004 * sin(9.0 * t + phase), 0.004 * sin(7.0 * t + 2.0 * phase), 0.0);
+    vec3 aside = v3(1.5e-3 * sin(11.0 * t + phase), 1.5e-3 * sin(8.0 * t + 3.0 * phase), in);
+    return (pose){v3_add(start.position, aside), q_unit(q_multiply(q_exp(tilt), start.orientation))};
+}
+
+static void random_insertions_are_continuous(void **unused) {
+    (void)unused;
+    enum { INSERTIONS = 12, TICKS = 2000 };
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    double largest = 0.0, peak = 0.0;
+    int passes = 0, most = 0;
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    for (unsigned seed = 0; seed < INSERTIONS; seed++) {
+        pose start = lockstep_start(), first = trembling(start, 0, TICKS, seed);
+        insertion_reset(&l->simulation.insertion, first, &l->state);
+        vec3 last = v3(0, 0, 0);
+        for (int i = 1; i < TICKS; i++) {
+            lockstep_tick(l, trembling(start, i, TICKS, seed), 1e-3);
+            passes += l->wrench.passes;
+            most = l->wrench.passes > most ? l->wrench.passes : most;
+            assert_false(l->wrench.events & EVENT_UNSTABLE);
+            double step = v3_norm(v3_sub(l->wrench.force, last));
+            if (!(l->wrench.events & EVENT_PUNCTURED) && i > 1) largest = fmax(largest, step);
+            peak = fmax(peak, v3_norm(l->wrench.force));
+            last = l->wrench.force;
+        }
+    }
+    print_message("up to %.2f N, largest step in a tick %.3f N, %.2f passes a tick, at most %d\n", peak, largest, passes / (double)(INSERTIONS * TICKS), most);
+    lockstep_free(l);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(buckling_loads_are_eulers),
         cmocka_unit_test(sideways_force_is_the_cantilevers),
+        cmocka_unit_test(friction_follows_the_normal_force),
+        cmocka_unit_test(the_tip_chooses_the_hole),
+        cmocka_unit_test(a_needle_can_start_in_its_hole),
+        cmocka_unit_test(random_insertions_are_continuous),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -105,6 +105,25 @@ static void write_membranes(json *j, const trocar_scene *s, const trocar_model *
     json_close(j, ']');
 }
 
+static void write_guides(json *j, const trocar_model *m) {
+    json_open(j, "guides", '[');
+    for (int i = 0; i < trocar_model_guide_count(m); i++) {
+        trocar_guide g = trocar_model_guide(m, i);
+        json_open(j, NULL, '{');
+        json_numbers(j, "origin", g.origin, 3);
+        json_numbers(j, "normal", g.normal, 3);
+        json_numbers(j, "alongColumns", g.across[0], 3);
+        json_numbers(j, "alongRows", g.across[1], 3);
+        json_integer(j, "columns", g.columns);
+        json_integer(j, "rows", g.rows);
+        json_number(j, "spacing", g.spacing);
+        json_number(j, "holeDiameter", g.hole_diameter);
+        json_number(j, "thickness", g.thickness);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
+}
+
 static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const trocar_pose *home, bool live) {
     char *text = NULL;
     size_t length = 0;
@@ -123,6 +142,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     json_numbers(&j, "home", home->position, 3);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
+    write_guides(&j, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');
@@ -208,9 +228,9 @@ static void append_contacts(byte_buffer *b, const trocar_contacts_t *c) {
         bytes_append(b, x, sizeof x);
     }
     for (int i = 0; i < c->contact_count; i++) {
-        float contact[8] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
+        float contact[9] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
                             (float)c->force[i][0], (float)c->force[i][1], (float)c->force[i][2],
-                            (float)c->arc[i], (float)c->state[i]};
+                            (float)c->arc[i], (float)c->state[i], (float)c->kind[i]};
         bytes_append(b, contact, sizeof contact);
     }
 }

@@ -96,6 +96,24 @@ trocar_material trocar_model_material(const trocar_model *model, int region) {
                              .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous};
 }
 
+static void put(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+int trocar_model_guide_count(const trocar_model *model) { return model->parts.config.guide_count; }
+
+trocar_guide trocar_model_guide(const trocar_model *model, int index) {
+    if (index < 0 || index >= model->parts.config.guide_count) return (trocar_guide){.columns = 0};
+    const guide *g = &model->parts.guides[index];
+    trocar_guide out = {.spacing = g->spacing, .hole_diameter = 2.0 * g->hole_radius, .thickness = g->thickness, .columns = g->columns, .rows = g->rows};
+    put(g->origin, out.origin);
+    put(g->normal, out.normal);
+    for (int a = 0; a < 2; a++) put(g->across[a], out.across[a]);
+    return out;
+}
+
 int trocar_model_averages_strain(const trocar_model *model) { return model->parts.config.volumetric == STRAIN_BY_NODE; }
 
 const int32_t *trocar_model_strain_patches(const trocar_model *model) { return model->parts.tissue.patch; }

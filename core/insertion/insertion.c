@@ -5,6 +5,7 @@
 #include "insertion/equilibrium.h"
 #include "insertion/guides.h"
 #include "insertion/known_tissue.h"
+#include "insertion/outside.h"
 #include "insertion/prefetch.h"
 #include "insertion/strata.h"
 #include "insertion/tip.h"
@@ -167,6 +168,7 @@ void insertion_tick(const tick_context *given) {
     }
     tick.base.pose = given->base.pose;
     step(&tick);
+    outside_watch(&tick);
     prefetch_request(given->model, state);
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }

@@ -116,6 +116,8 @@ typedef struct {
     refinement refined;          /* the contact nodes; in order, from base to tip */
     shaft_contact contacts[MAX_CONTACTS]; /* by the slot of their node */
     guide_state guides[MAX_GUIDES];
+    int watched;                 /* segment of the needle looked at last: is it in a body from the side? */
+    uint64_t outside;            /* bits of the segments that were */
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */

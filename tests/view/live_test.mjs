@@ -49,7 +49,7 @@ try {
     assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
-    await until(first, 'trocar.shown.contacts.length / 8 >= 5')
+    await until(first, 'trocar.shown.contacts.length / 9 >= 5')
     await first.keyboard.up('w')
     assert(await tip(first) > before + 0.01, 'the tip went in')
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')

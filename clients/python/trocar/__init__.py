@@ -68,9 +68,9 @@ class Output(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """A point where the needle meets the tissue; force (3,) N is on the tissue, position (3,) m on the deformed needle."""
+    """A point where the needle meets tissue or a guide; force (3,) N is on that, position (3,) m on the deformed needle."""
 
-    kind: str  # "tissue" or "tip"
+    kind: str  # "tissue", "tip" or "guide"
     state: int  # 0 sticks, 1 slides forward, -1 slides backward
     arc: float  # m from the base
     depth: float  # m along the track
@@ -277,11 +277,17 @@ class Sim:
 
     def contacts(self, needle: int = 0) -> list[Contact]:
         """Contacts from base to tip, the tip last if it is in the tissue."""
-        room = lib.TROCAR_MAX_CONTACTS + 1
+        room = lib.TROCAR_MAX_POINTS
         found = ffi.new("trocar_contact[]", room)
         count = lib.trocar_sim_contacts(self._handle, needle, found, room)
-        return [Contact("tip" if c.kind == lib.TROCAR_CONTACT_TIP else "tissue", c.state, c.arc, c.depth, np.array(list(c.position)),
+        kinds = {lib.TROCAR_CONTACT_TISSUE: "tissue", lib.TROCAR_CONTACT_TIP: "tip", lib.TROCAR_CONTACT_GUIDE: "guide"}
+        return [Contact(kinds[c.kind], c.state, c.arc, c.depth, np.array(list(c.position)),
                         np.array(list(c.force))) for c in found[0:count]]
+
+    def hole(self, guide: int, needle: int = 0) -> int | None:
+        """The hole of a guide that the needle is in, column + columns * row from 0. None if it is in no hole."""
+        hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
+        return hole if hole >= 0 else None
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """(segments + 1, 3) m, joints of the needle from base to tip."""

@@ -2,6 +2,8 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
+export const CONTACT_NUMBERS = 9 // of each contact
+export const GUIDE = 2 // kind of a contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
 
@@ -38,7 +40,7 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** `joints`: 3 per joint (m); `contacts`: 8 each, position, force on the tissue (N), arc (m), state; `displacement`: in units of `scale` m. */
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `displacement`: in units of `scale` m. */
 function decodePicture(message, at, length) {
   const head = new DataView(message, at, 64)
   const joints = head.getUint32(44, true), contacts = head.getUint32(48, true), nodes = head.getUint32(52, true)
@@ -47,8 +49,8 @@ function decodePicture(message, at, length) {
     time: head.getFloat64(0, true), tick: head.getFloat64(8, true), poseTime: head.getFloat64(16, true),
     orientation: [0, 1, 2, 3].map((i) => head.getFloat32(24 + 4 * i, true)), scale: head.getFloat32(40, true),
     joints: new Float32Array(body, 0, 3 * joints),
-    contacts: new Float32Array(body, 12 * joints, 8 * contacts),
-    displacement: new Int16Array(body, 12 * joints + 32 * contacts, 3 * nodes),
+    contacts: new Float32Array(body, 12 * joints, CONTACT_NUMBERS * contacts),
+    displacement: new Int16Array(body, 12 * joints + 4 * CONTACT_NUMBERS * contacts, 3 * nodes),
     bytes: length,
   }
 }

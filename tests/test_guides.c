@@ -271,40 +271,101 @@ static void a_needle_can_start_in_its_hole(void **unused) {
 
 /* ---- insertions -------------------------------------------------------------------------------------------------------------- */
 
-/* A hand that goes in and out and trembles, and turns the needle a little. */
-static pose trembling(pose start, int tick, int ticks, unsigned seed) {
-    double t = (double)tick / ticks, phase = 0.7 * seed, in = 0.07 * (t < 0.6 ? t / 0.6 : 1.0 - 0.9 * (t - 0.6) / 0.4);
-    vec3 tilt = v3(0.004 * sin(9.0 * t + phase), 0.004 * sin(7.0 * t + 2.0 * phase), 0.0);
-    vec3 aside = v3(1.5e-3 * sin(11.0 * t + phase), 1.5e-3 * sin(8.0 * t + 3.0 * phase), in);
+/* A hand that goes in and out, moves aside and turns the needle, once it is in its hole. `t`: 0 to 1 */
+static pose trembling(double t, unsigned seed, double before, double deep) {
+    double phase = 0.7 * seed, in = deep * 0.5 * (1.0 - cos(2.0 * M_PI * t)), grown = fmin(10.0 * t, 1.0);
+    vec3 tilt = v3(0.008 * grown * sin(31.0 * t + phase), 0.008 * grown * sin(23.0 * t + 2.0 * phase), 0.0);
+    vec3 aside = v3(3e-3 * grown * sin(41.0 * t + phase), 3e-3 * grown * sin(29.0 * t + 3.0 * phase), in - before);
+    pose start = lockstep_start();
     return (pose){v3_add(start.position, aside), q_unit(q_multiply(q_exp(tilt), start.orientation))};
 }
 
-static void random_insertions_are_continuous(void **unused) {
+typedef struct { double peak, step, across; int passes, worst, touching; } trembling_result;
+
+/* Largest force, and largest changes in a tick of it and of what is across the axis. */
+static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
+    trembling_result r = {0};
+    pose start = trembling(0.0, seed, before, deep);
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    vec3 last = v3(0, 0, 0);
+    for (int i = 1; i < ticks; i++) {
+        lockstep_tick(l, trembling((double)i / ticks, seed, before, deep), dt);
+        assert_false(l->wrench.events & (EVENT_UNSTABLE | EVENT_MISSED_GUIDE));
+        vec3 change = v3_sub(l->wrench.force, last);
+        r.step = fmax(r.step, v3_norm(change));
+        r.across = fmax(r.across, hypot(change.x, change.y));
+        last = l->wrench.force;
+        r.peak = fmax(r.peak, v3_norm(last));
+        r.passes += l->wrench.passes;
+        r.worst = l->wrench.passes > r.worst ? l->wrench.passes : r.worst;
+        r.touching += l->state.guides[0].faces[0].touching + l->state.guides[0].faces[1].touching;
+    }
+    return r;
+}
+
+/* In the air, without friction: eight times as many ticks have steps of an eighth. A jump would stay what it is. */
+static void forces_are_continuous_at_the_clearance(void **unused) {
     (void)unused;
-    enum { INSERTIONS = 12, TICKS = 2000 };
+    enum { TICKS = 1000, FINER = 8 };
     simulation_config c = lockstep_config();
     c.guide_count = 1;
     c.guides[0] = template_over_skin(&c);
-    double largest = 0.0, peak = 0.0;
-    int passes = 0, most = 0;
+    c.guides[0].friction = 0.0;
     lockstep *l = lockstep_create(&c, lockstep_start());
-    for (unsigned seed = 0; seed < INSERTIONS; seed++) {
-        pose start = lockstep_start(), first = trembling(start, 0, TICKS, seed);
-        insertion_reset(&l->simulation.insertion, first, &l->state);
-        vec3 last = v3(0, 0, 0);
-        for (int i = 1; i < TICKS; i++) {
-            lockstep_tick(l, trembling(start, i, TICKS, seed), 1e-3);
-            passes += l->wrench.passes;
-            most = l->wrench.passes > most ? l->wrench.passes : most;
-            assert_false(l->wrench.events & EVENT_UNSTABLE);
-            double step = v3_norm(v3_sub(l->wrench.force, last));
-            if (!(l->wrench.events & EVENT_PUNCTURED) && i > 1) largest = fmax(largest, step);
-            peak = fmax(peak, v3_norm(l->wrench.force));
-            last = l->wrench.force;
-        }
+    for (unsigned seed = 0; seed < 10; seed++) {
+        trembling_result coarse = tremble(l, seed, 0.003, 0.0, TICKS, 1e-3), fine = tremble(l, seed, 0.003, 0.0, FINER * TICKS, 1e-3 / FINER);
+        print_message("up to %.3f N, steps of %.4f and %.4f N, %.2f passes a tick, at most %d, faces touched %.2f\n", coarse.peak, coarse.step, fine.step,
+                      coarse.passes / (double)TICKS, coarse.worst, coarse.touching / (double)TICKS);
+        assert_true(coarse.peak > 0.03 && coarse.touching > 0 && coarse.touching < 2 * TICKS);
+        assert_true(fine.step < 1.25 * coarse.step / FINER + 2e-3);
     }
-    print_message("up to %.2f N, largest step in a tick %.3f N, %.2f passes a tick, at most %d\n", peak, largest, passes / (double)(INSERTIONS * TICKS), most);
     lockstep_free(l);
+}
+
+/* Along the axis, forces change with the tissue, most when it is punctured: as without the guide. */
+static void random_insertions_stay_stable(void **unused) {
+    (void)unused;
+    enum { TICKS = 2000 };
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    for (unsigned seed = 0; seed < 10; seed++) {
+        l->simulation.insertion.guide_count = 0;
+        trembling_result free = tremble(l, seed, 0.0, 0.07, TICKS, 1e-3);
+        l->simulation.insertion.guide_count = 1;
+        trembling_result r = tremble(l, seed, 0.0, 0.07, TICKS, 1e-3);
+        print_message("up to %.2f N, steps of %.3f N, %.3f N across, %.2f passes a tick; without guide %.2f N, %.3f N, %.3f N, %.2f\n", r.peak, r.step, r.across,
+                      r.passes / (double)TICKS, free.peak, free.step, free.across, free.passes / (double)TICKS);
+        assert_true(r.touching > 0 && r.peak < 2.0 * free.peak && r.step < 1.5 * free.step && r.across < 0.05);
+    }
+    lockstep_free(l);
+}
+
+/* ---- saved, several, cost ------------------------------------------------------------------------------------------------------ */
+
+static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    lockstep *l = lockstep_create(&c, lockstep_start()), *other = lockstep_create(&c, lockstep_start());
+    checkpoint *saved = malloc(sizeof *saved);
+    for (int i = 0; i < 500; i++) lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
+    assert_true(l->state.guides[0].faces[0].touching || l->state.guides[0].faces[1].touching);
+    simulation_save(&l->state, l->snapshot, saved);
+    report why;
+    assert_int_equal(simulation_restore(&other->simulation, saved, &other->state, other->snapshot, &why), TROCAR_OK);
+    for (int i = 500; i < 1500; i++) {
+        lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
+        lockstep_tick(other, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
+        assert_memory_equal(&l->wrench.force, &other->wrench.force, sizeof l->wrench.force);
+        assert_memory_equal(&l->wrench.torque, &other->wrench.torque, sizeof l->wrench.torque);
+        assert_memory_equal(l->state.guides, other->state.guides, sizeof l->state.guides);
+    }
+    free(saved);
+    lockstep_free(l);
+    lockstep_free(other);
 }
 
 int main(void) {
@@ -314,7 +375,9 @@ int main(void) {
         cmocka_unit_test(friction_follows_the_normal_force),
         cmocka_unit_test(the_tip_chooses_the_hole),
         cmocka_unit_test(a_needle_can_start_in_its_hole),
-        cmocka_unit_test(random_insertions_are_continuous),
+        cmocka_unit_test(forces_are_continuous_at_the_clearance),
+        cmocka_unit_test(random_insertions_stay_stable),
+        cmocka_unit_test(a_restored_insertion_goes_on_to_the_bit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,7 +3,7 @@
 #include "insertion/contact_assembly.h"
 
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
-static const double FORCE_TOLERANCE = 2e-3;   /* N, between the force of the last pass and the edge's at the needle's new place, */
+static const double FORCE_TOLERANCE = 5e-4;   /* N, between the force of the last pass and the edge's at the needle's new place, */
 static const double FORCE_RELATIVE = 1e-3;    /* or this part of the force */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
@@ -116,45 +116,76 @@ void guides_list(const tick_context *tick) {
     }
 }
 
-/* The edge's force for the point where it is, a spring against the part of its offset beyond the clearance:
+/* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face, in the
+   directions of the grid. It is oblique where the needle is not normal to the plate; a force on the needle is J^T times that in the
+   plane of the face: across the needle. */
+typedef struct { double m[2][2], inverse[2][2]; } crossing_map;
 
-       f = k (r - c) d / r,   d = offset in the plane of the face, r = |d|
+static crossing_map map_of(const guide *g, const needle_point *at) {
+    crossing_map j;
+    vec3 along = needle_along(at);
+    for (int i = 0; i < 2; i++) {
+        vec3 side = v3(at->frame.m[0][i], at->frame.m[1][i], at->frame.m[2][i]);
+        vec3 moved = v3_axpy(-v3_dot(side, g->normal) / v3_dot(along, g->normal), along, side);
+        for (int a = 0; a < 2; a++) j.m[a][i] = v3_dot(g->across[a], moved);
+    }
+    double determinant = j.m[0][0] * j.m[1][1] - j.m[0][1] * j.m[1][0];
+    j.inverse[0][0] = j.m[1][1] / determinant, j.inverse[0][1] = -j.m[0][1] / determinant;
+    j.inverse[1][0] = -j.m[1][0] / determinant, j.inverse[1][1] = j.m[0][0] / determinant;
+    return j;
+}
 
-   with stiffness k along d and k (1 - c / r) across it. The needle is touched where it crosses the plane, so that a displacement of it
-   across its axis moves the offset by J, oblique where the needle is not normal to the plate, and the edge's force on it is J^T f: across
-   the needle, without friction. */
+/* Compliance of the needle against a force across it where a face holds it, m/N, no less than it has: the tissue may hold it as well. */
+static double needle_compliance(const tick_context *tick, double arc) {
+    return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
+}
+
+/* The edge is a spring of stiffness k against the part of the offset d beyond the clearance c:
+
+       f = k (|d| - c) d / |d|
+
+   It is linearised not where the needle is after a pass, which may be far off the edge or on another side of it, but at the point of the edge
+   that the needle rests on if the force stays in proportion to its deflection, of compliance r: along n, the direction of d + r f, with
+   the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
 void guides_locate(const tick_context *tick, int point) {
     insertion_workspace *w = tick->scratch;
     contact_point *p = &w->points[point];
     hole_edge *edge = &w->edges[point];
     const guide *g = guide_of(tick, point);
     const guide_state *s = state_of(tick, point);
-    p->arc = s->faces[p->face].arc;
+    const guide_contact *face = &s->faces[p->face];
+    p->arc = face->arc;
     p->at = needle_at(tick->model->needle, &tick->state->needle, p->arc);
-    vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face)), along = needle_along(&p->at);
-    double beyond = beyond_plane(&p->at, centre, g->normal);
-    vec3 crossing = v3_axpy(-beyond, along, p->at.position), offset = v3_sub(crossing, centre);
-    double r = v3_norm(offset), slope = v3_dot(along, g->normal);
-    *edge = (hole_edge){.touched = r > g->clearance || g->clearance == 0.0, .axial = 1.0 / g->stiffness};
+    vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face));
+    vec3 crossing = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position), offset = v3_sub(crossing, centre);
+    vec3 given = m3_apply_transposed(&p->at.frame, face->force);
+    crossing_map j = map_of(g, &p->at);
+    double c = g->clearance, k = g->stiffness, d[2], f[2], n[2];
+    for (int a = 0; a < 2; a++) {
+        d[a] = v3_dot(offset, g->across[a]);
+        f[a] = j.inverse[0][a] * given.x + j.inverse[1][a] * given.y;
+    }
+    double force = hypot(f[0], f[1]), needle = needle_compliance(tick, p->arc);
+    if (needle * force > c) needle = c / force;
+    for (int a = 0; a < 2; a++) n[a] = d[a] + needle * f[a];
+    double reach = hypot(n[0], n[1]), pressed = (reach - c) / (needle + 1.0 / k);
+    *edge = (hole_edge){.touched = reach > c || c == 0.0, .axial = 1.0 / k};
+    edge->error = force;
     p->target = crossing;
     if (!edge->touched) return;
-    vec3 away = r > 0.0 ? v3_scale(1.0 / r, offset) : g->across[0], around = v3_cross(g->normal, away);
-    double j[2][2];
-    for (int i = 0; i < 2; i++) {
-        vec3 side = v3(p->at.frame.m[0][i], p->at.frame.m[1][i], p->at.frame.m[2][i]);
-        vec3 moved = v3_axpy(-v3_dot(side, g->normal) / slope, along, side);
-        j[0][i] = v3_dot(away, moved);
-        j[1][i] = v3_dot(around, moved);
+    n[0] = reach > 0.0 ? n[0] / reach : 1.0;
+    n[1] = reach > 0.0 ? n[1] / reach : 0.0;
+    edge->error = hypot(f[0] - pressed * n[0], f[1] - pressed * n[1]);
+    double radial = 1.0 / k, around = 1.0 / fmax(c > 0.0 ? pressed / (c + pressed / k) : k, LEAST_STIFFNESS), back[2];
+    double plane[2][2] = {{radial * n[0] * n[0] + around * n[1] * n[1], (radial - around) * n[0] * n[1]},
+                          {(radial - around) * n[0] * n[1], radial * n[1] * n[1] + around * n[0] * n[0]}};
+    for (int i = 0, entry = 0; i < 2; i++) {
+        back[i] = j.inverse[i][0] * (d[0] - c * n[0]) + j.inverse[i][1] * (d[1] - c * n[1]);
+        for (int q = i; q < 2; q++, entry++)
+            for (int a = 0; a < 2; a++)
+                for (int b = 0; b < 2; b++) edge->lateral[entry] += j.inverse[i][a] * plane[a][b] * j.inverse[q][b];
     }
-    double determinant = j[0][0] * j[1][1] - j[0][1] * j[1][0], pressed = r - g->clearance;
-    double radial = 1.0 / g->stiffness, tangential = 1.0 / fmax(r > 0.0 ? g->stiffness * pressed / r : g->stiffness, LEAST_STIFFNESS);
-    double x[2] = {j[1][1] / determinant, -j[1][0] / determinant}, y[2] = {-j[0][1] / determinant, j[0][0] / determinant}; /* columns of J^-1 */
-    edge->lateral[0] = radial * x[0] * x[0] + tangential * y[0] * y[0];
-    edge->lateral[1] = radial * x[0] * x[1] + tangential * y[0] * y[1];
-    edge->lateral[2] = radial * x[1] * x[1] + tangential * y[1] * y[1];
-    vec3 back = m3_apply(&p->at.frame, v3(x[0] * pressed, x[1] * pressed, 0.0));
-    p->target = v3_sub(crossing, back);
-    edge->force = m3_apply(&p->at.frame, v3(j[0][0] * g->stiffness * pressed, j[0][1] * g->stiffness * pressed, 0.0));
+    p->target = v3_sub(crossing, m3_apply(&p->at.frame, v3(back[0], back[1], 0.0)));
 }
 
 void guides_bound(const tick_context *tick, int point) {
@@ -212,10 +243,7 @@ void guides_take(const tick_context *tick, int point) {
 
 bool guides_agree(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->guided; i++) {
-        vec3 along = needle_along(&w->points[i].at), force = contact_of(tick, i)->force;
-        vec3 off = v3_sub(v3_axpy(-v3_dot(force, along), along, force), w->edges[i].force);
-        if (v3_norm(off) > fmax(FORCE_TOLERANCE, FORCE_RELATIVE * v3_norm(force))) return false;
-    }
+    for (int i = 0; i < w->guided; i++)
+        if (w->edges[i].error > fmax(FORCE_TOLERANCE, FORCE_RELATIVE * v3_norm(contact_of(tick, i)->force))) return false;
     return true;
 }

@@ -67,7 +67,7 @@ typedef struct {
 /* How the edge of a hole yields to a point of the shaft. */
 typedef struct {
     bool touched;
-    vec3 force;              /* N, world frame, across the needle: of the edge where the needle is now */
+    double error;            /* N, between the force of the last pass and the edge's */
     double lateral[3];       /* m/N, in the needle's frame: xx, xy, yy */
     double axial;            /* m/N */
 } hole_edge;

@@ -36,7 +36,7 @@ void list_points(const tick_context *tick) {
 void locate_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->guided; i++) guides_locate(tick, i);
+    guides_locate(tick);
     for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         p->at = needle_at(tick->model->needle, &state->needle, p->arc);

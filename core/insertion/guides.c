@@ -3,8 +3,7 @@
 #include "insertion/contact_assembly.h"
 
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
-static const double FORCE_TOLERANCE = 5e-4;   /* N, between the force of the last pass and the edge's at the needle's new place, */
-static const double FORCE_RELATIVE = 1e-3;    /* or this part of the force */
+static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
 static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
@@ -116,11 +115,7 @@ void guides_list(const tick_context *tick) {
     }
 }
 
-/* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face, in the
-   directions of the grid. It is oblique where the needle is not normal to the plate; a force on the needle is J^T times that in the
-   plane of the face: across the needle. */
-typedef struct { double m[2][2], inverse[2][2]; } crossing_map;
-
+/* Oblique where the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
@@ -147,7 +142,7 @@ static double needle_compliance(const tick_context *tick, double arc) {
    It is linearised not where the needle is after a pass, which may be far off the edge or on another side of it, but at the point of the edge
    that the needle rests on if the force stays in proportion to its deflection, of compliance r: along n, the direction of d + r f, with
    the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
-void guides_locate(const tick_context *tick, int point) {
+static void find_touch(const tick_context *tick, int point) {
     insertion_workspace *w = tick->scratch;
     contact_point *p = &w->points[point];
     hole_edge *edge = &w->edges[point];
@@ -157,35 +152,64 @@ void guides_locate(const tick_context *tick, int point) {
     p->arc = face->arc;
     p->at = needle_at(tick->model->needle, &tick->state->needle, p->arc);
     vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face));
-    vec3 crossing = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position), offset = v3_sub(crossing, centre);
-    vec3 given = m3_apply_transposed(&p->at.frame, face->force);
-    crossing_map j = map_of(g, &p->at);
-    double c = g->clearance, k = g->stiffness, d[2], f[2], n[2];
+    p->target = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position);
+    vec3 offset = v3_sub(p->target, centre), given = m3_apply_transposed(&p->at.frame, face->force);
+    double c = g->clearance, f[2], n[2];
+    edge->map = map_of(g, &p->at);
     for (int a = 0; a < 2; a++) {
-        d[a] = v3_dot(offset, g->across[a]);
-        f[a] = j.inverse[0][a] * given.x + j.inverse[1][a] * given.y;
+        edge->offset[a] = v3_dot(offset, g->across[a]);
+        f[a] = edge->map.inverse[0][a] * given.x + edge->map.inverse[1][a] * given.y;
     }
-    double force = hypot(f[0], f[1]), needle = needle_compliance(tick, p->arc);
-    if (needle * force > c) needle = c / force;
-    for (int a = 0; a < 2; a++) n[a] = d[a] + needle * f[a];
-    double reach = hypot(n[0], n[1]), pressed = (reach - c) / (needle + 1.0 / k);
-    *edge = (hole_edge){.touched = reach > c || c == 0.0, .axial = 1.0 / k};
-    edge->error = force;
-    p->target = crossing;
+    double force = hypot(f[0], f[1]), r = needle_compliance(tick, p->arc);
+    if (r * force > c) r = c / force;
+    for (int a = 0; a < 2; a++) n[a] = edge->offset[a] + r * f[a];
+    double reach = hypot(n[0], n[1]);
+    edge->touched = reach > c || c == 0.0;
+    edge->pulled = edge->touched ? 0.0 : force;
+    edge->pressed = edge->touched ? (reach - c) / (r + 1.0 / g->stiffness) : 0.0;
+    for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
+    edge->error = hypot(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
+}
+
+/* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
+   because of it. */
+static void keep_one_face(const tick_context *tick, int front) {
+    hole_edge *edge = &tick->scratch->edges[front];
+    if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
+    hole_edge *kept = &edge[edge[0].pulled > edge[1].pulled];
+    double distance = hypot(kept->offset[0], kept->offset[1]);
+    if (distance == 0.0) return;
+    kept->touched = true;
+    for (int a = 0; a < 2; a++) kept->normal[a] = kept->offset[a] / distance;
+}
+
+static void find_yield(const tick_context *tick, int point) {
+    contact_point *p = &tick->scratch->points[point];
+    hole_edge *edge = &tick->scratch->edges[point];
+    const guide *g = guide_of(tick, point);
     if (!edge->touched) return;
-    n[0] = reach > 0.0 ? n[0] / reach : 1.0;
-    n[1] = reach > 0.0 ? n[1] / reach : 0.0;
-    edge->error = hypot(f[0] - pressed * n[0], f[1] - pressed * n[1]);
-    double radial = 1.0 / k, around = 1.0 / fmax(c > 0.0 ? pressed / (c + pressed / k) : k, LEAST_STIFFNESS), back[2];
+    double c = g->clearance, k = g->stiffness, *n = edge->normal, back[2];
+    double radial = 1.0 / k, around = 1.0 / fmax(c > 0.0 ? edge->pressed / (c + edge->pressed / k) : k, LEAST_STIFFNESS);
     double plane[2][2] = {{radial * n[0] * n[0] + around * n[1] * n[1], (radial - around) * n[0] * n[1]},
                           {(radial - around) * n[0] * n[1], radial * n[1] * n[1] + around * n[0] * n[0]}};
+    const double (*j)[2] = (const double (*)[2])edge->map.inverse;
     for (int i = 0, entry = 0; i < 2; i++) {
-        back[i] = j.inverse[i][0] * (d[0] - c * n[0]) + j.inverse[i][1] * (d[1] - c * n[1]);
-        for (int q = i; q < 2; q++, entry++)
+        back[i] = j[i][0] * (edge->offset[0] - c * n[0]) + j[i][1] * (edge->offset[1] - c * n[1]);
+        for (int q = i; q < 2; q++, entry++) {
+            edge->lateral[entry] = 0.0;
             for (int a = 0; a < 2; a++)
-                for (int b = 0; b < 2; b++) edge->lateral[entry] += j.inverse[i][a] * plane[a][b] * j.inverse[q][b];
+                for (int b = 0; b < 2; b++) edge->lateral[entry] += j[i][a] * plane[a][b] * j[q][b];
+        }
     }
-    p->target = v3_sub(crossing, m3_apply(&p->at.frame, v3(back[0], back[1], 0.0)));
+    p->target = v3_sub(p->target, m3_apply(&p->at.frame, v3(back[0], back[1], 0.0)));
+}
+
+void guides_locate(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->guided; i++) find_touch(tick, i);
+    for (int i = 0; i + 1 < w->guided; i++)
+        if (w->points[i].guide == w->points[i + 1].guide) keep_one_face(tick, i);
+    for (int i = 0; i < w->guided; i++) find_yield(tick, i);
 }
 
 void guides_bound(const tick_context *tick, int point) {
@@ -219,7 +243,7 @@ void guides_add_compliance(const tick_context *tick, int point) {
         p->compliance[x][x] += edge->lateral[0];
         p->compliance[x + 1][x] += edge->lateral[1];
         p->compliance[x + 1][x + 1] += edge->lateral[2];
-        p->compliance[along][along] += edge->axial;
+        p->compliance[along][along] += 1.0 / guide_of(tick, point)->stiffness;
     } else {
         decouple(p, x);
         decouple(p, x + 1);
@@ -244,6 +268,6 @@ void guides_take(const tick_context *tick, int point) {
 bool guides_agree(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     for (int i = 0; i < w->guided; i++)
-        if (w->edges[i].error > fmax(FORCE_TOLERANCE, FORCE_RELATIVE * v3_norm(contact_of(tick, i)->force))) return false;
+        if (w->edges[i].error > TOLERANCE) return false;
     return true;
 }

@@ -16,8 +16,8 @@ bool guides_hold(const insertion_model *model, const insertion_state *state);
 /* Lists the points of contact with guides, which come before all others. RT */
 void guides_list(const tick_context *tick);
 
-/* Where such a point is on the needle, and where the hole would have it without force; how it yields. RT */
-void guides_locate(const tick_context *tick, int point);
+/* Where these points are on the needle, and where the edges of the holes would have them without force; how the edges yield. RT */
+void guides_locate(const tick_context *tick);
 
 /* Bounds of its force along the needle: Coulomb friction, of the normal force in the last pass. RT */
 void guides_bound(const tick_context *tick, int point);
@@ -29,7 +29,7 @@ void guides_close_gap(const tick_context *tick, int point);
 /* Takes its slip from the solution. RT */
 void guides_take(const tick_context *tick, int point);
 
-/* Are all forces those of the holes' edges where the needle is now? RT */
+/* Is the needle where the holes' edges bear the forces of the last pass? RT */
 bool guides_agree(const tick_context *tick);
 
 /* No force. RT */

@@ -64,12 +64,22 @@ typedef struct {
     shaft_share share;
 } contact_point;
 
-/* How the edge of a hole yields to a point of the shaft. */
+/* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face of a
+   guide, in the directions of the grid. A force on the needle is J^T times that in the plane of the face: across the needle. */
 typedef struct {
+    double m[2][2], inverse[2][2];
+} crossing_map;
+
+/* The edge of a hole as a point of the shaft meets it. */
+typedef struct {
+    crossing_map map;
+    double offset[2];        /* m, in the plane of the face, of the needle's axis from that of the hole */
     bool touched;
-    double error;            /* N, between the force of the last pass and the edge's */
-    double lateral[3];       /* m/N, in the needle's frame: xx, xy, yy */
-    double axial;            /* m/N */
+    double pulled;           /* N, force of the last pass, if the edge would have to pull */
+    double pressed;          /* N, about which the edge is linearised */
+    double normal[2];        /* unit vector from the hole's axis to where the needle touches the edge */
+    double lateral[3];       /* m/N, compliance in the needle's frame: xx, xy, yy */
+    double error;            /* m, how far from here the needle would be with the edge's force in place of the last pass's */
 } hole_edge;
 
 /* Scratch of one tick: nothing in it but the profile outlives the call. */

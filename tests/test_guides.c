@@ -5,8 +5,10 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
+#include <time.h>
 #include <cmocka.h>
 
+#include "allocations.h"
 #include "insertion/contact_assembly.h"
 #include "lockstep.h"
 
@@ -368,6 +370,75 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     lockstep_free(other);
 }
 
+/* One tick without the worker's part; ns and allocations of it. */
+typedef struct { int64_t time, allocations; } tick_effort;
+
+static int64_t now_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1000000000 * (int64_t)t.tv_sec + t.tv_nsec;
+}
+
+static tick_effort tick_alone(lockstep *l, pose base) {
+    report why;
+    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
+                         .base = {base, 0.0}, .dt = 1e-3, .output = &l->wrench};
+    int64_t allocations = allocations_now(), start = now_ns();
+    insertion_tick(&tick);
+    tick_effort effort = {now_ns() - start, allocations_now() - allocations};
+    l->base = base;
+    if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_serve(l->simulation.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
+    return effort;
+}
+
+static void ticks_do_not_allocate(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    int64_t allocations = 0;
+    for (int i = 0; i < 1000; i++) allocations += tick_alone(l, trembling(i / 1000.0, 4, 0.0, 0.05)).allocations;
+    assert_true(l->state.guides[0].passage == GUIDE_IN_HOLE);
+    assert_int_equal(allocations, 0);
+    lockstep_free(l);
+}
+
+static int compare(const void *a, const void *b) {
+    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* Three needles side by side in one run: without guide, with one face of a guide that it always touches, and with more contacts in the tissue.
+   Their ticks alternate; a needle that is held still takes one pass. */
+static void a_face_costs_what_a_contact_costs(void **unused) {
+    (void)unused;
+    enum { TICKS = 4001 };
+    static int64_t times[3][TICKS];
+    lockstep *l[3];
+    for (int i = 0; i < 3; i++) {
+        simulation_config c = lockstep_config();
+        if (i == 1) c.guide_count = 1, c.guides[0] = hole_before_tip(lockstep_start(), c.needle.length, 0.0145, 0.0, c.needle.outer_diameter);
+        l[i] = lockstep_create(&c, lockstep_start());
+        lockstep_move(l[i], v3(0, 0, 0.05), 0.5, 1e-3);
+        for (int extra = 0; i == 2 && l[2]->wrench.contacts == l[0]->wrench.contacts && extra < 300; extra++) lockstep_move(l[i], v3(0, 0, 1e-4), 1e-3, 1e-3);
+        lockstep_move(l[i], v3(0, 1e-3, 0), 0.1, 1e-3);
+    }
+    for (int t = 0; t < TICKS; t++)
+        for (int i = 0; i < 3; i++) times[i][t] = tick_alone(l[i], l[i]->base).time;
+    double median[3];
+    for (int i = 0; i < 3; i++) {
+        qsort(times[i], TICKS, sizeof *times[i], compare);
+        median[i] = 1e-3 * (double)times[i][TICKS / 2];
+    }
+    print_message("tick: %.2f us with %d contacts, %.2f us with a guide as well, %.2f us with %d contacts and no guide\n", median[0], l[0]->wrench.contacts, median[1],
+                  median[2], l[2]->wrench.contacts);
+    assert_true(l[1]->state.guides[0].faces[0].touching && l[1]->wrench.passes == l[0]->wrench.passes);
+    assert_int_equal(l[1]->wrench.contacts, l[0]->wrench.contacts);
+    assert_true(median[1] < 1.15 * median[2]);
+    for (int i = 0; i < 3; i++) lockstep_free(l[i]);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(buckling_loads_are_eulers),
@@ -378,6 +449,8 @@ int main(void) {
         cmocka_unit_test(forces_are_continuous_at_the_clearance),
         cmocka_unit_test(random_insertions_stay_stable),
         cmocka_unit_test(a_restored_insertion_goes_on_to_the_bit),
+        cmocka_unit_test(ticks_do_not_allocate),
+        cmocka_unit_test(a_face_costs_what_a_contact_costs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

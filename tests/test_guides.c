@@ -421,8 +421,8 @@ static void a_face_costs_what_a_contact_costs(void **unused) {
         if (i == 1) c.guide_count = 1, c.guides[0] = hole_before_tip(lockstep_start(), c.needle.length, 0.0145, 0.0, c.needle.outer_diameter);
         l[i] = lockstep_create(&c, lockstep_start());
         lockstep_move(l[i], v3(0, 0, 0.05), 0.5, 1e-3);
-        for (int extra = 0; i == 2 && l[2]->wrench.contacts == l[0]->wrench.contacts && extra < 300; extra++) lockstep_move(l[i], v3(0, 0, 1e-4), 1e-3, 1e-3);
         lockstep_move(l[i], v3(0, 1e-3, 0), 0.1, 1e-3);
+        for (int extra = 0; i == 2 && l[2]->wrench.contacts == l[0]->wrench.contacts && extra < 300; extra++) lockstep_move(l[i], v3(0, 0, 1e-4), 1e-3, 1e-3);
     }
     for (int t = 0; t < TICKS; t++)
         for (int i = 0; i < 3; i++) times[i][t] = tick_alone(l[i], l[i]->base).time;

@@ -1,7 +1,5 @@
 #include "insertion/guides.h"
 
-#include "insertion/contact_assembly.h"
-
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
 static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop */
 

@@ -370,6 +370,34 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     lockstep_free(other);
 }
 
+/* Against stiff skin that is never punctured, through a template: the needle buckles between the hand and the plate, at Euler's load
+   for that span, which two springs at the faces hold at its end. Without a template it buckles at 10 N. */
+static void a_template_lets_the_needle_bear_more(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 2e6;
+    for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = INFINITY;
+    c.guides[0] = template_over_skin(&c);
+    c.guides[0].hole_diameter = c.needle.outer_diameter + 0.04e-3;
+    double d = c.needle.outer_diameter, bending = c.needle.youngs_modulus * M_PI / 64.0 * (pow(d, 4) - pow(c.needle.inner_diameter, 4));
+    for (int guides = 0; guides < 2; guides++) {
+        c.guide_count = guides;
+        lockstep *l = lockstep_create(&c, lockstep_start());
+        lockstep_move(l, v3(0, 0, 1e-3), 0.1, 1e-3);
+        lockstep_move(l, v3(1e-3, 0, 0), 0.1, 1e-3);
+        double peak = 0.0, span = 0.0;
+        for (int i = 0; i < 4000 && !(l->wrench.events & EVENT_UNSTABLE); i++) {
+            lockstep_move(l, v3(0, 0, 1e-5), 1e-3, 1e-3);
+            if (-l->wrench.force.z > peak) peak = -l->wrench.force.z, span = l->state.guides[0].faces[0].arc;
+        }
+        double expected = guides ? euler_in_plate(bending, span, c.guides[0].thickness, c.guides[0].stiffness) : 2.0457 * M_PI * M_PI * bending / 0.04;
+        print_message("%s: bears %.2f N, Euler %.2f N, %s\n", guides ? "through the template" : "free", peak, expected,
+                      l->wrench.events & EVENT_UNSTABLE ? "buckles" : "does not buckle");
+        assert_true((l->wrench.events & EVENT_UNSTABLE) && fabs(peak / expected - 1.0) < 0.02);
+        lockstep_free(l);
+    }
+}
+
 /* One tick without the worker's part; ns and allocations of it. */
 typedef struct { int64_t time, allocations; } tick_effort;
 
@@ -449,6 +477,7 @@ int main(void) {
         cmocka_unit_test(forces_are_continuous_at_the_clearance),
         cmocka_unit_test(random_insertions_stay_stable),
         cmocka_unit_test(a_restored_insertion_goes_on_to_the_bit),
+        cmocka_unit_test(a_template_lets_the_needle_bear_more),
         cmocka_unit_test(ticks_do_not_allocate),
         cmocka_unit_test(a_face_costs_what_a_contact_costs),
     };

@@ -1,6 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, rampCss, regionColour } from './colours.js'
+import { CONTACT, GUIDED, rampCss, regionColour } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
@@ -57,6 +57,7 @@ const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), ro
 
 function takeScene(received) {
   scene = received
+  element('guide-key').hidden = scene.guides.length === 0
   history = new History(scene.live)
   shown = null
   clock = { following: scene.live, playing: true, time: 0, at: performance.now() }
@@ -330,6 +331,7 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+document.querySelector('.dot.guide').style.background = GUIDED
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))

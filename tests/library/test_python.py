@@ -186,7 +186,7 @@ class PythonTest(unittest.TestCase):
 
     def test_events_are_those_of_the_header(self):
         self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
-        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(11)])
+        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(13)])
 
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}

@@ -256,6 +256,29 @@ static void the_tip_chooses_the_hole(void **unused) {
     }
 }
 
+/* A hand may do what no needle could in a hole: the answer stays finite, and the hole lets go. */
+static void a_needle_turned_across_is_let_go(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    pose start = lockstep_start();
+    start.position.z -= 0.01;
+    lockstep *l = lockstep_create(&c, start);
+    lockstep_tick(l, start, 1e-3);
+    assert_true(l->state.guides[0].passage == GUIDE_IN_HOLE);
+    bool told = false;
+    for (int i = 1; i <= 2000; i++) {
+        pose base = {start.position, q_exp(v3(1e-3 * i, 0, 0))};
+        lockstep_tick(l, base, 1e-3);
+        assert_true(insertion_is_finite(&l->state, &l->wrench));
+        told |= (l->wrench.events & EVENT_MISSED_GUIDE) != 0;
+    }
+    assert_true(told || l->state.guides[0].passage == GUIDE_AHEAD);
+    assert_true(v3_norm(l->wrench.force) == 0.0);
+    lockstep_free(l);
+}
+
 /* A needle that lies through the plate when it is reset is in its hole from the first tick on. */
 static void a_needle_can_start_in_its_hole(void **unused) {
     (void)unused;
@@ -474,6 +497,7 @@ int main(void) {
         cmocka_unit_test(friction_follows_the_normal_force),
         cmocka_unit_test(the_tip_chooses_the_hole),
         cmocka_unit_test(a_needle_can_start_in_its_hole),
+        cmocka_unit_test(a_needle_turned_across_is_let_go),
         cmocka_unit_test(forces_are_continuous_at_the_clearance),
         cmocka_unit_test(random_insertions_stay_stable),
         cmocka_unit_test(a_restored_insertion_goes_on_to_the_bit),

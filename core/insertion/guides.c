@@ -1,6 +1,7 @@
 #include "insertion/guides.h"
 
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
+static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
 static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
@@ -44,6 +45,12 @@ static void pass_front(const tick_context *tick, const guide *g, guide_state *s,
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
+/* Does the needle lie across the hole that it is in, as no real needle could? */
+static bool lies_across(const tick_context *tick, const guide *g, const guide_state *s) {
+    needle_point p = needle_at(tick->model->needle, &tick->state->needle, s->faces[0].arc);
+    return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
+}
+
 /* The needle's material point on each face that friction does not hold. */
 static void follow_faces(const tick_context *tick, const guide *g, guide_state *s) {
     for (int f = 0; f < GUIDE_FACES; f++) {
@@ -67,6 +74,7 @@ void guides_follow(const tick_context *tick) {
             continue;
         }
         if (s->passage == GUIDE_AHEAD) pass_front(tick, g, s, behind);
+        if (s->passage == GUIDE_IN_HOLE && lies_across(tick, g, s)) *s = (guide_state){.passage = GUIDE_MISSED};
         if (s->passage == GUIDE_MISSED) tick->output->events |= EVENT_MISSED_GUIDE;
         if (s->passage != GUIDE_IN_HOLE) continue;
         s->depth = fmin(behind, g->thickness);

@@ -159,8 +159,8 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->needles[0].contacts >= 1);
     assert_true(view->snapshot_age < 2e-3);
-    trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
-    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), view->needles[0].contacts + 1);
+    trocar_contact contacts[TROCAR_MAX_POINTS];
+    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_POINTS), view->needles[0].contacts + 1);
     assert_true(view->needles[0].pose_utime > 0 && view->needles[0].pose_utime <= w.pose_utime);
 }
 

@@ -197,6 +197,8 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_true(c->contact_count >= 2);
     const double *tip = c->centreline[c->joint_count - 1], *last = c->position[c->contact_count - 1];
     for (int a = 0; a < 3; a++) assert_true(tip[a] == last[a]);
+    for (int i = 0; i < c->contact_count; i++)
+        assert_int_equal(c->kind[i], i == c->contact_count - 1 ? TROCAR_CONTACTS_T_TIP : TROCAR_CONTACTS_T_TISSUE);
     double pull = 0.0;
     for (int i = 0; i < c->contact_count; i++) {
         assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight along z */

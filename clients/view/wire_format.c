@@ -111,6 +111,25 @@ static void write_homes(json *j, const pose *homes, int needles) {
     json_close(j, ']');
 }
 
+static void write_guides(json *j, const trocar_model *m) {
+    json_open(j, "guides", '[');
+    for (int i = 0; i < trocar_model_guide_count(m); i++) {
+        trocar_guide g = trocar_model_guide(m, i);
+        json_open(j, NULL, '{');
+        json_numbers(j, "origin", g.origin, 3);
+        json_numbers(j, "normal", g.normal, 3);
+        json_numbers(j, "alongColumns", g.across[0], 3);
+        json_numbers(j, "alongRows", g.across[1], 3);
+        json_integer(j, "columns", g.columns);
+        json_integer(j, "rows", g.rows);
+        json_number(j, "spacing", g.spacing);
+        json_number(j, "holeDiameter", g.hole_diameter);
+        json_number(j, "thickness", g.thickness);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
+}
+
 static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const pose *homes, int needles, bool live) {
     char *text = NULL;
     size_t length = 0;
@@ -129,6 +148,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     write_homes(&j, homes, needles);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
+    write_guides(&j, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');
@@ -225,9 +245,9 @@ static void append_needle(byte_buffer *b, const trocar_contacts_t *c) {
         bytes_append(b, x, sizeof x);
     }
     for (int i = 0; i < c->contact_count; i++) {
-        float contact[8] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
+        float contact[9] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
                             (float)c->force[i][0], (float)c->force[i][1], (float)c->force[i][2],
-                            (float)c->arc[i], (float)c->state[i]};
+                            (float)c->arc[i], (float)c->state[i], (float)c->kind[i]};
         bytes_append(b, contact, sizeof contact);
     }
 }

@@ -3,9 +3,10 @@
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 
+#include "insertion/guide.h"
 #include "remesh/refinement.h"
 
-enum { MAX_POINTS = MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 200 };
+enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 248 };
 _Static_assert(CONTACT_LD >= MAX_UNKNOWNS, "a row holds all unknowns");
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
@@ -15,7 +16,7 @@ typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
    lower + viscosity[0] * slip where slip < 0. Unknowns are ordered: 2 n sideways, then m axial: a point may bear more than one
    force along the needle. */
 typedef struct {
-    int count, axial_count;              /* n, m: contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
+    int count, axial_count;              /* n, m: guides, contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
     double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: lower triangle; destroyed by the solve */
     double gap[MAX_UNKNOWNS];            /* m */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
@@ -27,6 +28,9 @@ typedef struct {
     int switches;                        /* out: changes of the active set */
     int negative;                        /* out: negative eigenvalues of the sideways part of A */
 } contact_problem;
+
+/* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
+static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
 
 /* Exact solution by pivoting; the axial part stays positive definite as long as needle and tissue together are
    stable. Returns NUMERIC (forces zero) otherwise. Allocates nothing. RT */

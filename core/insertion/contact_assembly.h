@@ -5,13 +5,10 @@
 
 #include "insertion/tick.h"
 
-/* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
-static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
-
-/* Lists the points of contact: the active contacts, and with scratch->tip the tip. RT */
+/* Lists the points of contact: with guides, the active contacts, and with scratch->tip the tip. RT */
 void list_points(const tick_context *tick);
 
-/* Where they are on the needle, and in tissue that the needle exerts no force on. RT */
+/* Where they are on the needle, and in holes and tissue that the needle exerts no force on. RT */
 void locate_points(const tick_context *tick);
 
 /* Forces of the points on the needle's joints. RT */

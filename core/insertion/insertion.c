@@ -3,7 +3,9 @@
 #include <string.h>
 
 #include "insertion/equilibrium.h"
+#include "insertion/guides.h"
 #include "insertion/known_tissue.h"
+#include "insertion/outside.h"
 #include "insertion/prefetch.h"
 #include "insertion/strata.h"
 #include "insertion/tip.h"
@@ -42,14 +44,22 @@ static void slide_shaft(insertion_state *state) {
     state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
 }
 
-/* A needle in the air is straight. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
+/* Moves the base; the spring that holds it stays as it has yielded. */
+static void hold_base(const tick_context *tick) {
+    pose base = tick->base.pose;
+    base.position = v3_add(base.position, tick->state->base_shift);
+    needle_hold(tick->model->needle, base, &tick->state->needle);
+}
+
+/* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
    A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
-    needle_rest(model->needle, tick->base.pose, &state->needle);
+    if (guides_hold(model, state)) hold_base(tick);
+    else needle_rest(model->needle, tick->base.pose, &state->needle);
     vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
     vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
@@ -72,9 +82,7 @@ static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
     slide_shaft(state);
     vec3 gradient = track_gradient(tick);
-    pose base = tick->base.pose;
-    base.position = v3_add(base.position, state->base_shift);
-    needle_hold(tick->model->needle, base, &state->needle);
+    hold_base(tick);
     return gradient;
 }
 
@@ -101,7 +109,8 @@ static void solve(const tick_context *tick) {
     accept_snapshot(tick);
     tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     tick->scratch->point_count = 0;
-    if (tick->scratch->tip || contact_is_active(tick->state, 0)) equilibrium_find(tick, handles);
+    guides_follow(tick);
+    if (tick->scratch->tip || contact_is_active(tick->state, 0) || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
     else tick->state->base_shift = v3(0, 0, 0);
 }
 
@@ -125,6 +134,7 @@ static void answer(const tick_context *tick) {
 
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
+    guides_slide(tick->model, state);
     if (state->buckled) {
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
@@ -158,6 +168,7 @@ void insertion_tick(const tick_context *given) {
     }
     tick.base.pose = given->base.pose;
     step(&tick);
+    outside_watch(&tick);
     prefetch_request(given->model, state);
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }
@@ -178,6 +189,11 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
         sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
              + c->surplus_axial + c->softness + c->traction;
     }
+    for (int i = 0; i < MAX_GUIDES; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            const guide_contact *face = &state->guides[i].faces[f];
+            sum += face->arc + face->slip + sum_of(face->force);
+        }
     return isfinite(sum);
 }
 

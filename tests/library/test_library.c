@@ -139,6 +139,7 @@ static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
     assert_true(trocar_key_count() > 40);
+    OK(trocar_scene_set(scene, "guides[plate].rows", "1", &why));
     for (int i = 0; i < trocar_key_count(); i++) {
         trocar_key k = trocar_key_at(i);
         char key[128], before[256], after[256];
@@ -295,12 +296,12 @@ static void a_worker_thread_serves_the_tick(void **state) {
 static void what_is_seen_fits_the_force(void **state) {
     (void)state;
     static trocar_output a[TICKS];
-    static trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
+    static trocar_contact contacts[TROCAR_MAX_POINTS];
     static double joints[TROCAR_MAX_JOINTS][3], field[CUBE_NODES][3];
     trocar_model *model = model_of(cube_scene());
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, TICKS, a);
-    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_CONTACTS + 1), joint_count = trocar_sim_centreline(sim, 0, joints[0], TROCAR_MAX_JOINTS);
+    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_POINTS), joint_count = trocar_sim_centreline(sim, 0, joints[0], TROCAR_MAX_JOINTS);
     assert_int_equal(count, a[TICKS - 1].contacts + 1);
     assert_int_equal(contacts[count - 1].kind, TROCAR_CONTACT_TIP);
     assert_int_equal(joint_count, trocar_model_segments(model) + 1);
@@ -324,7 +325,7 @@ static void what_is_seen_fits_the_force(void **state) {
 /* A picture taken by one thread does not change while the simulation goes on. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
-    enum { ROOM = TROCAR_MAX_CONTACTS + 1, MIDWAY = 4 * TICKS / 5 };
+    enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
     static trocar_output a[TICKS];
     static trocar_contact seen[ROOM], kept[ROOM];
     static double joints[2][TROCAR_MAX_JOINTS][3], field[2][CUBE_NODES][3];

@@ -109,6 +109,20 @@ class PythonTest(unittest.TestCase):
         self.assertGreater(batch * steps * dt / seconds, 2)
         self.assertLess(memory - together.nbytes, batch * state)
 
+    def test_guides_hold_the_needle(self):
+        scene = trocar.Scene.load(SOURCE / "meshes/template.yaml")
+        self.assertEqual(scene["guides[template].columns"], 13)
+        sim = trocar.Sim(trocar.Model(scene))
+        pose = lambda x, z: [x, 0.003, z, 1, 0, 0, 0]
+        sim.reset(pose(0.005, -0.24))
+        self.assertIsNone(sim.hole(0))
+        for i in range(400):
+            output = sim.step(pose(0.005 + 5e-6 * i, -0.24 + 1e-4 * i), 0.001)
+        self.assertEqual(sim.hole(0), 7 + 13 * 6)
+        contacts = sim.contacts()
+        self.assertEqual(contacts[0].kind, "guide")
+        np.testing.assert_allclose(sum(contact.force for contact in contacts), -output.force, atol=1e-9)
+
     def test_a_mesh_in_memory(self):
         scene = trocar.Scene()
         scene.set_mesh(cube())
@@ -202,7 +216,7 @@ class PythonTest(unittest.TestCase):
 
     def test_events_are_those_of_the_header(self):
         self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
-        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(11)])
+        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(13)])
 
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}

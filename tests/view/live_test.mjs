@@ -49,7 +49,7 @@ try {
     assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
-    await until(first, 'trocar.shown.needles[0].contacts.length / 8 >= 5')
+    await until(first, 'trocar.shown.needles[0].contacts.length / 9 >= 5')
     await first.keyboard.up('w')
     assert(await tip(first) > before + 0.01, 'the tip went in')
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
@@ -286,7 +286,7 @@ try {
     assert.deepEqual(await second.evaluate(drawn), [true, true])
     await until(second, `${depth} === 0 && parseFloat(document.getElementById("depth").textContent) === 0`) // plots and numbers of the chosen one
     await push()
-    const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 8, x: joints[0] }))')
+    const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
     assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')
     assert(Math.abs(other.x - one.x - 0.01) < 1e-3, 'side by side')
     assert(await second.evaluate('trocar.history.tracks.every(({ marks }) => marks.some(({ name }) => name === "skin"))'), 'each with its punctures')

@@ -77,12 +77,12 @@ _CONTACT_STATUS = _contact_names("trocar_contact_status")
 
 
 class Contact(NamedTuple):
-    """A point where the needle meets the tissue; force (3,) N is on the tissue, position (3,) m on the deformed needle.
+    """A point where the needle meets tissue or a guide; force (3,) N is on that, position (3,) m on the deformed needle.
 
     A tissue contact keeps its id and slot from its addition to its removal. An id is never used again for this needle; a slot is.
     """
 
-    kind: str  # "tissue" or "tip"
+    kind: str  # "tissue", "tip" or "guide"
     state: int  # 0 sticks, 1 slides forward, -1 slides backward
     arc: float  # m from the base
     depth: float  # m along the track
@@ -300,11 +300,16 @@ class Sim:
         return self._contacts(lib.trocar_sim_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
-        room = lib.TROCAR_MAX_CONTACTS + 1
+        room = lib.TROCAR_MAX_POINTS
         found = ffi.new("trocar_contact[]", room)
         count = read(self._handle, needle, found, room)
         return [Contact(_CONTACT_KIND[c.kind], c.state, c.arc, c.depth, np.array(list(c.position)), np.array(list(c.force)), c.id,
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
+
+    def hole(self, guide: int, needle: int = 0) -> int | None:
+        """The hole of a guide that the needle is in, column + columns * row from 0. None if it is in no hole."""
+        hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
+        return hole if hole >= 0 else None
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """(segments + 1, 3) m, joints of the needle from base to tip."""

@@ -2,6 +2,8 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
+export const CONTACT_NUMBERS = 9 // of each contact
+export const GUIDE = 2 // kind of a contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
 
@@ -45,7 +47,7 @@ function decodePicture(message, at, length) {
   for (let left = head.getUint32(20, true); left > 0; left--) {
     const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true)
     needles[head.getUint32(place + 24, true)] = decodeNeedle(body, place, joints, contacts)
-    place += 40 + 12 * joints + 32 * contacts
+    place += 40 + 12 * joints + 4 * CONTACT_NUMBERS * contacts
   }
   return {
     time: head.getFloat64(0, true), tick: head.getFloat64(8, true), scale: head.getFloat32(16, true), needles,
@@ -54,13 +56,13 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** `joints`: 3 per joint (m); `contacts`: 8 each, position, force on the tissue (N), arc (m), state. */
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind. */
 function decodeNeedle(body, at, joints, contacts) {
   const head = new DataView(body, at, 40)
   return {
     poseTime: head.getFloat64(0, true), orientation: [0, 1, 2, 3].map((i) => head.getFloat32(8 + 4 * i, true)),
     joints: new Float32Array(body, at + 40, 3 * joints),
-    contacts: new Float32Array(body, at + 40 + 12 * joints, 8 * contacts),
+    contacts: new Float32Array(body, at + 40 + 12 * joints, CONTACT_NUMBERS * contacts),
   }
 }
 

@@ -1,6 +1,7 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, HUBS, rampCss, regionColour } from './colours.js'
+import { CONTACT, GUIDED, HUBS, rampCss, regionColour } from './colours.js'
+import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
 import { History } from './history.js'
@@ -58,6 +59,7 @@ const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), ro
 
 function takeScene(received) {
   scene = received
+  element('guide-key').hidden = scene.guides.length === 0
   history = new History(scene.live, scene.homes.length)
   listNeedles()
   shown = null
@@ -235,7 +237,7 @@ function showNumbers() {
   const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
-  element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / 8}` : '–'
+  element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / CONTACT_NUMBERS}` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
@@ -269,7 +271,7 @@ stage.onCut = (part) => { element('cut-place').value = part }
 const OFF_AT_FIRST = ['slice frame']
 
 function listLayers() {
-  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', 'contacts', 'forces', 'slice frame']
+  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', ...(scene.guides.length ? ['guides'] : []), 'contacts', 'forces', 'slice frame']
   list.replaceChildren(...names.map((name) => {
     const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('i')
     const index = scene.regions.findIndex((region) => region.name === name)
@@ -361,6 +363,7 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+document.querySelector('.dot.guide').style.background = GUIDED
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))

@@ -4,6 +4,7 @@ import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
 import { discard } from './buffers.js'
 import { HUBS, ramp } from './colours.js'
+import { drawGuides } from './guides.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
 
@@ -94,10 +95,11 @@ export class Stage {
     this.scene = scene
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
     this.needles = scene.homes.map((home, i) => new Needle(scene, HUBS[i]))
+    this.guides = drawGuides(scene.guides)
     const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)
     this.box = box
     this.slice = new Plane('z', '#37d0ff', box)
-    this.content = new THREE.Group().add(this.anatomy.group, ...this.needles.map(({ group }) => group), this.slice.frame)
+    this.content = new THREE.Group().add(this.anatomy.group, ...this.needles.map(({ group }) => group), this.guides, this.slice.frame)
     this.world.add(this.content)
     this.setCut('')
     this.showHome()
@@ -166,7 +168,7 @@ export class Stage {
 
   setLayer(name, visible) {
     const all = (part) => this.needles.map((needle) => needle[part])
-    const own = { needle: all('body'), contacts: all('dots'), forces: all('arrows'), 'slice frame': [this.slice.frame] }
+    const own = { needle: all('body'), guides: [this.guides], contacts: all('dots'), forces: all('arrows'), 'slice frame': [this.slice.frame] }
     for (const object of own[name] ?? this.anatomy.layers.get(name) ?? []) object.visible = visible
     this.dirty = true
   }

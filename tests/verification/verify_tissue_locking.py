@@ -27,6 +27,7 @@ LIMIT = 0.07           # just noticeable difference of force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
+COARSE = (570, 1700)   # of these the whole error is measured only
 REFERENCES = (570, 1700, 3300)  # solved with quadratic elements, which have eight times as many nodes
 LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
 TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # of the figure-8 scene
@@ -130,7 +131,11 @@ def report_mesh(rows, load, strain, nodes, mine, theirs):
              "locks by " + percent(locking))
     if strain == "patch" and not is_points(load):
         rows.section = WHOLE
-        rows.add(case, reference, mine[at], theirs[at], abs(too_stiff[at]), LIMIT, "m/N", "too stiff by " + percent(too_stiff))
+        if nodes in COARSE and not rows.short_form:
+            rows.measured(case, reference, mine[at], theirs[at], abs(too_stiff[at]), "m/N",
+                          "linear elements as large as the load's reach: too stiff by " + percent(too_stiff))
+        else:
+            rows.add(case, reference, mine[at], theirs[at], abs(too_stiff[at]), LIMIT, "m/N", "too stiff by " + percent(too_stiff))
 
 
 def percent(errors):

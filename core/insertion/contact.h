@@ -28,6 +28,9 @@ typedef struct {
     int negative;                        /* out: negative eigenvalues of the sideways part of A */
 } contact_problem;
 
+/* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
+static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
+
 /* Exact solution by pivoting; the axial part stays positive definite as long as needle and tissue together are
    stable. Returns NUMERIC (forces zero) otherwise. Allocates nothing. RT */
 trocar_status contact_solve(contact_problem *p);

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
 #include "insertion/strata.h"
@@ -38,7 +39,8 @@ void locate_points(const tick_context *tick) {
         contact_point *p = &w->points[i];
         p->at = needle_at(tick->model->needle, &state->needle, p->arc);
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
-                                         : v3_add(state->contacts[p->handle].track, tick->snapshot->u_free[p->handle]);
+                                         : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
+        if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
     }
 }
 
@@ -62,11 +64,11 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     mat3 own = {{{0}}};
     w->free_at_tip = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) {
-        w->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], w->free_at_tip);
+        w->free_at_tip = v3_axpy(weights[c], creep_free(tick, handles[c]), w->free_at_tip);
         mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
-        m3_add_scaled(&own, weights[c], &row);
+        m3_add_scaled(&own, weights[c] * w->creep.yield, &row);
     }
-    for (int i = 0; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle);
+    for (int i = 0; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
     w->tip_row[tip] = own;
 }
 
@@ -113,12 +115,14 @@ void keep_shear(const tick_context *tick) {
     for (int i = 0; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, contact->traction, &contact->softness);
+        double traction = contact->traction + creep_traction(tick, contact->depth, contact->direction);
+        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, tip->shaft_traction, &tip->shaft_softness);
+    double traction = tip->shaft_traction + creep_traction(tick, tip->depth, tip->direction);
+    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
@@ -206,7 +210,7 @@ void assemble_compliance(const tick_context *tick) {
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
             const contact_point *at = &w->points[i], *other = &w->points[j];
-            mat3 sum = at->kind == POINT_TIP ? w->tip_row[j] : compliance_between(tick->snapshot, at->handle, other->handle);
+            mat3 sum = at->kind == POINT_TIP ? w->tip_row[j] : m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
             mat3 needle = needle_block(&w->tangent, &at->at, &other->at);
             m3_add_scaled(&sum, 1.0, &needle);
             for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
@@ -234,4 +238,5 @@ void assemble_gaps(const tick_context *tick) {
     }
     int shaft = unknown(p->count, p->count, 2);
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
+    creep_shift_gaps(tick);
 }

@@ -5,9 +5,6 @@
 
 #include "insertion/tick.h"
 
-/* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
-static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
-
 /* Lists the points of contact: the active contacts, and with scratch->tip the tip. RT */
 void list_points(const tick_context *tick);
 

@@ -1,6 +1,7 @@
 #include "insertion/equilibrium.h"
 
 #include "insertion/contact_assembly.h"
+#include "insertion/creep.h"
 #include "insertion/tip_damper.h"
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
@@ -53,11 +54,13 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     list_points(tick);
     w->problem.count = w->point_count;
     w->problem.axial_count = w->point_count + w->tip;
+    creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
-    locate_points(tick);
     find_local_compliance(tick);
+    creep_recall(tick);
+    locate_points(tick);
     load_needle(tick);
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
@@ -255,5 +258,6 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     else if (r.found && !r.diverging) judge_stability(tick, r.converged);
     else give_up(tick);
     if (w->tip && !state->buckled) spring_back(tick);
+    creep_remember(tick);
     if (w->tip) follow_pressing(&state->tip, &w->points[w->point_count - 1].at, tick->dt);
 }

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
 #include "insertion/equilibrium.h"
 #include "insertion/known_tissue.h"
 #include "insertion/prefetch.h"
@@ -14,7 +15,10 @@ static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within whi
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
+    creep_leave_all(model, &state->memory);
+    tissue_memory memory = state->memory;
     memset(state, 0, sizeof *state);
+    state->memory = memory;
     state->request.serial = serial;
     state->next_id = next_id;
     state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
@@ -91,8 +95,14 @@ static void cross(const tick_context *tick, vec3 gradient) {
     tip->stretch += tip->depth - before - slid;
     int passed = contacts_passed(state);
     bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
-    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : shaft_ahead(tick->model, state, passed - 1, tick->dt);
+    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : creep_shaft_ahead(tick, passed - 1);
     if (tip->depth == 0.0) tip_glide_on_surface(tick);
+}
+
+/* Nothing is touched. */
+static void rest(const tick_context *tick) {
+    tick->state->base_shift = v3(0, 0, 0);
+    creep_leave_all(tick->model, &tick->state->memory);
 }
 
 /* Brings needle and tissue into equilibrium, with the newest snapshot. */
@@ -102,7 +112,7 @@ static void solve(const tick_context *tick) {
     tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     tick->scratch->point_count = 0;
     if (tick->scratch->tip || contact_is_active(tick->state, 0)) equilibrium_find(tick, handles);
-    else tick->state->base_shift = v3(0, 0, 0);
+    else rest(tick);
 }
 
 /* Sums the forces of all points into the wrench on the base. */
@@ -125,11 +135,15 @@ static void answer(const tick_context *tick) {
 
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
+    creep_begin(tick);
     if (state->buckled) {
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
         tick->output->contacts = contacts_active(state);
-        if (!returned) return;
+        if (!returned) {
+            creep_fade(tick);
+            return;
+        }
     } else if (state->tip.phase == TIP_FREE) {
         move_freely(tick);
     } else {
@@ -178,10 +192,12 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
         sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
              + c->surplus_axial + c->softness + c->traction;
     }
+    sum += creep_sum(&state->memory);
     return isfinite(sum);
 }
 
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output) {
+    memset(&state->memory, 0, sizeof state->memory);
     insertion_reset(model, base, state);
     *output = (tick_output){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }
@@ -194,11 +210,18 @@ void insertion_refinement(const insertion_state *state, refinement *out) {
 
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added) {
     const needle_tip *tip = &state->tip;
-    for (int k = 0; contact_is_active(state, k); k++) added[k] = state->contacts[state->refined.order[k]].force;
+    for (int k = 0; contact_is_active(state, k); k++)
+        added[k] = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
+    for (int i = 0; i < state->memory.left.count; i++)
+        for (int c = 0; c < 4; c++) {
+            const left_load *left = &state->memory.left.loads[i];
+            vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
+            *corner = v3_axpy(left->weights[c], creep_left_load(model, left), *corner);
+        }
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
+        *corner = v3_axpy(tip->known_weights[c], v3_add(tip_load(tip), creep_tip_load(model, &state->memory)), *corner);
     }
 }
 
@@ -208,11 +231,17 @@ void insertion_add_loads(const insertion_model *model, const insertion_state *st
         int slot = state->refined.order[k];
         const added_node *node = &state->refined.nodes[slot];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = node->tet, .force = state->contacts[slot].force};
+        *load = (tissue_load){.tet = node->tet, .force = v3_add(state->contacts[slot].force, creep_load(model, &state->memory, k))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
+    }
+    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
+        const left_load *left = &state->memory.left.loads[i];
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
+        memcpy(load->weights, left->weights, sizeof load->weights);
     }
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
     tissue_load *load = &loads->loads[loads->count++];
-    *load = (tissue_load){.tet = tip->known_tet, .force = tip_load(tip)};
+    *load = (tissue_load){.tet = tip->known_tet, .force = v3_add(tip_load(tip), creep_tip_load(model, &state->memory))};
     memcpy(load->weights, tip->known_weights, sizeof load->weights);
 }

@@ -21,7 +21,8 @@ void insertion_start_over(const insertion_model *model, pose base, insertion_sta
 void insertion_refinement(const insertion_state *state, refinement *out);
 
 /* Adds the forces on the tissue to `nominal` (node_count) and writes those on the active contact nodes to `added`, in the same order; N, world
-   frame. The tip's is spread over its element's corners. */
+   frame. The tip's is spread over its element's corners. Where the tissue creeps, these are the forces that would displace it as far if
+   it were elastic. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 /* Appends the same forces as loads on the nominal mesh, for the other needles in the tissue. RT */

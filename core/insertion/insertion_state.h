@@ -2,9 +2,8 @@
 #ifndef TROCAR_INSERTION_STATE_H
 #define TROCAR_INSERTION_STATE_H
 
-#include "insertion/contact.h"
+#include "insertion/tissue_memory.h"
 #include "needle/needle.h"
-#include "remesh/snapshot.h"
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
@@ -99,6 +98,7 @@ typedef struct {
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */
+    tissue_memory memory;        /* of tissue that relaxes; stays in the tissue after a reset */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
+
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
 static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
@@ -118,6 +120,12 @@ static void copy_contacts(const refinement *from, refinement *to) {
     }
 }
 
+static void copy_left(const left_loads *from, left_loads *to) {
+    to->time = from->time;
+    to->count = from->count;
+    memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
+}
+
 static bool has_piece(const remesh_request *request, const line_in_tet *piece) {
     for (int i = 0; i < request->piece_count; i++)
         if (lines_agree(&request->pieces[i], piece)) return true;
@@ -150,10 +158,13 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     bool same = same_contacts(&request->wanted, &state->refined);
     vec3 tip, direction;
     find_line(model, state, &tip, &direction);
-    if (same && window_suffices(request, &wanted) && same_line(request, tip, direction)) return;
+    bool suffices = same && window_suffices(request, &wanted) && same_line(request, tip, direction);
+    if (suffices && !creep_left_is_news(&state->memory)) return;
     request->serial++;
     request->tip = tip;
     request->direction = direction;
+    copy_left(&state->memory.left, &request->left);
+    state->memory.left_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
     request->piece_count = wanted.piece_count;
     memcpy(request->pieces, wanted.pieces, (size_t)wanted.piece_count * sizeof *wanted.pieces);

@@ -61,6 +61,18 @@ typedef struct {
     shaft_share share;
 } contact_point;
 
+/* Of relaxing tissue, in one step: its displacement under the forces f is (yield C) (f + remembered). Elastic: yield 1, the rest 0. */
+typedef struct {
+    double yield;
+    double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
+    double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
+    vec3 load[MAX_POINTS], shear[MAX_POINTS]; /* N, remembered; world frame */
+    double face;                             /* N, remembered of the force on the tip's end face */
+    double tip_moved;                        /* m, since the last step */
+    vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
+    share_memory before[MAX_POINTS];         /* shares of the last step */
+} creep_step;
+
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
     int point_count;
@@ -80,6 +92,7 @@ typedef struct {
     needle_state start;                      /* shape before the first pass, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */
     double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    creep_step creep;
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;
 } insertion_workspace;

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "remesh/free_displacement.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -223,7 +224,7 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
-    return TROCAR_OK;
+    return left_displacement_find(r->inverse, request, snapshot, why);
 }
 
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {

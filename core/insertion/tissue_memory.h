@@ -1,0 +1,28 @@
+/* What relaxing tissue remembers of the forces on it: plain data, empty for elastic tissue. See README.md, "Relaxation". */
+#ifndef TROCAR_TISSUE_MEMORY_H
+#define TROCAR_TISSUE_MEMORY_H
+
+#include "insertion/contact.h"
+#include "remesh/snapshot.h"
+
+/* Of one share of the track: that of an active contact, or of the tip. A term's memory is the force, low-pass filtered with its time. */
+typedef struct {
+    double from, to;             /* m of depth */
+    int tet;                     /* nominal element in which its load acts, */
+    vec3 at;                     /* m, nominal: and where */
+    vec3 load[MAX_RELAXATION];   /* N, world frame: of all forces on the tissue */
+    vec3 shear[MAX_RELAXATION];  /* N, of those that shear the tissue around the shaft: all but that on the tip's end face */
+} share_memory;
+
+typedef struct {
+    double time;                 /* s, of all steps so far */
+    int count;
+    bool tip;                    /* the last of these is the tip's */
+    share_memory shares[MAX_POINTS]; /* of the last solve, from base to tip */
+    double face[MAX_RELAXATION]; /* N, of the force on the tip's end face */
+    left_loads left;             /* loads that nothing holds any more, at `time` */
+    double left_added;           /* N, added to them since they were last sent to the worker */
+    bool left_growing;           /* some was added in this step */
+} tissue_memory;
+
+#endif

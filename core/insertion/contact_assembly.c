@@ -115,13 +115,13 @@ void keep_shear(const tick_context *tick) {
     for (int i = 0; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        double traction = contact->traction + creep_traction(tick, contact->depth, contact->direction);
+        double traction = contact->traction + creep_traction(tick, contact->depth);
         p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    double traction = tip->shaft_traction + creep_traction(tick, tip->depth, tip->direction);
+    double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
     tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness);
 }
 

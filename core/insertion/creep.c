@@ -18,6 +18,12 @@ static vec3 sum_of_terms(const creep_series *creep, const vec3 *terms, const dou
 
 /* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
 
+static double sum_along(const creep_series *creep, const double *terms, const double *factor) {
+    double sum = 0.0;
+    for (int k = 0; k < creep->count; k++) sum += creep->compliance[k] * factor[k] * terms[k];
+    return sum;
+}
+
 static double size_of_terms(const creep_series *creep, const vec3 *terms) {
     double size = 0.0;
     for (int k = 0; k < creep->count; k++) size += creep->compliance[k] * v3_norm(terms[k]);
@@ -97,7 +103,8 @@ static share_memory empty_share(const tick_context *tick, const contact_point *p
 static void add_part(const creep_series *creep, double part, const share_memory *from, share_memory *to) {
     for (int k = 0; k < creep->count; k++) {
         to->load[k] = v3_axpy(part, from->load[k], to->load[k]);
-        to->shear[k] = v3_axpy(part, from->shear[k], to->shear[k]);
+        to->across[k] = v3_axpy(part, from->across[k], to->across[k]);
+        to->along[k] += part * from->along[k];
     }
 }
 
@@ -115,7 +122,8 @@ static void glide(const tick_context *tick) {
     leave(tick->model, memory, share, part);
     for (int k = 0; k < tick->model->creep.count; k++) {
         share->load[k] = v3_scale(1.0 - part, share->load[k]);
-        share->shear[k] = v3_scale(1.0 - part, share->shear[k]);
+        share->across[k] = v3_scale(1.0 - part, share->across[k]);
+        share->along[k] *= 1.0 - part;
     }
 }
 
@@ -131,6 +139,8 @@ void creep_share_out(const tick_context *tick) {
     tick->scratch->creep.tip_moved = tip_way_since(tick);
     if (w->tip && count == 1 && tick->state->tip.depth == 0.0 && tick->scratch->creep.tip_moved > 0.0) glide(tick);
     memcpy(before, memory->shares, (size_t)count * sizeof *before);
+    tick->scratch->creep.before_count = count;
+    tick->scratch->creep.before_tip = memory->tip;
     memory->count = w->point_count;
     memory->tip = w->tip;
     for (int i = 0; i < w->point_count; i++) memory->shares[i] = empty_share(tick, &w->points[i]);
@@ -168,6 +178,13 @@ static void fade_face(const tick_context *tick, double yielding) {
     for (int k = 0; k < creep->count; k++) face[k] *= fading;
 }
 
+/* The shaft next to the tip is shorter by a radius than the share that bears the tip's sideways forces: it bears this part of what a shaft
+   as long as the share would bear, which is what `along` holds. */
+static double shaft_part(const tick_context *tick) {
+    const share_memory *share = &tick->state->memory.shares[tick->state->memory.count - 1];
+    return 1.0 - tick->model->needle->radius / (share->to - share->from);
+}
+
 /* Displacement of the tissue at each point by the remembered loads. */
 static void find_moved(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
@@ -183,6 +200,39 @@ static void find_moved(const tick_context *tick) {
         }
 }
 
+/* Traction along the needle, N/m, that a share's memory amounts to. */
+static double traction_of(const tick_context *tick, const share_memory *share) {
+    return sum_along(&tick->model->creep, share->along, tick->scratch->creep.decay) / (share->to - share->from);
+}
+
+static double traction_at(const tick_context *tick, int count, const share_memory *shares, double depth) {
+    int i = 0;
+    while (i + 1 < count && shares[i].to < depth) i++;
+    return count > 0 ? traction_of(tick, &shares[i]) : 0.0;
+}
+
+double creep_traction(const tick_context *tick, double depth) {
+    return traction_at(tick, tick->state->memory.count, tick->state->memory.shares, depth);
+}
+
+/* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
+   keep_shear. */
+static void keep_remembered_shear(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    const creep_step *step = &w->creep;
+    for (int i = 0; i < w->point_count; i++) {
+        contact_point *p = &w->points[i];
+        bool tip = p->kind == POINT_TIP;
+        double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
+        double before = tip && step->before_tip ? traction_of(tick, &step->before[step->before_count - 1])
+                                                : traction_at(tick, step->before_count, step->before, depth);
+        double lead = w->axial[i + tip] * (p->share.to - p->share.from) * (traction_of(tick, &state->memory.shares[i]) - before);
+        if (tip) state->tip.stretch += lead;
+        else p->arc = state->contacts[p->handle].arc += lead;
+    }
+}
+
 void creep_recall(const tick_context *tick) {
     const creep_series *creep = &tick->model->creep;
     const tissue_memory *memory = &tick->state->memory;
@@ -191,15 +241,18 @@ void creep_recall(const tick_context *tick) {
     if (creep->count == 0) return;
     int tip = w->point_count - 1;
     if (w->tip) fade_face(tick, w->axial[tip]);
+    keep_remembered_shear(tick);
     for (int i = 0; i < w->point_count; i++) {
         step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, memory->shares[i].load, step->decay));
-        step->shear[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, memory->shares[i].shear, step->decay));
+        step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, memory->shares[i].across, step->decay));
+        step->along[i] = sum_along(creep, memory->shares[i].along, step->decay) / step->yield;
         w->lateral[i] *= step->yield;
         w->axial[i] *= step->yield;
     }
     step->face = 0.0;
     if (w->tip) {
-        for (int k = 0; k < creep->count; k++) step->face += creep->compliance[k] * step->decay[k] * memory->face[k] / step->yield;
+        step->face = sum_along(creep, memory->face, step->decay) / step->yield;
+        step->along[tip] *= shaft_part(tick);
         w->axial[tip + 1] *= step->yield;
         w->held_axial *= step->yield;
         w->loose *= step->yield;
@@ -216,7 +269,8 @@ void creep_shift_gaps(const tick_context *tick) {
         bool tip = w->points[i].kind == POINT_TIP;
         const mat3 *frame = &w->points[i].at.frame;
         vec3 track = tip ? tick->state->tip.direction : tick->state->contacts[w->points[i].handle].direction;
-        vec3 along = m3_apply_transposed(frame, track), force = m3_apply_transposed(frame, w->creep.shear[i]);
+        vec3 along = m3_apply_transposed(frame, track), force = m3_apply_transposed(frame, w->creep.across[i]);
+        force.z = w->creep.along[i];
         double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
         vec3 moved = v3_axpy(w->lateral[i], v3_axpy(-part, along, force), v3_scale(held * part, along));
         p->gap[unknown(p->count, i, 0)] -= moved.x + (tip ? w->loose * force.x : 0.0);
@@ -250,6 +304,10 @@ static void follow(const creep_series *creep, const double *decay, vec3 force, v
     for (int k = 0; k < creep->count; k++) terms[k] = v3_axpy(decay[k], terms[k], v3_scale(1.0 - decay[k], force));
 }
 
+static void follow_along(const creep_series *creep, const double *decay, double force, double *terms) {
+    for (int k = 0; k < creep->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
+}
+
 void creep_remember(const tick_context *tick) {
     const creep_series *creep = &tick->model->creep;
     insertion_state *state = tick->state;
@@ -258,18 +316,13 @@ void creep_remember(const tick_context *tick) {
     if (creep->count == 0) return;
     for (int i = 0; i < w->point_count; i++) {
         share_memory *share = &state->memory.shares[i];
-        vec3 force = *point_force(state, &w->points[i]);
-        if (w->points[i].kind == POINT_TISSUE) {
-            follow(creep, decay, force, share->load);
-            follow(creep, decay, force, share->shear);
-            continue;
-        }
-        vec3 along = needle_along(&w->points[i].at);
-        double face = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2)];
-        follow(creep, decay, tip_load(&state->tip), share->load);
-        follow(creep, decay, v3_axpy(-face, along, force), share->shear);
-        face += v3_dot(state->tip.damping, along);
-        for (int k = 0; k < creep->count; k++) state->memory.face[k] = decay[k] * state->memory.face[k] + (1.0 - decay[k]) * face;
+        bool tip = w->points[i].kind == POINT_TIP;
+        vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        double along = v3_dot(force, needle), face = tip && !state->buckled ? w->problem.force[unknown(w->problem.count, i, 2)] : 0.0;
+        follow(creep, decay, tip ? tip_load(&state->tip) : force, share->load);
+        follow(creep, decay, v3_axpy(-along, needle, force), share->across);
+        follow_along(creep, decay, tip ? (along - face) / shaft_part(tick) : along, share->along);
+        if (tip) follow_along(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
     }
 }
 
@@ -277,11 +330,13 @@ void creep_fade(const tick_context *tick) {
     const creep_series *creep = &tick->model->creep;
     tissue_memory *memory = &tick->state->memory;
     const double *decay = tick->scratch->creep.decay;
-    for (int i = 0; i < memory->count && creep->count > 0; i++) {
+    if (creep->count == 0) return;
+    for (int i = 0; i < memory->count; i++) {
         follow(creep, decay, ZERO, memory->shares[i].load);
-        follow(creep, decay, ZERO, memory->shares[i].shear);
+        follow(creep, decay, ZERO, memory->shares[i].across);
+        follow_along(creep, decay, 0.0, memory->shares[i].along);
     }
-    for (int k = 0; k < creep->count; k++) memory->face[k] *= decay[k];
+    follow_along(creep, decay, 0.0, memory->face);
 }
 
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i) {
@@ -294,28 +349,22 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
 
 vec3 creep_left_load(const insertion_model *model, const left_load *left) { return sum_of_terms(&model->creep, left->load, NULL); }
 
-double creep_traction(const tick_context *tick, double depth, vec3 along) {
-    const tissue_memory *memory = &tick->state->memory;
-    int i = 0;
-    if (memory->count == 0) return 0.0;
-    while (i + 1 < memory->count && memory->shares[i].to < depth) i++;
-    const share_memory *share = &memory->shares[i];
-    return v3_dot(along, sum_of_terms(&tick->model->creep, share->shear, tick->scratch->creep.decay)) / (share->to - share->from);
-}
-
 double creep_shaft_ahead(const tick_context *tick, int k) {
     const shaft_contact *contact = &tick->state->contacts[tick->state->refined.order[k]];
-    shaft_creep creep = {tick->scratch->creep.yield, creep_traction(tick, contact->depth, contact->direction)};
+    shaft_creep creep = {tick->scratch->creep.yield, creep_traction(tick, contact->depth)};
     return shaft_ahead(tick->model, tick->state, k, tick->dt, creep);
 }
 
 double creep_sum(const tissue_memory *memory) {
     vec3 sum = ZERO;
-    double faces = memory->time;
+    double along = memory->time;
     for (int k = 0; k < MAX_RELAXATION; k++) {
-        for (int i = 0; i < memory->count; i++) sum = v3_add(sum, v3_add(memory->shares[i].load[k], memory->shares[i].shear[k]));
+        for (int i = 0; i < memory->count; i++) {
+            sum = v3_add(sum, v3_add(memory->shares[i].load[k], memory->shares[i].across[k]));
+            along += memory->shares[i].along[k];
+        }
         for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);
-        faces += memory->face[k];
+        along += memory->face[k];
     }
-    return sum.x + sum.y + sum.z + faces;
+    return sum.x + sum.y + sum.z + along;
 }

@@ -40,8 +40,8 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 /* The same of a left load. RT */
 vec3 creep_left_load(const insertion_model *model, const left_load *left);
 
-/* Traction along the unit vector, N/m, that the memory of the shaft at this depth amounts to. RT */
-double creep_traction(const tick_context *tick, double depth, vec3 along);
+/* Traction along the shaft, N/m, that what is remembered at this depth amounts to. RT */
+double creep_traction(const tick_context *tick, double depth);
 
 /* shaft_ahead, with this step's creep. RT */
 double creep_shaft_ahead(const tick_context *tick, int k);

@@ -66,11 +66,14 @@ typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
     double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
-    vec3 load[MAX_POINTS], shear[MAX_POINTS]; /* N, remembered; world frame */
+    vec3 load[MAX_POINTS], across[MAX_POINTS]; /* N, remembered; world frame */
+    double along[MAX_POINTS];                /* N */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
-    share_memory before[MAX_POINTS];         /* shares of the last step */
+    share_memory before[MAX_POINTS];         /* shares of the last step; */
+    int before_count;                        /* so many, */
+    bool before_tip;                         /* with the tip's */
 } creep_step;
 
 /* Scratch of one tick: nothing in it but the profile outlives the call. */

@@ -11,7 +11,8 @@ typedef struct {
     int tet;                     /* nominal element in which its load acts, */
     vec3 at;                     /* m, nominal: and where */
     vec3 load[MAX_RELAXATION];   /* N, world frame: of all forces on the tissue */
-    vec3 shear[MAX_RELAXATION];  /* N, of those that shear the tissue around the shaft: all but that on the tip's end face */
+    vec3 across[MAX_RELAXATION]; /* N, of those across the needle */
+    double along[MAX_RELAXATION]; /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
 } share_memory;
 
 typedef struct {

@@ -1,6 +1,7 @@
 /* Tissue that relaxes: a held needle, and what is left of a load that was removed, against the exact solutions. */
 #include "insertion/creep.h"
 #include "lockstep.h"
+#include "verification/random_hand.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -149,10 +150,125 @@ static void removed_load_recovers(void **unused) {
     lockstep_free(l);
 }
 
+/* ---- a needle that moves ------------------------------------------------------------------------------------------------- */
+
+static void tick_along(lockstep *l, const hand_leg *leg, pose from, int i) {
+    lockstep_tick(l, hand_pose(leg, from, NEEDLE_LENGTH - l->wrench.depth, i * 1e-3), 1e-3);
+}
+
+/* Whatever the needle does, all that the tissue remembers together is the filtered sum of all forces on it. */
+static void nothing_remembered_is_lost(void **unused) {
+    (void)unused;
+    random_hand hand = random_hand_create(5);
+    simulation_config c = lockstep_config();
+    c.needle.bevel_slope = hand.bevel_slope;
+    c.relaxation_count = 3;
+    memcpy(c.relaxation, SERIES, sizeof SERIES);
+    lockstep *l = lockstep_create(&c, hand.start);
+    const creep_series *creep = &l->simulation.insertion.creep;
+    vec3 expected[3] = {{0, 0, 0}};
+    double largest = 0.0, worst = 0.0;
+    for (int leg = 0; leg < hand.leg_count; leg++) {
+        pose from = l->base;
+        for (int i = 1; i <= (int)(hand.legs[leg].seconds * 1e3); i++) {
+            tick_along(l, &hand.legs[leg], from, i);
+            const insertion_state *s = &l->state;
+            vec3 sum = s->tip.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
+            for (int k = 0; contact_is_active(s, k); k++) sum = v3_add(sum, s->contacts[s->refined.order[k]].force);
+            for (int k = 0; k < creep->count; k++) {
+                double decay = exp(-1e-3 / creep->time[k]);
+                expected[k] = v3_add(v3_scale(decay, expected[k]), v3_scale(1.0 - decay, sum));
+                vec3 found = v3(0, 0, 0);
+                for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].load[k]);
+                for (int n = 0; n < s->memory.left.count; n++) found = v3_add(found, s->memory.left.loads[n].load[k]);
+                worst = fmax(worst, v3_norm(v3_sub(found, expected[k])));
+                largest = fmax(largest, v3_norm(expected[k]));
+            }
+        }
+    }
+    printf("remembered: up to %.3g N, %.2g N off\n", largest, worst);
+    assert_true(largest > 0.05);
+    assert_true(worst < 1e-6); /* left loads below 1e-9 N are forgotten */
+    lockstep_free(l);
+}
+
+/* Also with loads that were left behind, and after a reset. */
+static void restored_memory_continues_bit_identically(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    c.needle = lockstep_config().needle;
+    c.needle.bevel_slope = 0.05;
+    memcpy(c.regions, lockstep_config().regions, sizeof c.regions);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
+    lockstep_move(l, v3(0.001, 0, -0.020), 0.2, 1e-3);
+    assert_true(l->state.memory.left.count > 5);
+    checkpoint *saved = malloc(sizeof *saved);
+    tick_output first[3][20];
+    for (int run = 0; run < 3; run++) {
+        report why;
+        if (run == 0) simulation_save(&l->state, l->snapshot, saved);
+        if (run == 1) lockstep_move(l, v3(0, 0.002, 0.030), 0.5, 1e-3); /* a detour */
+        if (run == 2) {
+            lockstep *other = lockstep_create(&c, lockstep_start());
+            lockstep_free(l);
+            l = other;
+        }
+        if (run > 0) assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+        l->base = l->state.needle.base;
+        for (int i = 0; i < 20; i++) {
+            lockstep_move(l, v3(0, 0, i < 7 ? 0.005 : -0.005), 0.1, 1e-3);
+            if (i == 14) insertion_reset(&l->simulation.insertion, l->base, &l->state);
+            first[run][i] = l->wrench;
+        }
+    }
+    assert_true(v3_norm(first[0][10].force) > 0.05);
+    for (int run = 1; run < 3; run++)
+        for (int i = 0; i < 20; i++) {
+            assert_memory_equal(&first[0][i].force, &first[run][i].force, sizeof(vec3));
+            assert_memory_equal(&first[0][i].torque, &first[run][i].torque, sizeof(vec3));
+        }
+    free(saved);
+    lockstep_free(l);
+}
+
+/* A needle that comes back where tissue still remembers another one feels what the exact solution says. */
+static void needle_feels_what_was_left(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    lockstep *l = engaged(&c);
+    pose start = l->base;
+    lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
+    lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
+    insertion_reset(&l->simulation.insertion, start, &l->state); /* in again at once, beside the tissue's place at rest */
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    double at_once = l->wrench.force.x;
+    assert_true(at_once > 1e-3); /* pushed to where the tissue was held */
+    lockstep_move(l, v3(0, 0, 0), 5.0, 1e-3);
+    assert_true(l->wrench.force.x > 0.0 && l->wrench.force.x < 0.5 * at_once);
+    lockstep_free(l);
+}
+
+static void elastic_tissue_remembers_nothing(void **unused) {
+    (void)unused;
+    static const tissue_memory nothing;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.050), 0.5, 1e-3);
+    lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
+    assert_memory_equal(&l->state.memory, &nothing, sizeof nothing);
+    assert_false(l->snapshot->left);
+    lockstep_free(l);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(held_step_relaxes_as_given),
         cmocka_unit_test(removed_load_recovers),
+        cmocka_unit_test(nothing_remembered_is_lost),
+        cmocka_unit_test(restored_memory_continues_bit_identically),
+        cmocka_unit_test(needle_feels_what_was_left),
+        cmocka_unit_test(elastic_tissue_remembers_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

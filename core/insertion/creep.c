@@ -4,7 +4,7 @@
 
 static const double TOGETHER = 1e-3;   /* m, left loads closer to each other are taken together */
 static const double NOTICEABLE = 1e-3; /* N of new left loads that are worth a request */
-static const double NEGLIGIBLE = 1e-6; /* N, of a left load that is forgotten */
+static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
 static const double ALL_OF_IT = 1e-9;  /* part of a share that rounding may leave over */
 
 static const vec3 ZERO = {0, 0, 0};
@@ -41,8 +41,8 @@ static int closest_left(const left_loads *left, vec3 x, double *distance) {
     return closest;
 }
 
-/* Leaves the part of a share's load in the tissue, where it acts. */
-static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part) {
+/* Leaves the part of a share's load in the tissue, where it acts, as it has decayed at the end of the step. NULL: between two steps. */
+static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *creep = &model->creep;
     left_loads *left = &memory->left;
     double distance, size = part * size_of_terms(creep, share->load);
@@ -53,7 +53,7 @@ static void leave(const insertion_model *model, tissue_memory *memory, const sha
         left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
         mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
     }
-    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(part, share->load[k], left->loads[i].load[k]);
+    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(part * (decay ? decay[k] : 1.0), share->load[k], left->loads[i].load[k]);
     memory->left_added += size;
     memory->left_growing = true;
 }
@@ -119,7 +119,7 @@ static void glide(const tick_context *tick) {
     tissue_memory *memory = &tick->state->memory;
     share_memory *share = &memory->shares[0];
     double part = -expm1(-0.5 * tick->scratch->creep.tip_moved / tick->model->needle->radius);
-    leave(tick->model, memory, share, part);
+    leave(tick->model, memory, share, part, tick->scratch->creep.decay);
     for (int k = 0; k < tick->model->creep.count; k++) {
         share->load[k] = v3_scale(1.0 - part, share->load[k]);
         share->across[k] = v3_scale(1.0 - part, share->across[k]);
@@ -153,12 +153,12 @@ void creep_share_out(const tick_context *tick) {
             add_part(creep, part, &before[i], now);
             rest -= part;
         }
-        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest);
+        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, tick->scratch->creep.decay);
     }
 }
 
-void creep_leave_all(const insertion_model *model, tissue_memory *memory) {
-    for (int i = 0; i < memory->count; i++) leave(model, memory, &memory->shares[i], 1.0);
+void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
+    for (int i = 0; i < memory->count; i++) leave(model, memory, &memory->shares[i], 1.0, decay);
     memory->count = 0;
     memory->tip = false;
     memset(memory->face, 0, sizeof memory->face);

@@ -12,8 +12,8 @@ void creep_begin(const tick_context *tick);
 /* Divides what is remembered among the shares of this step's points; what lies beyond the tip is left in the tissue. RT */
 void creep_share_out(const tick_context *tick);
 
-/* Nothing touches the tissue: all that is remembered is left in it. RT */
-void creep_leave_all(const insertion_model *model, tissue_memory *memory);
+/* Nothing touches the tissue: all that is remembered is left in it. `decay`: of the step; NULL: between two steps. RT */
+void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay);
 
 /* Recalls what this step's displacements start from: displacement of the tissue at each point, and forces that shear it. Local
    compliances are those of a step from here on. After find_tip_rows and find_local_compliance. RT */

@@ -15,7 +15,7 @@ static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within whi
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
-    creep_leave_all(model, &state->memory);
+    creep_leave_all(model, &state->memory, NULL);
     tissue_memory memory = state->memory;
     memset(state, 0, sizeof *state);
     state->memory = memory;
@@ -102,7 +102,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
 /* Nothing is touched. */
 static void rest(const tick_context *tick) {
     tick->state->base_shift = v3(0, 0, 0);
-    creep_leave_all(tick->model, &tick->state->memory);
+    creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
 
 /* Brings needle and tissue into equilibrium, with the newest snapshot. */

@@ -166,7 +166,7 @@ TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
 
-/* Entries of "regions", "membranes" or "fixed"; -1 for another key. */
+/* Entries of "regions", "membranes", "fixed" or "relaxation"; -1 for another key. */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
 /* A tetrahedral mesh in memory. Tetrahedra of either orientation are taken. */

@@ -139,7 +139,7 @@ static void removed_load_recovers(void **unused) {
         largest = fmax(largest, size);
         for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
             int node = l->snapshot->window[k];
-            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .snapshot = l->snapshot,
+            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
                 .scratch = l->simulation.workspace}, MAX_CONTACTS + k), expected[node])) / size);
         }
     }
@@ -249,6 +249,31 @@ static void needle_feels_what_was_left(void **unused) {
     lockstep_free(l);
 }
 
+/* insertion_forget: no force is left, also from an older answer of the worker. */
+static void forgotten_loads_are_not_felt(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    lockstep *l = engaged(&c), *untouched = engaged(&c);
+    pose start = l->base;
+    lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
+    lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    l->base = start;
+    lockstep_move(l, v3(0, 0, 0), 0.1, 1e-3);
+    assert_true(l->snapshot->left && l->wrench.force.x > 1e-3);
+    insertion_forget(&l->state);
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    insertion_forget(&untouched->state);
+    insertion_reset(&untouched->simulation.insertion, start, &untouched->state);
+    for (int i = 0; i < 20; i++) {
+        lockstep_tick(l, start, 1e-3);
+        lockstep_tick(untouched, start, 1e-3);
+        assert_true(v3_norm(v3_sub(l->wrench.force, untouched->wrench.force)) < 1e-12);
+    }
+    lockstep_free(untouched);
+    lockstep_free(l);
+}
+
 static void elastic_tissue_remembers_nothing(void **unused) {
     (void)unused;
     static const tissue_memory nothing;
@@ -268,6 +293,7 @@ int main(void) {
         cmocka_unit_test(nothing_remembered_is_lost),
         cmocka_unit_test(restored_memory_continues_bit_identically),
         cmocka_unit_test(needle_feels_what_was_left),
+        cmocka_unit_test(forgotten_loads_are_not_felt),
         cmocka_unit_test(elastic_tissue_remembers_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

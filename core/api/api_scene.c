@@ -82,7 +82,7 @@ trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return sce
 int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count
-         : strcmp(list, "fixed") == 0   ? c->fixed_count : -1;
+         : strcmp(list, "fixed") == 0   ? c->fixed_count : strcmp(list, "relaxation") == 0 ? c->relaxation_count : -1;
 }
 
 int trocar_key_count(void) { return scene_key_count(); }

@@ -164,6 +164,13 @@ void creep_leave_all(const insertion_model *model, tissue_memory *memory, const 
     memset(memory->face, 0, sizeof memory->face);
 }
 
+void creep_forget(tissue_memory *memory) {
+    memory->count = memory->left.count = 0;
+    memory->tip = false;
+    memset(memory->face, 0, sizeof memory->face);
+    memory->since = memory->time;
+}
+
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
 /* Around the end face, displacements reach as far as a diameter: a tip that moves on comes into tissue that remembers less. A remembered
@@ -292,7 +299,7 @@ double creep_dent(const tick_context *tick) {
 vec3 creep_free(const tick_context *tick, int handle) {
     const compliance_snapshot *snapshot = tick->snapshot;
     vec3 u = snapshot->u_free[handle];
-    if (!snapshot->left) return u;
+    if (!snapshot->left || snapshot->left_time <= tick->state->memory.since) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
         u = v3_axpy(tick->model->creep.compliance[k] * tick->scratch->creep.left[k], snapshot->u_left[k][handle], u);
     return u;

@@ -15,6 +15,9 @@ void creep_share_out(const tick_context *tick);
 /* Nothing touches the tissue: all that is remembered is left in it. `decay`: of the step; NULL: between two steps. RT */
 void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay);
 
+/* The tissue has never been touched. RT */
+void creep_forget(tissue_memory *memory);
+
 /* Recalls what this step's displacements start from: displacement of the tissue at each point, and forces that shear it. Local
    compliances are those of a step from here on. After find_tip_rows and find_local_compliance. RT */
 void creep_recall(const tick_context *tick);

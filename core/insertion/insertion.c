@@ -15,7 +15,7 @@ static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within whi
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
-    creep_leave_all(model, &state->memory, NULL);
+    if (model->creep.count > 0) creep_leave_all(model, &state->memory, NULL);
     tissue_memory memory = state->memory;
     memset(state, 0, sizeof *state);
     state->memory = memory;
@@ -26,6 +26,8 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     tip_engage(model, state);
     prefetch_request(model, state);
 }
+
+void insertion_forget(insertion_state *state) { creep_forget(&state->memory); }
 
 /* ---- move: the base, and the shaft past its contacts --------------------------------------------------------------- */
 
@@ -197,7 +199,7 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 }
 
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output) {
-    memset(&state->memory, 0, sizeof state->memory);
+    creep_forget(&state->memory);
     insertion_reset(model, base, state);
     *output = (tick_output){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }

@@ -4,8 +4,12 @@
 
 #include "insertion/tick.h"
 
-/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. RT */
+/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. What tissue that relaxes
+   remembers stays in it. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
+
+/* The tissue forgets what it remembers, as if it had never been touched. RT */
+void insertion_forget(insertion_state *state);
 
 /* One tick. Its time does not depend on the mesh, except for the search for the skin, O(log n), while the tip is outside or on it. No
    allocation, no lock, no library call. RT */

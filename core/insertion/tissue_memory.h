@@ -17,6 +17,7 @@ typedef struct {
 
 typedef struct {
     double time;                 /* s, of all steps so far */
+    double since;                /* s, when all was forgotten last: what the worker was told before does not count */
     int count;
     bool tip;                    /* the last of these is the tip's */
     share_memory shares[MAX_POINTS]; /* of the last solve, from base to tip */

@@ -5,6 +5,7 @@
 #include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
+#include "insertion/roll.h"
 #include "insertion/strata.h"
 
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
@@ -127,12 +128,14 @@ void keep_shear(const tick_context *tick) {
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
 
-static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, friction_state last) {
+static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, double slip, const roll_friction *roll, friction_state last) {
     contact_problem *p = &tick->scratch->problem;
-    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid);
-    p->upper[i] = friction.dry;
-    p->lower[i] = -friction.dry;
-    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt;
+    double radius = tick->model->needle->radius;
+    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid + roll_way(slip, roll, radius));
+    shared_bound left = roll_left_to_sliding(friction.dry, slip, roll, radius);
+    p->upper[i] = left.bound;
+    p->lower[i] = -left.bound;
+    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt + left.viscosity;
     p->state[i] = last;
 }
 
@@ -147,14 +150,14 @@ static void bound_tip(const tick_context *tick) {
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt;
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction);
+    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }
 
 void bound_contacts(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     for (int i = 0; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
-        bound_friction(tick, i, w->points[i].share, contact->slid + fabs(contact->slip), contact->friction);
+        bound_friction(tick, i, w->points[i].share, contact->slid, contact->slip, &contact->roll, contact->friction);
     }
     if (w->tip) bound_tip(tick);
 }

@@ -105,6 +105,7 @@ static void add_part(const creep_series *creep, double part, const share_memory 
         to->load[k] = v3_axpy(part, from->load[k], to->load[k]);
         to->across[k] = v3_axpy(part, from->across[k], to->across[k]);
         to->along[k] += part * from->along[k];
+        to->twist[k] += part * from->twist[k];
     }
 }
 
@@ -329,8 +330,17 @@ void creep_remember(const tick_context *tick) {
         follow(creep, decay, tip ? tip_load(&state->tip) : force, share->load);
         follow(creep, decay, v3_axpy(-along, needle, force), share->across);
         follow_along(creep, decay, tip ? (along - face) / shaft_part(tick) : along, share->along);
+        const roll_friction *roll = tip ? &state->tip.roll : &state->contacts[w->points[i].handle].roll;
+        follow_along(creep, decay, tip ? roll->torque / shaft_part(tick) : roll->torque, share->twist);
         if (tip) follow_along(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
     }
+}
+
+double creep_twist(const tick_context *tick, int i) {
+    const creep_series *creep = &tick->model->creep;
+    if (creep->count == 0) return 0.0;
+    double twist = sum_along(creep, tick->state->memory.shares[i].twist, tick->scratch->creep.decay) / tick->scratch->creep.yield;
+    return tick->scratch->points[i].kind == POINT_TIP ? twist * shaft_part(tick) : twist;
 }
 
 void creep_fade(const tick_context *tick) {
@@ -342,6 +352,7 @@ void creep_fade(const tick_context *tick) {
         follow(creep, decay, ZERO, memory->shares[i].load);
         follow(creep, decay, ZERO, memory->shares[i].across);
         follow_along(creep, decay, 0.0, memory->shares[i].along);
+        follow_along(creep, decay, 0.0, memory->shares[i].twist);
     }
     follow_along(creep, decay, 0.0, memory->face);
 }
@@ -368,7 +379,7 @@ double creep_sum(const tissue_memory *memory) {
     for (int k = 0; k < MAX_RELAXATION; k++) {
         for (int i = 0; i < memory->count; i++) {
             sum = v3_add(sum, v3_add(memory->shares[i].load[k], memory->shares[i].across[k]));
-            along += memory->shares[i].along[k];
+            along += memory->shares[i].along[k] + memory->shares[i].twist[k];
         }
         for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);
         along += memory->face[k];

@@ -31,6 +31,9 @@ double creep_dent(const tick_context *tick);
 /* Remembers this step's forces. RT */
 void creep_remember(const tick_context *tick);
 
+/* Torque (N m, before creep_remember) that what is remembered at point i amounts to in this step. RT */
+double creep_twist(const tick_context *tick, int i);
+
 /* A step without forces. RT */
 void creep_fade(const tick_context *tick);
 

@@ -6,6 +6,7 @@
 #include "insertion/equilibrium.h"
 #include "insertion/known_tissue.h"
 #include "insertion/prefetch.h"
+#include "insertion/roll.h"
 #include "insertion/strata.h"
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
@@ -31,21 +32,23 @@ void insertion_forget(insertion_state *state) { creep_forget(&state->memory); }
 
 /* ---- move: the base, and the shaft past its contacts --------------------------------------------------------------- */
 
-static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
+static double slid_on(double slid, double slip, friction_state friction, const roll_friction *roll, double radius) {
+    return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_way(slip, roll, radius);
+}
 
 /* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet by their neighbour's. */
-static void slide_shaft(insertion_state *state) {
+static void slide_shaft(insertion_state *state, double radius) {
     int k = 0;
     double neighbour = 0.0;
     for (; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         neighbour = contact->slip;
         contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
-        contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
+        contact->slid = slid_on(contact->slid, contact->slip, contact->friction, &contact->roll, radius);
     }
     if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;
     for (; k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].arc -= neighbour;
-    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
+    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction, &state->tip.roll, radius);
 }
 
 /* A needle in the air is straight. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
@@ -76,10 +79,11 @@ static bool has_returned(const tick_context *tick) {
 /* Slides the shaft by the slip of the last solve and moves the base. Returns the tissue's deformation around the tip before that. */
 static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
-    slide_shaft(state);
+    slide_shaft(state, tick->model->needle->radius);
     vec3 gradient = track_gradient(tick);
     pose base = tick->base.pose;
     base.position = v3_add(base.position, state->base_shift);
+    roll_turn_base(state, base.orientation);
     needle_hold(tick->model->needle, base, &state->needle);
     return gradient;
 }
@@ -104,6 +108,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
 /* Nothing is touched. */
 static void rest(const tick_context *tick) {
     tick->state->base_shift = v3(0, 0, 0);
+    tick->state->tip_lead = 0.0;
     creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
 
@@ -129,6 +134,8 @@ static void answer(const tick_context *tick) {
         output->force = v3_add(output->force, on_needle);
         output->torque = v3_add(output->torque, v3_cross(lever, on_needle));
     }
+    double torque = roll_torque(tick);
+    if (torque != 0.0) output->torque = v3_axpy(-torque, q_axis(state->needle.base.orientation), output->torque);
     output->depth = state->tip.phase == TIP_FREE ? 0.0 : state->tip.depth;
     output->contacts = contacts_active(state);
 }
@@ -185,14 +192,14 @@ static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 /* A sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
-    double sum = sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
+    double sum = state->base_turn + state->tip_lead + tip->roll.turned + tip->roll.torque + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
                + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point;
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
         sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
-             + c->surplus_axial + c->softness + c->traction;
+             + c->surplus_axial + c->softness + c->traction + c->roll.turned + c->roll.torque;
     }
     sum += creep_sum(&state->memory);
     return isfinite(sum);

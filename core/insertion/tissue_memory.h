@@ -12,6 +12,7 @@ typedef struct {
     vec3 at;                     /* m, nominal: and where */
     vec3 load[MAX_RELAXATION];   /* N, world frame: of all forces on the tissue */
     vec3 across[MAX_RELAXATION]; /* N, of those across the needle */
+    double twist[MAX_RELAXATION]; /* N m, of the torques about the needle's axis */
     double along[MAX_RELAXATION]; /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
 } share_memory;
 

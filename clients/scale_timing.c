@@ -50,7 +50,8 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* The worker takes the newest request when it has finished the last one. */
+/* The worker takes the newest request when it has finished the last one. What the mesh resolves on new lines comes after
+   the rows, line by line, until there is a newer request. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
@@ -59,15 +60,18 @@ static trocar_status work(scale_run *run, report *why) {
         run->ready = -1.0;
     }
     if (run->ready >= 0.0) return TROCAR_OK;
-    if (run->snapshot->serial == run->state.request.serial) {
+    bool fresh = run->snapshot->serial != run->state.request.serial;
+    remesher *r = run->sim->needles[0].remesher;
+    if (!fresh && !remesher_must_measure(r, &run->state.request)) {
         look_ahead(run);
         return TROCAR_OK;
     }
     double begin = fmax(run->now, run->idle); /* a slice of idle work in progress is finished first */
     int64_t start = processor_ns();
-    trocar_status status = remesher_serve(run->sim->needles[0].remesher, &run->state.request, run->next, why);
+    trocar_status status = fresh ? remesher_serve(r, &run->state.request, run->next, why)
+                                 : remesher_measure(r, &run->state.request, 1, run->next, why);
     int64_t taken = processor_ns() - start;
-    histogram_add(&run->result->serve, taken);
+    histogram_add(fresh ? &run->result->serve : &run->result->patch, taken);
     run->ready = run->idle = begin + 1e-9 * (double)taken;
     return status;
 }

@@ -21,7 +21,8 @@ typedef struct {
 typedef struct {
     int ticks, most_contacts;
     histogram tick;          /* of insertion_tick, processor time */
-    histogram serve;         /* of each answer, processor time */
+    histogram serve;         /* of each answer, processor time: of its rows, */
+    histogram patch;         /* and of measuring what the mesh resolves on one line */
     int contacts;            /* requested contact nodes, each when the tip enters its element: */
     histogram crossing;      /* from there to the tick that could use it */
     histogram activation;    /* of the active ones: delay after the tip left their element (0: before) */

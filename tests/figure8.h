@@ -33,7 +33,7 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
                                        .scratch = l->simulation.workspace, .base = {.pose = motion_pose(script, lockstep_start(), t)},
                                        .dt = 1 / rate, .output = &l->wrench});
         if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0
-            && remesher_serve(l->simulation.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {
+            && remesher_answer(l->simulation.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {
             fprintf(stderr, "%s\n", why.text);
             abort();
         }

@@ -289,6 +289,7 @@ static void unknown_keys_are_refused(void **state) {
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
     assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
+    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": what the mesh resolves is measured: remove the key");
     assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
     assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");

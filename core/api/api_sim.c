@@ -199,13 +199,10 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     return longest;
 }
 
-/* Serves a request into the next snapshot. Worker's side. */
-static trocar_status serve(trocar_sim *sim, needle_track *needle, const remesh_request *request, const tissue_loads *others, report *why) {
-    compliance_snapshot *snapshot = triple_buffer_slot(&needle->snapshots);
-    floating_mode before = flush_denormals();
-    trocar_status status = remesher_serve(needle->remesher, request, snapshot, why);
-    if (status == TROCAR_OK) status = free_displacement_find(sim->model->parts.inverse, request, others, snapshot, why);
-    restore_floating_mode(before);
+/* Hands the next snapshot to the tick if it could be filled. Worker's side. */
+static trocar_status publish(trocar_sim *sim, needle_track *needle, trocar_status status, const posted_request *posted, report *why) {
+    if (status == TROCAR_OK)
+        status = free_displacement_find(sim->model->parts.inverse, &posted->request, &posted->others, triple_buffer_slot(&needle->snapshots), why);
     if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     return status;
 }
@@ -221,18 +218,34 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     const compliance_snapshot *snapshot = triple_buffer_read(&track->snapshots, NULL);
     run_tick(sim, needle, snapshot, at, dt, output); /* if the insertion has started over, it simply goes on */
     bool same = snapshot->serial == track->state.request.serial, alone = track->others.count == 0 && !snapshot->loaded;
-    return same && alone ? TROCAR_OK : serve(sim, track, &track->state.request, &track->others, why);
+    if (same && alone) return TROCAR_OK;
+    floating_mode before = flush_denormals();
+    compliance_snapshot *next = triple_buffer_slot(&track->snapshots);
+    status = remesher_answer(track->remesher, &track->state.request, next, why);
+    if (status == TROCAR_OK) status = free_displacement_find(sim->model->parts.inverse, &track->state.request, &track->others, next, why);
+    if (status == TROCAR_OK) triple_buffer_publish(&track->snapshots);
+    restore_floating_mode(before);
+    return status;
 }
 
-/* Answers the newest request of this needle, if there is one. */
+/* Answers the newest request of this needle, if there is one: first the rows, then line after line what the mesh resolves, until there is a
+   newer one. */
 static trocar_status answer_request(trocar_sim *sim, needle_track *needle, trocar_work *work, report *why) {
     bool fresh;
     const posted_request *posted = triple_buffer_read(&needle->requests, &fresh);
     if (!fresh) return TROCAR_OK;
-    trocar_status status = serve(sim, needle, &posted->request, &posted->others, why);
+    floating_mode before = flush_denormals();
+    const remesh_request *request = &posted->request;
+    trocar_status status = remesher_serve(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
+    status = publish(sim, needle, status, posted, why);
+    if (status == TROCAR_OK && sim->clock) work->latency = sim->clock() - posted->asked;
+    while (status == TROCAR_OK && remesher_must_measure(needle->remesher, request) && !triple_buffer_waits(&needle->requests)) {
+        status = remesher_measure(needle->remesher, request, 1, triple_buffer_slot(&needle->snapshots), why);
+        status = publish(sim, needle, status, posted, why);
+    }
+    restore_floating_mode(before);
     work->more = 1;
     work->answered = status == TROCAR_OK;
-    if (work->answered && sim->clock) work->latency = sim->clock() - posted->asked;
     return status;
 }
 

@@ -22,8 +22,10 @@ void triple_buffer_publish(triple_buffer *n) {
     n->back = atomic_exchange_explicit(&n->middle, n->back | FRESH, memory_order_acq_rel) & INDEX;
 }
 
+bool triple_buffer_waits(triple_buffer *n) { return atomic_load_explicit(&n->middle, memory_order_relaxed) & FRESH; }
+
 const void *triple_buffer_read(triple_buffer *n, bool *fresh) {
-    bool waiting = atomic_load_explicit(&n->middle, memory_order_relaxed) & FRESH;
+    bool waiting = triple_buffer_waits(n);
     if (waiting) n->front = atomic_exchange_explicit(&n->middle, n->front, memory_order_acq_rel) & INDEX;
     if (fresh != NULL) *fresh = waiting;
     return n->slots + n->front * n->size;

@@ -30,5 +30,7 @@ void triple_buffer_publish(triple_buffer *n);
 /* The newest value, valid until the next call; all zeros if none was published. `fresh` (may be NULL): whether it is new
    since the last call. Reader only. RT */
 const void *triple_buffer_read(triple_buffer *n, bool *fresh);
+/* Is there a value that has not been read? Reader only. RT */
+bool triple_buffer_waits(triple_buffer *n);
 
 #endif

@@ -33,8 +33,16 @@ static int move_or_add(const tick_context *tick, int near, vec3 position, uint64
     return add_instead(model->mesh, r, tet, position, id);
 }
 
-/* Adds a planned contact. Returns its slot, or -1 when there is no room. */
-static int add_contact(const tick_context *tick, vec3 position, double depth) {
+/* The needle's way past a new node, as it was asked for before if it was. */
+static void set_line(insertion_state *state, int slot, vec3 direction) {
+    added_node *node = &state->refined.nodes[slot];
+    node->line = (line_in_tet){node->tet, node->position, v3_unit(direction)};
+    const line_in_tet *known = request_line(&state->request, &node->line, SAME_FIELD);
+    if (known) node->line = *known;
+}
+
+/* Adds a planned contact on the tip's way. Returns its slot, or -1 when there is no room. */
+static int add_contact(const tick_context *tick, vec3 position, double depth, vec3 way) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     if (state->refined.count == MAX_CONTACTS) {
@@ -48,6 +56,7 @@ static int add_contact(const tick_context *tick, vec3 position, double depth) {
     case PLACE_MOVED: slot = move_or_add(tick, tet, position, id); break;
     default: slot = refinement_add(model->mesh, &state->refined, tet, position, id); break;
     }
+    set_line(state, slot, way);
     state->contacts[slot] = (shaft_contact){.status = CONTACT_PLANNED, .track = position, .depth = depth};
     return slot;
 }
@@ -69,13 +78,30 @@ void plan_contact(const tick_context *tick, vec3 direction) {
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
     if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
         if (tip->depth + chord >= earliest)
-            add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord);
+            add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, direction);
         return;
     }
     double due = fmax(tip->depth + 0.5 * chord, earliest);
     if (due >= tip->depth + 0.95 * chord) return;
     tip->next_contact = due;
-    add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due);
+    add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due, direction);
+}
+
+bool leaves_contact_at_exit(const tick_context *tick, double depth) {
+    return depth - last_contact_depth(tick->state) > 0.5 * tick->model->settings.contact_spacing;
+}
+
+void plan_exit(const tick_context *tick, vec3 way, double left) {
+    insertion_state *state = tick->state;
+    needle_tip *tip = &state->tip;
+    double due = tip->next_contact;
+    if (due < tip->depth + left || !leaves_contact_at_exit(tick, tip->depth + left)) return;
+    vec3 exit = v3_axpy(left, way, tip->nominal);
+    int slot = contact_planned(state);
+    if (slot >= 0 && v3_norm(v3_sub(state->contacts[slot].track, exit)) < 0.5 * PLAN_TOLERANCE) return;
+    drop_plan(state);
+    tip->next_contact = due;
+    add_contact(tick, exit, tip->depth + left, way);
 }
 
 void leave_contact(const tick_context *tick) {
@@ -84,7 +110,7 @@ void leave_contact(const tick_context *tick) {
     int slot = contact_planned(state);
     if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->nominal)) >= PLAN_TOLERANCE) {
         drop_plan(state);
-        slot = add_contact(tick, tip->nominal, tip->depth);
+        slot = add_contact(tick, tip->nominal, tip->depth, tip_way(tip, tip->direction));
     }
     lateral_axial logarithm = tip->resolved_known ? local_logarithm(tick->model, &tip->resolved) : (lateral_axial){0.0, 0.0};
     if (slot >= 0)

@@ -12,6 +12,11 @@ double last_contact_depth(const insertion_state *state);
 void plan_contact(const tick_context *tick, vec3 direction);
 void drop_plan(insertion_state *state); /* RT */
 
+/* Where the tip goes out of the tissue, it leaves one more contact if the last one is far enough away: planned ahead as well. `left`: m to
+   the exit along the unit direction `way`. RT */
+bool leaves_contact_at_exit(const tick_context *tick, double depth);
+void plan_exit(const tick_context *tick, vec3 way, double left);
+
 /* Leaves a contact node at the tip: the planned one, or a new one if the tip came elsewhere. It takes part as soon as the worker
    has its row. RT */
 void leave_contact(const tick_context *tick);

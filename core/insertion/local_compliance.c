@@ -7,7 +7,7 @@
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
-static const double BONE_COMPLIANCE = 1e-4; /* m/N under the tip: stiffer than haptic devices render */
+static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 

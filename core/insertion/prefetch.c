@@ -5,6 +5,9 @@
 #include "insertion/creep.h"
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9};
+static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin: from here on the line must be the very one, so that an insertion does
+                                                              not depend on how the needle came there */
 static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
 
@@ -13,6 +16,7 @@ typedef struct {
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
+    line_tolerance tolerance; /* of lines that were asked for before */
 } wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
@@ -30,7 +34,7 @@ static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
 static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
     for (int i = 0; i < list->piece_count; i++)
         if (list->pieces[i].tet == tet) return;
-    if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, direction};
+    if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, v3_unit(direction)};
 }
 
 /* Elements on the way from x by `distance` along the unit direction, across gaps as well; the line through the first of them, within
@@ -65,15 +69,27 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
-/* The way back: the elements of the last contact nodes, and those between the tip and the last one. */
-static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
-    const shaft_contact *last = last_contact(state);
-    vec3 from = last ? v3_sub(last->track, last->beside) : state->entry;
-    vec3 back = v3_sub(from, state->tip.nominal);
+/* Back along the track from x to the last contact node but `skipped`, or to where the needle went in. Returns that point. */
+static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int tet, vec3 x, int skipped, wanted_tissue *list) {
+    int k = contacts_passed(state) - 1 - skipped;
+    const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;
+    vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
-    if (length > 0.0) add_path(m, state->tip.tet, state->tip.nominal, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
+    if (length > 0.0) add_path(m, tet, x, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
+    return to;
+}
+
+/* The way back: the elements of the last contact nodes, and those between the tip and the last one, and from there to the one before. */
+static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
+    vec3 last = add_stretch_back(m, state, state->tip.tet, state->tip.nominal, 0, list);
     int passed = contacts_passed(state);
-    for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) add_tet(m, state->refined.nodes[state->refined.order[k]].tet, list);
+    if (passed > 0) add_stretch_back(m, state, state->refined.nodes[state->refined.order[passed - 1]].tet, last, 1, list);
+    for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) {
+        const added_node *node = &state->refined.nodes[state->refined.order[k]];
+        add_tet(m, node->tet, list);
+        add_piece(node->tet, node->line.point, node->line.direction, list);
+        if (added_on_face(node) && node->across_tet >= 0) add_piece(node->across_tet, node->line.point, node->line.direction, list);
+    }
 }
 
 static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
@@ -81,11 +97,12 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     int n = model->needle->given.segments;
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
-    wanted_tissue list = {.count = 0, .piece_count = 0};
+    wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
+        if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;
         if (hit.hit) add_path(m, hit.tet, hit.point, direction, (reach_of_path){.distance = reach * (1.25 - hit.fraction)}, &list);
         return list;
     }
@@ -126,18 +143,22 @@ static void copy_left(const left_loads *from, left_loads *to) {
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
 }
 
-static bool has_piece(const remesh_request *request, const line_in_tet *piece) {
-    for (int i = 0; i < request->piece_count; i++)
-        if (lines_agree(&request->pieces[i], piece)) return true;
-    return false;
-}
-
 static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
     for (int i = 0; i < wanted->count; i++)
         if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
     for (int i = 0; i < wanted->piece_count; i++)
-        if (!has_piece(request, &wanted->pieces[i])) return false;
+        if (!request_line(request, &wanted->pieces[i], wanted->tolerance)) return false;
     return true;
+}
+
+/* Lines that were asked for already stay as they were, so that the worker need not measure them again. */
+static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
+    for (int i = 0; i < wanted->piece_count; i++) {
+        const line_in_tet *known = request_line(request, &wanted->pieces[i], wanted->tolerance);
+        if (known) wanted->pieces[i] = *known;
+    }
+    request->piece_count = wanted->piece_count;
+    memcpy(request->pieces, wanted->pieces, (size_t)wanted->piece_count * sizeof *wanted->pieces);
 }
 
 /* Where the needle is going: the tip's material point and the end's direction. */
@@ -166,8 +187,7 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     copy_left(&state->memory.left, &request->left);
     state->memory.left_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
-    request->piece_count = wanted.piece_count;
-    memcpy(request->pieces, wanted.pieces, (size_t)wanted.piece_count * sizeof *wanted.pieces);
+    copy_pieces(&wanted, request);
     request->window_count = wanted.count;
     request->needed = wanted.needed;
     memcpy(request->window, wanted.nodes, (size_t)wanted.count * sizeof *wanted.nodes);

@@ -207,7 +207,7 @@ trocar_status simulation_step(simulation *s, tick_context tick, compliance_snaps
     insertion_tick(&tick);
     if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
     if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_serve(s->remesher, &tick.state->request, snapshot, why);
+    return remesher_answer(s->remesher, &tick.state->request, snapshot, why);
 }
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {

@@ -44,8 +44,8 @@ static void go_beyond(const tick_context *tick) {
 
 static void exit_tissue(const tick_context *tick) {
     insertion_state *state = tick->state;
+    if (leaves_contact_at_exit(tick, state->tip.depth)) leave_contact(tick);
     drop_plan(state);
-    if (state->tip.depth - last_contact_depth(state) > 0.5 * tick->model->settings.contact_spacing) leave_contact(tick);
     go_beyond(tick);
     tick->output->events |= EVENT_EXITED;
 }
@@ -65,6 +65,7 @@ static void back_into_gap(const tick_context *tick) {
 }
 
 void leave_tissue(const tick_context *tick) {
+    tick->state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
     tick->state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
     tick->output->events |= EVENT_WITHDRAWN;
 }
@@ -124,7 +125,19 @@ void cross_face(const tick_context *tick, int face, vec3 direction) {
     plan_contact(tick, direction);
 }
 
-void cut_forward(const tick_context *tick, vec3 direction, double distance) {
+/* How far the tip is from going out of the tissue, if that is in the element that it is in, else INFINITY, m. */
+static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
+    double to_face, rising = v3_dot(direction, tip->outward);
+    int face = mesh_exit(model->mesh, tip->tet, tip->nominal, tip_way(tip, direction), &to_face);
+    if (v3_norm(tip->outward) > 0.0) {
+        double to_exit = (model->needle->radius - v3_dot(tip->beside, tip->outward)) / rising;
+        return rising > 0.0 && to_exit < to_face ? to_exit : INFINITY;
+    }
+    bool outer = face >= 0 && model->mesh->neighbours[tip->tet][face] < 0;
+    return outer && v3_dot(direction, mesh_face_normal(model->mesh, tip->tet, face)) < -GRAZING ? to_face : INFINITY;
+}
+
+static void advance(const tick_context *tick, vec3 direction, double distance) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &tick->state->tip;
     if (isnan(tip->next_contact)) plan_contact(tick, direction);
@@ -151,6 +164,14 @@ void cut_forward(const tick_context *tick, vec3 direction, double distance) {
             if (tip->blocked_by == NOT_BLOCKED) cross_face(tick, face, way);
         }
     }
+}
+
+void cut_forward(const tick_context *tick, vec3 direction, double distance) {
+    const needle_tip *tip = &tick->state->tip;
+    advance(tick, direction, distance);
+    if (tip->phase != TIP_INSIDE) return;
+    double left = distance_to_exit(tick->model, tip, direction);
+    if (isfinite(left)) plan_exit(tick, tip_way(tip, direction), left);
 }
 
 void draw_back(const tick_context *tick, double distance) {

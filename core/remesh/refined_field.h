@@ -22,7 +22,8 @@ void refined_displacement(inverse *inv, const refinement *r, refined_vectors for
 /* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: what adding it contributes. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
-/* The same of contact node `index`, an added one: on a face, as if the nodes beside it were held. */
-mat3 node_surplus(const tissue *t, const refinement *r, int index);
+/* The same of the contact node in place `position` of the order, an added one: on a face, as if the nodes beside it were held. `position`
+   may be r->count, as in patch_create. */
+mat3 node_surplus(const tissue *t, const refinement *r, int position);
 
 #endif

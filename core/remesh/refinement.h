@@ -4,7 +4,7 @@
 #ifndef TROCAR_REFINEMENT_H
 #define TROCAR_REFINEMENT_H
 
-#include "tissue/tissue.h"
+#include "tissue/resolved_radius.h"
 
 enum {
     MAX_CONTACTS = 64,       /* contact nodes alive at once */
@@ -30,6 +30,8 @@ typedef struct {
     int across_tet;          /* on a face: nominal element of the leaf on the other side, -1 where there is none */
     leaf_point across;       /* that leaf, split in three as well */
     int touched;             /* nodes of the patch of a moved node, with itself */
+    line_in_tet line;        /* on which to measure what the mesh resolves at the node: the needle's way past it. Set by
+                                whoever adds it; no direction: it is not measured */
 } added_node;
 
 /* The contact nodes. Each keeps its slot, and the id that identifies it, from its addition to its removal; a new one takes the lowest

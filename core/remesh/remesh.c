@@ -59,11 +59,11 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-static trocar_status add_node(remesher *r, int slot, const added_node *node, vec3 direction, report *why) {
+static trocar_status add_node(remesher *r, int slot, const added_node *node, report *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    trocar_status status = resolve_contact(r, slot, direction, why);
+    trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
     status = confirm(r, why);
@@ -123,7 +123,7 @@ static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     return clear;
 }
 
-static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 direction, report *why) {
+static trocar_status update_nodes(remesher *r, const refinement *wanted, report *why) {
     uint64_t clear = slots_to_clear(r, wanted), kept = 0;
     for (int i = r->refined.count - 1; i >= 0; i--)
         if (clear >> r->refined.order[i] & 1) remove_node(r, i);
@@ -131,7 +131,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, vec3 di
     for (int i = 0; i < wanted->count; i++) {
         int slot = wanted->order[i];
         if (kept >> slot & 1) continue;
-        trocar_status status = add_node(r, slot, &wanted->nodes[slot], direction, why);
+        trocar_status status = add_node(r, slot, &wanted->nodes[slot], why);
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
@@ -204,15 +204,14 @@ bool remesher_look_ahead(remesher *r) {
 
 /* ---- a request ------------------------------------------------------------------------------------------------------- */
 
-trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+static trocar_status check_request(const remesh_request *request, report *why) {
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
-    trocar_status status = move_window(r, request, why);
-    if (status == TROCAR_OK) status = resolve_pieces(r, request, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
-    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status != TROCAR_OK) return status;
+    return TROCAR_OK;
+}
+
+static trocar_status fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
@@ -227,17 +226,39 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     return left_displacement_find(r->inverse, request, snapshot, why);
 }
 
+trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = check_request(request, why);
+    if (status == TROCAR_OK) status = move_window(r, request, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
+    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
+    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
+    return status;
+}
+
+bool remesher_must_measure(const remesher *r, const remesh_request *request) { return lines_are_new(r, request); }
+
+trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = resolve_pieces(r, request, most, why);
+    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
+    return status;
+}
+
+trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = remesher_serve(r, request, snapshot, why);
+    return status == TROCAR_OK ? remesher_measure(r, request, MAX_PIECES, snapshot, why) : status;
+}
+
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
     static const refinement nothing = {.count = 0};
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
-    trocar_status status = update_nodes(r, &nothing, v3(0, 0, 0), why);
+    trocar_status status = update_nodes(r, &nothing, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
-    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, request->direction, why);
+    if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->contacts, snapshot->contacts, sizeof r->contacts);
     memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
     return status;

@@ -27,10 +27,19 @@ const char *remesh_name(remesh_method method);
 trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why);
 void remesher_free(remesher *r);
 
-/* Brings the refined mesh to what is wanted, first the removals, then the new nodes in order, and fills the snapshot. A removal costs one
+/* Brings the refined mesh to what is wanted, first the removals, then the new nodes in order, and fills the snapshot; of the needle's
+   lines, with those measured so far. A removal costs one
    update of the inverse and those of the nodes that hang on the removed one (refinement_hangs_on); with the implicit
    method and Woodbury's, and where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+
+/* What the mesh resolves along the needle's way takes a millisecond per element to measure, and is told apart from the rows: of the request
+   served last, measures at most `most` lines that are new, in their order, and fills the snapshot again. */
+trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why);
+bool remesher_must_measure(const remesher *r, const remesh_request *request); /* are there new lines? */
+
+/* Both. The answer depends on the request alone. */
+trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
 /* Prepares what the owner of the inverse will need further along the line of the last request served, one slice at a
    time, nearest first. False: nothing is left to do. For idle time; does not change any answer. */

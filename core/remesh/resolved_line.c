@@ -28,46 +28,63 @@ static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_pi
     return resolver_measure(r->resolver, line->tet, line->direction, MAX_RESOLVED, x, piece->at, why);
 }
 
+static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+/* Only the very same line: what is answered must not depend on what was asked for before. */
 static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
-    for (int i = 0; i < r->piece_count; i++)
-        if (lines_agree(&r->pieces[i].line, line)) return &r->pieces[i];
+    for (int i = 0; i < r->piece_count; i++) {
+        const line_in_tet *known = &r->pieces[i].line;
+        if (known->tet == line->tet && same_vector(known->point, line->point) && same_vector(known->direction, line->direction)) return &r->pieces[i];
+    }
     return NULL;
 }
 
-trocar_status resolve_pieces(remesher *r, const remesh_request *request, report *why) {
+bool lines_are_new(const remesher *r, const remesh_request *request) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (!find_piece(r, &request->pieces[i])) return true;
+    return false;
+}
+
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why) {
     line_piece pieces[MAX_PIECES];
+    int count = 0;
     for (int i = 0; i < request->piece_count; i++) {
         const line_piece *known = find_piece(r, &request->pieces[i]);
-        trocar_status status = TROCAR_OK;
-        if (known) pieces[i] = *known;
-        else status = measure_piece(r, &request->pieces[i], &pieces[i], why);
-        if (status != TROCAR_OK) return status;
+        if (known) {
+            pieces[count++] = *known;
+        } else if (most-- > 0) {
+            trocar_status status = measure_piece(r, &request->pieces[i], &pieces[count++], why);
+            if (status != TROCAR_OK) return status;
+        }
     }
-    r->piece_count = request->piece_count;
-    memcpy(r->pieces, pieces, (size_t)request->piece_count * sizeof *pieces);
+    r->piece_count = count;
+    memcpy(r->pieces, pieces, (size_t)count * sizeof *pieces);
     return TROCAR_OK;
 }
 
 /* A moved node's is that of a node added at the same place. */
-static mat3 surplus_of(const remesher *r, int index) {
-    const added_node *node = &r->refined.nodes[index];
-    if (node->moved < 0) return node_surplus(r->tissue, &r->refined, index);
+static mat3 surplus_of(const remesher *r, int slot) {
+    const added_node *node = &r->refined.nodes[slot];
+    if (node->moved < 0) return node_surplus(r->tissue, &r->refined, r->refined.count);
     leaf_point at;
     memcpy(at.corners, r->tissue->mesh->tets[node->tet], sizeof at.corners);
     mesh_barycentric(r->tissue->mesh, node->tet, node->position, at.weights);
     return surplus_compliance(r->tissue, &(refinement){.count = 0}, node->tet, &at);
 }
 
-trocar_status resolve_contact(remesher *r, int index, vec3 direction, report *why) {
-    const added_node *node = &r->refined.nodes[index];
-    line_in_tet line = {node->tet, node->position, v3_norm(direction) > 0.0 ? direction : v3(0, 0, 1)};
+trocar_status resolve_contact(remesher *r, int slot, report *why) {
+    const added_node *node = &r->refined.nodes[slot];
+    line_in_tet line = node->line;
+    r->contacts[slot] = (contact_field){.surplus_axial = 0.0};
+    if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
     const line_piece *known = find_piece(r, &line);
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
-    mat3 surplus = surplus_of(r, index);
+    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
+    mat3 surplus = surplus_of(r, slot);
     double along = v3_dot(line.direction, m3_apply(&surplus, line.direction));
-    r->contacts[index] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,
+    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,
                                          .surplus_lateral = 0.5 * (surplus.m[0][0] + surplus.m[1][1] + surplus.m[2][2] - along)};
     return TROCAR_OK;
 }

@@ -4,10 +4,13 @@
 
 #include "remesh/remesh_method.h"
 
-/* Brings the pieces up to date with a request: measures those that no earlier piece agrees with. */
-trocar_status resolve_pieces(remesher *r, const remesh_request *request, report *why);
+/* Is there a line in the request that has not been measured? */
+bool lines_are_new(const remesher *r, const remesh_request *request);
 
-/* At contact node `index`, on a line along `direction` (zero: unknown), with those before it in the mesh. */
-trocar_status resolve_contact(remesher *r, int index, vec3 direction, report *why);
+/* Brings the pieces up to date with a request: measures those that are new, at most so many. */
+trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why);
+
+/* At the contact node in `slot`, which comes next in the order, with those before it in the mesh. */
+trocar_status resolve_contact(remesher *r, int slot, report *why);
 
 #endif

@@ -34,10 +34,15 @@ int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinemen
     return known;
 }
 
-bool lines_agree(const line_in_tet *a, const line_in_tet *b) {
-    static const double ASIDE = 0.3e-3, TURN = 0.05; /* m, rad */
+static bool lines_agree(const line_in_tet *a, const line_in_tet *b, line_tolerance tolerance) {
     vec3 off = v3_cross(a->direction, v3_sub(b->point, a->point));
-    return a->tet == b->tet && v3_norm(off) < ASIDE && v3_norm(v3_sub(b->direction, a->direction)) < TURN;
+    return a->tet == b->tet && v3_norm(off) < tolerance.aside && v3_norm(v3_sub(b->direction, a->direction)) < tolerance.turn;
+}
+
+const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance) {
+    for (int i = 0; i < request->piece_count; i++)
+        if (lines_agree(&request->pieces[i], line, tolerance)) return &request->pieces[i];
+    return NULL;
 }
 
 const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {

@@ -4,7 +4,6 @@
 
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
-#include "tissue/resolved_radius.h"
 
 enum {
     MAX_WINDOW = 96,                            /* nominal nodes around the tip, behind it and ahead */
@@ -42,12 +41,6 @@ typedef struct {
     int count;
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
-
-/* A line through an element: a piece of the needle's way. */
-typedef struct {
-    int tet;
-    vec3 point, direction;   /* m, and unit vector */
-} line_in_tet;
 
 /* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */
 typedef struct {
@@ -101,8 +94,13 @@ bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], in
 /* How many contact nodes, from the first in order to the first whose rows the snapshot does not hold. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
-/* Whether two lines in the same element are close enough for what the mesh resolves of one to hold for the other. RT */
-bool lines_agree(const line_in_tet *a, const line_in_tet *b);
+/* The line of the request that is in the same element and as close as this to the other; NULL: none. RT */
+typedef struct {
+    double aside, turn;      /* m, rad */
+} line_tolerance;
+const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance);
+
+static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* what the mesh resolves on one holds for the other */
 
 /* The piece in element `tet`, or NULL. RT */
 const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);

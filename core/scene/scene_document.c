@@ -30,6 +30,17 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
     }
 }
 
+/* Keys of earlier releases. */
+static const struct { const char *key, *remedy; } RETIRED[] = {
+    {"contact.resolution", "what the mesh resolves is measured: remove the key"},
+};
+
+static void reject_unknown(fault *f, const char *key, const mapping *at, const char *name) {
+    for (size_t i = 0; i < sizeof RETIRED / sizeof *RETIRED; i++)
+        if (strcmp(RETIRED[i].key, key) == 0) reject_at(f, key, at->key, "this release has no key \"%s\": %s", name, RETIRED[i].remedy);
+    if (!f->found) reject_at(f, key, at->key, "unknown key \"%s\"", name);
+}
+
 static void take_pair(scene *s, const mapping *at, const char *name, const yaml_value *value, fault *f) {
     char key[KEY_ROOM], row_key[KEY_ROOM];
     join_key(key, at->key, name);
@@ -47,7 +58,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     if (strcmp(row_key, "regions[].relaxation") == 0)
         reject(f, key, "one series serves all regions, for only then one inverse of the stiffness holds at all times; move it to the top level");
     else if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
-    else reject_at(f, key, at->key, "unknown key \"%s\"", name);
+    else reject_unknown(f, key, at, name);
 }
 
 /* The profile of a device comes before the keys that override it. */

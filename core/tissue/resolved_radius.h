@@ -12,6 +12,12 @@ typedef struct {
     double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
 } resolved_field;
 
+/* A line through an element: a piece of the needle's way. */
+typedef struct {
+    int tet;
+    vec3 point, direction;   /* m, and unit vector */
+} line_in_tet;
+
 typedef struct resolver resolver;
 
 /* `t` must outlive it. NO_MEMORY. */

@@ -132,7 +132,7 @@ int main(int argc, char **argv) {
     if (status == TROCAR_OK) {
         base.position.z = atof(argv[6]) + config.needle.length;
         insertion_reset(&b->simulation.insertion, base, &b->state);
-        status = remesher_serve(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
+        status = remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
     }
     if (status != TROCAR_OK) {
         fprintf(stderr, "rigid_needle: %s\n", why.text);

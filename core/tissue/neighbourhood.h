@@ -1,0 +1,50 @@
+/* The elements around a point of a line, in the line's frame, and their stiffness for a shear modulus of 1: on them, what the mesh
+   resolves of the line's field is measured. For resolved_radius.c. */
+#ifndef TROCAR_NEIGHBOURHOOD_H
+#define TROCAR_NEIGHBOURHOOD_H
+
+#include "tissue/tissue.h"
+
+enum { AROUND_NODES = 256, AROUND_TETS = 1200, AROUND_DOFS = 3 * AROUND_NODES };
+
+typedef struct {
+    int tet;
+    double from, to;         /* m along the line */
+} chord;
+
+/* All positions in the frame of the line: z along it, its point is the origin. */
+typedef struct {
+    const tissue *tissue;
+    int *local;              /* node_count of the mesh: number in the neighbourhood, or -1 */
+    bool *taken;             /* tet_count */
+    int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
+    vec3 position[AROUND_NODES];
+    bool cut[AROUND_NODES];  /* on the boundary to the rest of the mesh */
+    mat3 frame;              /* columns: the line's frame */
+    vec3 origin;
+    double size;             /* m, edge length of the mesh at the point */
+    double poisson_ratio;    /* of the point's element, taken for all */
+    int chord_count;
+    chord chords[AROUND_TETS]; /* the line's way through the elements, in order */
+    double stiffness[AROUND_DOFS * AROUND_DOFS]; /* full */
+} neighbourhood;
+
+/* NO_MEMORY. `t` must outlive it. */
+trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *why);
+void neighbourhood_free(neighbourhood *n);
+
+/* Collects the elements within `radius` of the line through `x` of element `tet`, and within `half_length` of `x` along it (in edge lengths
+   of the mesh there), and their stiffness. As many as there is room for. Allocates nothing. */
+void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, double radius, double half_length);
+
+/* A face of the outer surface where nothing holds it. Where it is held, the body ends no more than it does at the neighbourhood's other
+   borders: how far away a support is the nominal mesh knows. */
+bool neighbourhood_free_face(const neighbourhood *n, int tet, int face);
+
+/* The line's, unit vector in the mesh. */
+vec3 neighbourhood_direction(const neighbourhood *n);
+
+/* Axes of which the third is along a unit vector. */
+mat3 frame_along(vec3 direction);
+
+#endif

@@ -263,12 +263,12 @@ void creep_recall(const tick_context *tick) {
         step->along[tip] *= shaft_part(tick);
         w->axial[tip + 1] *= step->yield;
         w->held_axial *= step->yield;
-        w->loose *= step->yield;
     }
     find_moved(tick);
 }
 
-/* Local compliance times what is remembered, as in add_local_compliance. */
+/* Local compliance times what is remembered, as in add_local_compliance. What makes the tip's hold loose near the surface is no tissue, and
+   does not creep. */
 void creep_shift_gaps(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
@@ -281,8 +281,8 @@ void creep_shift_gaps(const tick_context *tick) {
         force.z = w->creep.along[i];
         double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
         vec3 moved = v3_axpy(w->lateral[i], v3_axpy(-part, along, force), v3_scale(held * part, along));
-        p->gap[unknown(p->count, i, 0)] -= moved.x + (tip ? w->loose * force.x : 0.0);
-        p->gap[unknown(p->count, i, 1)] -= moved.y + (tip ? w->loose * force.y : 0.0);
+        p->gap[unknown(p->count, i, 0)] -= moved.x;
+        p->gap[unknown(p->count, i, 1)] -= moved.y;
         p->gap[unknown(p->count, i, 2) + tip] -= moved.z + (shaft - held) * along.z * along.z * force.z;
         if (tip) p->gap[unknown(p->count, i, 2)] -= w->axial[i] * w->creep.face;
     }
@@ -326,10 +326,14 @@ void creep_remember(const tick_context *tick) {
         share_memory *share = &state->memory.shares[i];
         bool tip = w->points[i].kind == POINT_TIP;
         vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
-        double along = v3_dot(force, needle), face = tip && !state->buckled ? w->problem.force[unknown(w->problem.count, i, 2)] : 0.0;
+        double along = v3_dot(force, needle), shaft = along, face = 0.0;
+        if (tip) { /* these two exactly, for the shaft may be short */
+            face = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2)];
+            shaft = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2) + 1] / shaft_part(tick);
+        }
         follow(creep, decay, tip ? tip_load(&state->tip) : force, share->load);
         follow(creep, decay, v3_axpy(-along, needle, force), share->across);
-        follow_along(creep, decay, tip ? (along - face) / shaft_part(tick) : along, share->along);
+        follow_along(creep, decay, shaft, share->along);
         const roll_friction *roll = tip ? &state->tip.roll : &state->contacts[w->points[i].handle].roll;
         follow_along(creep, decay, tip ? roll->torque / shaft_part(tick) : roll->torque, share->twist);
         if (tip) follow_along(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);

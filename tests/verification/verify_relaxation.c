@@ -67,10 +67,12 @@ static double local_energy(const lockstep *l, int term) {
         const share_memory *share = &memory->shares[i];
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
+        if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
         double part = tip ? 1.0 - l->simulation.needle.radius / (share->to - share->from) : 1.0;
         vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
         double shaft = term < 0 ? along - face : part * share->along[term];
-        sum += (w->lateral[i] + (tip ? w->loose : 0.0)) * v3_dot(across, across) + w->axial[i + tip] * shaft * shaft;
+        if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
+        sum += w->lateral[i] * v3_dot(across, across) + w->axial[i + tip] * shaft * shaft;
         if (tip && term >= 0) face = memory->face[term];
         if (tip) sum += w->axial[i] * face * face;
     }

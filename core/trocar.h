@@ -346,6 +346,10 @@ TROCAR_API int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, tr
 /* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
 TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);
 
+/* Turn of the tip about the needle's axis less that of the base, rad: friction in the tissue twists the needle, so that the tip of one that is
+   turned forward lags, which is negative. RT */
+TROCAR_API double trocar_sim_tip_lead(const trocar_sim *sim, int needle);
+
 /* Elastic energy of the bent needle, J. RT */
 TROCAR_API double trocar_sim_needle_energy(const trocar_sim *sim, int needle);
 

@@ -315,6 +315,7 @@ static void what_is_seen_fits_the_force(void **state) {
     for (int i = 0; i < CUBE_NODES; i++)
         if (trocar_model_nodes(model)[3 * i + 2] > 0.0399) assert_true(field[i][2] == 0.0);
     assert_true(trocar_sim_needle_energy(sim, 0) > 0.0);
+    assert_true(trocar_sim_tip_lead(sim, 0) == 0.0 && trocar_sim_tip_lead(sim, 1) == 0.0); /* it was never turned */
     assert_int_equal(trocar_sim_contacts(sim, 0, contacts, 1), count);
     assert_int_equal(trocar_sim_contacts(sim, 1, contacts, 1), 0);
     trocar_sim_free(sim);

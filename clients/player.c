@@ -59,7 +59,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     player *p = user;
     trocar_needle_wrench_t wrench;
     if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &wrench) != (int)buffer->data_size) return;
-    if (wrench.session != p->record->session || !follow(p, wrench.server)) return;
+    if (wrench.session != p->record->session || wrench.needle != p->settings->needle || !follow(p, wrench.server)) return;
     p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
     p->wrench_tick = wrench.tick;
     trocar_status status = recording_add_wrench(p->record, now(), &wrench, p->why);

@@ -218,12 +218,14 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status == TROCAR_OK ? log_write_wrench(&log, wrench, path, why) : status;
 }
 
-/* The log starts with everything that the wrenches depend on, except scene and poses. */
+/* The log starts with everything that the wrenches depend on, except scene and poses. Its messages keep the recording's needle, which the
+   scene may not have. */
 static trocar_status log_origin(const replay *r, report *why) {
+    int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = {.f = r->log_file.file};
     trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
-                         .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = "", .needle = r->poses.needle,
-                         .needle_count = trocar_model_needles(r->model)};
+                         .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = "", .needle = needle,
+                         .needle_count = needle < needles ? needles : needle + 1};
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 

@@ -160,7 +160,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     trocar_client *c = user;
     trocar_needle_wrench_t w;
     if (trocar_needle_wrench_t_decode(buffer->data, 0, (int)buffer->data_size, &w) != (int)buffer->data_size) return;
-    if (w.session != c->session || !all_finite(w.force, 3) || !all_finite(w.torque, 3)) return;
+    if (w.session != c->session || w.needle != c->needle || !all_finite(w.force, 3) || !all_finite(w.torque, 3)) return;
     double time = now();
     if (!server_choice_follows(&c->servers, w.server, time)) return;
     received_wrench *r = &c->wrenches[c->wrench_slots.back];

@@ -136,7 +136,7 @@ trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *pictur
 
 /* ---- needle ------------------------------------------------------------------------------------------------------ */
 
-enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_CONTACTS };
+enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
@@ -156,9 +156,9 @@ static void append(centreline *c, double arc, const double position[3], const do
 /* Joints and contact points, merged by arc length; the tip is the last joint. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
-    trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
+    trocar_contact contacts[TROCAR_MAX_POINTS];
     double joints[TROCAR_MAX_JOINTS][3];
-    int count = trocar_picture_contacts(picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), last = trocar_model_segments(model), contact = 0;
+    int count = trocar_picture_contacts(picture, 0, contacts, TROCAR_MAX_POINTS), last = trocar_model_segments(model), contact = 0;
     bool tip = count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP;
     double segment = trocar_model_needle_length(model) / last;
     trocar_picture_centreline(picture, 0, joints[0], TROCAR_MAX_JOINTS);

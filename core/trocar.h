@@ -81,10 +81,13 @@ enum {
     TROCAR_EVENT_LATE = 1 << 7,       /* the worker's last answer does not cover the tip: the tick went on with what it had */
     TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
     TROCAR_EVENT_UNSTABLE = 1 << 9,   /* no equilibrium: the needle buckled, without force until it is back where it was */
-    TROCAR_EVENT_KEPT = 1 << 10       /* the closest node may not be moved: one was added instead */
+    TROCAR_EVENT_KEPT = 1 << 10,      /* the closest node may not be moved: one was added instead */
+    TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate outside of its holes, and is not guided: in every tick */
+    TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12 /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
 };
 
-enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4 };
+enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4, TROCAR_MAX_GUIDES = 8 };
+enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* contacts of all kinds that take part */
 
 /* One tick's result. */
 typedef struct trocar_output {
@@ -99,7 +102,11 @@ typedef struct trocar_output {
     int32_t reserved;        /* 0 */
 } trocar_output;
 
-typedef enum trocar_contact_kind { TROCAR_CONTACT_TISSUE = 0, TROCAR_CONTACT_TIP = 1 } trocar_contact_kind;
+typedef enum trocar_contact_kind {
+    TROCAR_CONTACT_TISSUE = 0,
+    TROCAR_CONTACT_TIP = 1,
+    TROCAR_CONTACT_GUIDE = 2 /* the edge of a guide's hole, on one of its faces */
+} trocar_contact_kind;
 
 /* What a contact is doing. A tissue contact is planned, adding, then sticking or sliding until it is removed, or the needle buckles. */
 typedef enum trocar_contact_status {
@@ -110,17 +117,17 @@ typedef enum trocar_contact_status {
     TROCAR_CONTACT_DETACHED = 4  /* the needle buckled: no force until it is back (TROCAR_EVENT_UNSTABLE) */
 } trocar_contact_status;
 
-/* A point where the needle meets the tissue. */
+/* A point where the needle meets the tissue or a guide. */
 typedef struct trocar_contact {
     int32_t kind;            /* trocar_contact_kind; more kinds may come */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
     double arc;              /* m from the base */
-    double depth;            /* m along the track from the skin */
+    double depth;            /* m along the track from the skin; 0 of a guide */
     double position[3];      /* m, on the deformed needle, world frame */
-    double force[3];         /* N, on the tissue, world frame */
-    uint64_t id;             /* of a tissue contact: the same from its addition to its removal, and never used again for this needle; 0 of the tip */
+    double force[3];         /* N, on the tissue or guide, world frame */
+    uint64_t id;             /* of a tissue contact: the same from its addition to its removal, and never used again for this needle; 0 of others */
     int32_t status;          /* trocar_contact_status */
-    int32_t slot;            /* of a tissue contact: the same as long, 0 to TROCAR_MAX_CONTACTS - 1; free for another one later. -1 of the tip */
+    int32_t slot;            /* of a tissue contact: the same as long, 0 to TROCAR_MAX_CONTACTS - 1; free for another one later. Of a guide its index. -1 of the tip */
 } trocar_contact;
 
 /* ---- scene ---------------------------------------------------------------------------------------------------------------- */
@@ -166,7 +173,7 @@ TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
 
-/* Entries of "regions", "membranes", "fixed" or "relaxation"; -1 for another key. */
+/* Entries of "regions", "membranes", "guides", "fixed" or "relaxation"; -1 for another key. */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
 /* A tetrahedral mesh in memory. Tetrahedra of either orientation are taken. */
@@ -261,6 +268,20 @@ typedef struct trocar_material {
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region);
 
+/* A guide of the scene, the key "guides[]". Hole (column, row), from 0, has its axis at origin + (column - (columns - 1) / 2) spacing
+   across[0] + (row - (rows - 1) / 2) spacing across[1] on the front face. */
+typedef struct trocar_guide {
+    double origin[3];        /* m, middle of the holes on the front face */
+    double normal[3];        /* unit vectors: through the plate, */
+    double across[2][3];     /* along columns, and rows: normal = across[0] x across[1] */
+    double spacing;          /* m */
+    double hole_diameter;    /* m */
+    double thickness;        /* m */
+    int32_t columns, rows;
+} trocar_guide;
+TROCAR_API int trocar_model_guide_count(const trocar_model *model);
+TROCAR_API trocar_guide trocar_model_guide(const trocar_model *model, int index); /* all zero when out of range */
+
 /* How volumetric strains are averaged (key "volumetric_strain"). 1 if around nodes, else 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
@@ -336,12 +357,17 @@ TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
 TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);
 
-/* Contacts that take part, from base to tip, the tip last if it is in the tissue. Fills at most `room` and returns how many there are. RT */
+/* Contacts that take part, with tissue and with guides that the needle touches, from base to tip, the tip last if it is in the tissue. Fills at most `room` and returns how many there are, at most TROCAR_MAX_POINTS. RT */
 TROCAR_API int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room);
 
 /* The tissue contacts that do not take part yet, from base to tip: status PLANNED, at most one, the last, or ADDING. The position of a
    planned one is its place in the tissue at rest, and its arc the needle's length. As trocar_sim_contacts. RT */
 TROCAR_API int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room);
+
+/* The hole of a guide that the needle is in: column + columns * row, from 0. TROCAR_NO_HOLE: not at the guide or beside its plate;
+   TROCAR_MISSED_HOLE: through the plate outside of the holes (TROCAR_EVENT_MISSED_GUIDE). RT */
+enum { TROCAR_NO_HOLE = -1, TROCAR_MISSED_HOLE = -2 };
+TROCAR_API int trocar_sim_hole(const trocar_sim *sim, int needle, int guide);
 
 /* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
 TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);

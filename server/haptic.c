@@ -55,7 +55,7 @@ static trocar_needle_wrench_t message_of(const haptic *h, int needle, const troc
     m.tick = tick;
     m.server = h->server;
     m.needle = needle;
-    m.session = answered->session;
+    m.session = answered->held ? answered->session : 0;
     m.pose_seq = answered->held ? answered->seq : -1;
     m.pose_utime = answered->held ? answered->utime : 0;
     return m;

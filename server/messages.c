@@ -19,7 +19,9 @@ trocar_pose library_pose(pose p) {
 static int flags_of(uint32_t events) {
     int late = events & TROCAR_EVENT_LATE ? TROCAR_NEEDLE_WRENCH_T_LATE_WORKER : 0;
     int unstable = events & TROCAR_EVENT_UNSTABLE ? TROCAR_NEEDLE_WRENCH_T_UNSTABLE : 0;
-    return late | unstable;
+    int missed = events & TROCAR_EVENT_MISSED_GUIDE ? TROCAR_NEEDLE_WRENCH_T_MISSED_GUIDE : 0;
+    int outside = events & TROCAR_EVENT_OUTSIDE_MODEL ? TROCAR_NEEDLE_WRENCH_T_OUTSIDE_MODEL : 0;
+    return late | unstable | missed | outside;
 }
 
 trocar_needle_wrench_t wrench_message(const trocar_output *output) {

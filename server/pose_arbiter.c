@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
@@ -176,6 +177,7 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
         in->record.poses_malformed++;
         say(in, "pose of %zu bytes refused: not a trocar.needle_pose_t of this version%s", size,
             advice(size, trocar_needle_pose_t_encoded_size(&m)));
+        if (in->record.poses_malformed == 1) memcpy(in->record.malformed, in->record.message, sizeof in->record.malformed);
         return POSE_MALFORMED;
     }
     if (!has_needle(in, m.needle)) {

@@ -24,6 +24,7 @@ typedef struct {
     int64_t commands_refused;        /* malformed, unknown, of no such needle, or not from the owner */
     other_server other;              /* on the same LCM URL */
     char message[200];               /* last refusal as text */
+    char malformed[200];             /* that of the first malformed pose; empty: none yet */
 } arbiter_record;
 
 /* One needle's session. */

@@ -114,7 +114,7 @@ static const char *other_server_text(telemetry *t, const other_server *other) {
 static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
     if (t->malformed_told || in->poses_malformed == 0) return;
     t->malformed_told = true;
-    fprintf(stderr, "trocar-server: %s\n", in->message);
+    fprintf(stderr, "trocar-server: %s\n", in->malformed);
 }
 
 /* Persistent faults take precedence over the last refusal. */

@@ -40,7 +40,7 @@ void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, i
     trocar_contact contacts[VIEWER_CONTACTS];
     trocar_pose base = trocar_picture_base(v->picture, needle);
     v->contacts = (trocar_contacts_t){.needle = needle, .tick = tick, .pose_utime = pose_utime, .centreline = v->joint_rows,
-                                      .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding};
+                                      .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding, .kind = v->kind};
     memcpy(v->contacts.orientation, base.orientation, sizeof base.orientation);
     v->contacts.joint_count = trocar_picture_centreline(v->picture, needle, v->joints[0], TROCAR_MAX_JOINTS);
     v->contacts.contact_count = trocar_picture_contacts(v->picture, needle, contacts, VIEWER_CONTACTS);
@@ -49,6 +49,7 @@ void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, i
         memcpy(v->forces[i], contacts[i].force, sizeof v->forces[i]);
         v->arc[i] = contacts[i].arc;
         v->sliding[i] = (int8_t)contacts[i].state;
+        v->kind[i] = (int8_t)contacts[i].kind;
     }
 }
 

@@ -7,7 +7,7 @@
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 
-enum { VIEWER_CONTACTS = TROCAR_MAX_CONTACTS + 1 }; /* with the tip */
+enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* with the tip */
 
 typedef struct {
     int node_count;
@@ -18,7 +18,7 @@ typedef struct {
     double joints[TROCAR_MAX_JOINTS][3], positions[VIEWER_CONTACTS][3], forces[VIEWER_CONTACTS][3];
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
     double arc[VIEWER_CONTACTS];
-    int8_t sliding[VIEWER_CONTACTS];
+    int8_t sliding[VIEWER_CONTACTS], kind[VIEWER_CONTACTS];
     trocar_contacts_t contacts;    /* both valid until made again; the sender sets utime and server */
     trocar_deformation_t deformation;
 } viewer_messages;

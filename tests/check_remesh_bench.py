@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check the JSON of `trocar-bench remesh` for a scene with a dense inverse.
+"""Check the JSON of `bench_parts remesh` for a scene with a dense inverse.
 
 usage: check_remesh_bench.py BENCH.json
 

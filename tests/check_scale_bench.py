@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check the JSON of `trocar-bench scale`: every part is present and plausible. usage: check_scale_bench.py SCALE.json OWNER..."""
+"""Check the JSON of `bench_parts scale`: every part is present and plausible. usage: check_scale_bench.py SCALE.json OWNER..."""
 import json
 import sys
 
@@ -10,7 +10,8 @@ assert [scene["inverse"] for scene in bench["scenes"]] == sys.argv[2:], bench
 for scene in bench["scenes"]:
     assert scene["nodes"] > 4 and scene["tetrahedra"] > scene["nodes"] and scene["start_s"] > 0 and scene["peak_bytes"] > 1e6, scene
     assert [row["speed"] for row in scene["speeds"]] == [0.005, 0.02, 0.05], scene
-    for row in [*scene["speeds"], scene["figure8"]]:
+    for row in [*scene["speeds"], scene["figure8"], scene["with_patches"], scene["without_patches"]]:
+        assert row["patch"]["p50_s"] > 0 or row is scene["without_patches"], row
         assert row["crossings"] > 0 and 0 <= row["late_crossings"] <= row["crossings"] and row["late_ticks"] < row["ticks"], row
         for part in ("tick", "serve", "crossing"):
             assert 0 < row[part]["p50_s"] <= row[part]["p99_s"] <= row[part]["max_s"] < 60, (part, row)

@@ -21,6 +21,8 @@
 
 #include "allocations.h"
 #include "trocar_client.h"
+#include "trocar_needle_pose_t.h"
+#include "trocar_needle_wrench_t.h"
 
 static char *server_path;
 static pid_t server;
@@ -186,6 +188,38 @@ static void two_clients_hold_two_needles(void **state) {
     unlink(scene);
 }
 
+static void on_pose(const lcm_recv_buf_t *received, const char *channel, const trocar_needle_pose_t *m, void *session) {
+    (void)received, (void)channel;
+    *(int64_t *)session = m->session;
+}
+
+/* This session's wrench of another needle, which it may have held before, is not for this device. Instead of a server the test sends the
+   wrenches. */
+static void wrenches_of_other_needles_are_ignored(void **state) {
+    trocar_client *c = *state;
+    trocar_client_wrench w;
+    trocar_needle_wrench_t sent = {.server = 5, .force = {9, 0, 0}, .needle = 1};
+    lcm_t *lcm = lcm_create(NULL);
+    assert_non_null(lcm);
+    trocar_needle_pose_t_subscription_t *poses = trocar_needle_pose_t_subscribe(lcm, "TROCAR_POSE", on_pose, &sent.session);
+    for (double end = now() + 10; sent.session == 0; lcm_handle_timeout(lcm, 10)) {
+        exchange(c, &w);
+        assert_true(now() < end);
+    }
+    for (int i = 0; i < 100; i++) {
+        trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
+        assert_false(exchange(c, &w));
+    }
+    sent.needle = 0;
+    double end = now() + 10;
+    do {
+        trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
+        assert_true(now() < end);
+    } while (!exchange(c, &w) || w.force[0] != 9); /* the force is ramped up */
+    trocar_needle_pose_t_unsubscribe(lcm, poses);
+    lcm_destroy(lcm);
+}
+
 /* The server is killed in the middle of an insertion: the force is zero within the watchdog's time and stays zero. The next server
    ramps it up again. */
 static void no_force_from_a_dead_server(void **state) {
@@ -236,6 +270,7 @@ int main(int count, char **arguments) {
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),
         cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
         cmocka_unit_test_setup_teardown(two_clients_hold_two_needles, open_client, close_client),
+        cmocka_unit_test_setup_teardown(wrenches_of_other_needles_are_ignored, open_client, close_client),
         cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

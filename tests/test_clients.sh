@@ -23,7 +23,7 @@ refuses() {
 }
 
 bad_input() {
-    local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench
+    local device=$programs/trocar-device replay=$programs/trocar-replay bench=$programs/trocar-bench parts=$programs/../tests/benchmarks/bench_parts
     "$device" --script insert --write-log poses.log
     head -c 1000 poses.log >cut.log
     "$device" --script hold --duration 3.1 --write-log longer.log
@@ -60,11 +60,11 @@ bad_input() {
     refuses --scene "$bench" tick --json x.json
     refuses "--contacts: 2.5" "$bench" tick --scene "$scene" --contacts 5,2.5
     refuses "--contacts: 65" "$bench" tick --scene "$scene" --contacts 65
-    refuses --scene "$bench" remesh --samples 3
-    refuses "--touched: 4" "$bench" remesh --scene "$scene" --touched 4
-    refuses none.yaml "$bench" remesh --scene none.yaml
-    refuses "--inverse: 'big'" "$bench" scale --scene "$scene" --inverse big
-    refuses none.yaml "$bench" scale --scene none.yaml
+    refuses --scene "$parts" remesh --samples 3
+    refuses "--touched: 4" "$parts" remesh --scene "$scene" --touched 4
+    refuses none.yaml "$parts" remesh --scene none.yaml
+    refuses "--inverse: 'big'" "$parts" scale --scene "$scene" --inverse big
+    refuses none.yaml "$parts" scale --scene none.yaml
     refuses none.yaml "$bench" tick --scene none.yaml --json x.json
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
@@ -87,6 +87,15 @@ replay() {
     # the log's own poses replay to the same table; its wrenches are ignored
     "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
+    # a recorded needle that the scene does not have is needle 0 of the simulation, but keeps its index in the log
+    "$programs/trocar-replay" --scene "$scene" --poses "$source/tests/fuzz/corpus/poselog/two_needles.log" --needle 1 --out second.log --quiet
+    python3 - second.log <<'END' || fail "needle or number of needles in the status of a replay's log"
+import struct, sys
+log = open(sys.argv[1], "rb").read()
+channel, size = struct.unpack(">ii", log[20:28])
+needle, needles, _, _ = struct.unpack(">iiiq", log[28 + channel + size - 20:28 + channel + size])  # status_t's last fields
+sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
+END
     # the gland is pushed along the needle, pulled back beyond its initial place, and at rest again when the needle is out
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
@@ -140,14 +149,14 @@ bench() {
     cat bench.txt
     "$source/tests/check_bench.py" bench.json 5 10
     [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
-    "$programs/trocar-bench" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
+    "$programs/../tests/benchmarks/bench_parts" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
     cat remesh.txt
     "$source/tests/check_remesh_bench.py" remesh.json
     [ "$(grep -cE ' (inside|face|move) ' remesh.txt)" -eq 17 ] || fail "not 17 rows in the table"
     "$source/scripts/plot_bench" remesh.json nodes.svg valence.svg >ratios.txt
     cat ratios.txt
     grep -q '<svg' nodes.svg && grep -q '<svg' valence.svg || fail "no figures"
-    "$programs/trocar-bench" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
+    "$programs/../tests/benchmarks/bench_parts" scale --scene "$scene" --ticks 50 --depth 0.05 --json scale.json >scale.txt
     cat scale.txt
     "$source/tests/check_scale_bench.py" scale.json dense
     "$source/scripts/plot_scale" tick.svg worker.svg scale.json scale.json

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The documentation: the site builds without a warning, every link and anchor has a target, and every code block of README.md and
-docs/ runs, unless a comment before it gives a reason (see docs/source.md).
+"""The documentation: the site builds without a warning, every link and anchor has a target, and every code block of docs/ and of
+the READMEs listed below runs, unless a comment before it gives a reason (see docs/source.md).
 
 usage: test_docs.py BUILD_DIR SOURCE_DIR
 """
@@ -46,8 +46,11 @@ def blocks_of(source, page):
     return [Block(page, match, text) for match in BLOCK.finditer(text)]
 
 
+READMES = ("README.md", "clients/view/README.md", "meshes/anatomy/README.md", "tests/fuzz/README.md", "tests/verification/README.md")
+
+
 def pages_of(source):
-    return [Path("README.md"), *sorted(path.relative_to(source) for path in (source / "docs").rglob("*.md") if "results" not in path.parts)]
+    return [*map(Path, READMES), *sorted(path.relative_to(source) for path in (source / "docs").rglob("*.md") if "results" not in path.parts)]
 
 
 # ---- running the blocks of one page, within a private network namespace -----------------------------------------------------

@@ -127,6 +127,12 @@ static void wrench_echoes_its_pose(void **state) {
     assert_int_equal(w.pose_seq, 41);
     assert_int_equal(w.pose_utime, 1041);
     assert_int_equal(w.tick, 0);
+
+    f->poses.needles[0].held = false; /* as after a release */
+    *(newest_poses *)triple_buffer_slot(&f->exchange.poses) = f->poses;
+    triple_buffer_publish(&f->exchange.poses);
+    tick(f, &w);
+    assert_true(w.session == 0 && w.pose_seq == -1 && w.pose_utime == 0);
 }
 
 /* Moves the tip from `from` to `to` (mm from its start), 1 mm in 20 ticks; serves the requests in between. */
@@ -153,8 +159,8 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->needles[0].contacts >= 1);
     assert_true(view->snapshot_age < 2e-3);
-    trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
-    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_CONTACTS + 1), view->needles[0].contacts + 1);
+    trocar_contact contacts[TROCAR_MAX_POINTS];
+    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_POINTS), view->needles[0].contacts + 1);
     assert_true(view->needles[0].pose_utime > 0 && view->needles[0].pose_utime <= w.pose_utime);
 }
 

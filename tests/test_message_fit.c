@@ -20,11 +20,11 @@ static unsigned char bytes[1 << 16];
 
 static size_t pack_contacts(void) {
     static double joints[JOINTS][3], vectors[CONTACTS][3], *joint_rows[JOINTS], *vector_rows[CONTACTS], arcs[CONTACTS];
-    static int8_t states[CONTACTS];
+    static int8_t states[CONTACTS], kinds[CONTACTS];
     for (int i = 0; i < JOINTS; i++) joint_rows[i] = joints[i];
     for (int i = 0; i < CONTACTS; i++) vector_rows[i] = vectors[i];
     trocar_contacts_t m = {.joint_count = JOINTS, .centreline = joint_rows, .contact_count = CONTACTS, .position = vector_rows,
-                           .force = vector_rows, .arc = arcs, .state = states};
+                           .force = vector_rows, .arc = arcs, .state = states, .kind = kinds};
     return (size_t)trocar_contacts_t_encode(bytes, 0, sizeof bytes, &m);
 }
 

@@ -28,6 +28,11 @@ static void flags_follow_from_events(void **unused) {
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_LATE_WORKER);
     w.events = TROCAR_EVENT_UNSTABLE;
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_UNSTABLE);
+    w.events = TROCAR_EVENT_MISSED_GUIDE;
+    assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_MISSED_GUIDE);
+    w.events = TROCAR_EVENT_OUTSIDE_MODEL;
+    assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_OUTSIDE_MODEL);
+    w.events = TROCAR_EVENT_UNSTABLE;
     w.events |= TROCAR_EVENT_LATE;
     assert_int_equal(wrench_message(&w).flags, TROCAR_NEEDLE_WRENCH_T_UNSTABLE | TROCAR_NEEDLE_WRENCH_T_LATE_WORKER);
 }

@@ -1,10 +1,10 @@
-/* The stiffness change due to a contact node, against the mesh assembled with and without it, and the linear fields that the sum of
-   all changes must reproduce. */
+/* The change of K due to a contact node against meshes assembled with and without it; and the linear displacements that K plus all
+   changes must reproduce. */
 #include "remeshing.h"
 
 #include "remesh/patch.h"
 
-/* Stiffness of the mesh with the first `count` nodes, not inverted. */
+/* Assembles K of the mesh with the first `count` contact nodes. */
 static void assemble(const refinement *all, int count, reference *r) {
     refinement some = *all;
     some.count = count;
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* Every entry of the difference between free nodes is in the patch or zero. */
+/* The patch contains every entry in which the two matrices differ; rows and columns of fixed nodes are left out. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -55,7 +55,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
 /* ---- linear fields ---- */
 
 enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
-static double stiffness[3 * MOST][3 * MOST]; /* of all nodes; zero for the fixed one, the last of the mesh */
+static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; zero for the fixed node, the mesh's last */
 
 static void add_nominal(const tissue *t) {
     const int *starts = t->stiffness->p, *rows = t->stiffness->i;
@@ -77,8 +77,8 @@ static bool within(vec3 x) {
     return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
 }
 
-/* The largest force at any node (`all`) or any inner node under a linear displacement that is zero at the fixed node, in units of E
-   (1 m)^2. */
+/* Largest nodal force, divided by Young's modulus (m^2), under a linear displacement that is zero at the fixed node. `all`: of all
+   nodes, else only of those inside the body. */
 static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     vec3 at[MOST];
     int count = CUBE_NODES + request.wanted.count;
@@ -86,7 +86,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
     for (int i = 0; i < request.wanted.count; i++) {
         const added_node *node = &request.wanted.nodes[i];
-        at[CUBE_NODES + i] = node->position; /* used by no element if it is a moved node's */
+        at[CUBE_NODES + i] = node->position; /* not used by any element if the node is a moved one */
         if (node->moved >= 0) at[node->moved] = node->position;
     }
     for (int i = 0; i < count; i++) {
@@ -98,7 +98,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     return largest / t->materials->youngs_modulus;
 }
 
-/* A rotated body has no force at any node; a uniformly strained one has none at inner nodes. */
+/* A rotation causes no force at any node, a uniform strain none at nodes inside the body. */
 static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
@@ -124,13 +124,13 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
 static void linear_fields_match_the_refined_mesh(void **state) {
     (void)state;
     check_linear_fields(STRAIN_BY_ELEMENT, 3);
-    check_linear_fields(STRAIN_BY_NODE, 2); /* nothing moves there */
+    check_linear_fields(STRAIN_BY_NODE, 2); /* nodes cannot be moved with averaged strain */
     check_linear_fields(STRAIN_BY_PATCH, 2);
 }
 
 /* ---- nodes added within a patch of averaged strain ---- */
 
-/* Adds nodes inside elements and on faces between two elements of one patch. */
+/* Adds nodes alternately inside elements and on faces between two elements of one patch. */
 static void add_within_patches(const tissue *t, int count) {
     memset(&request, 0, sizeof request);
     while (request.wanted.count < count) {
@@ -142,7 +142,8 @@ static void add_within_patches(const tissue *t, int count) {
     }
 }
 
-/* The mean over a patch of split elements is that over the whole ones, so that K is that of the split mesh assembled with all its nodes. */
+/* The parts of a split element stay in its patch and do not change the patch's mean strain, so K equals that of the split mesh, assembled
+   with all of its nodes. */
 static void split_elements_stay_in_their_patch(void **state) {
     (void)state;
     static const bool fixed[CUBE_NODES] = {[HELD] = true};

@@ -21,7 +21,7 @@ static void golden_trace_is_reproduced(void **unused) {
     report why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     assert_int_equal(playback_run(s, SOURCE_DIR "/tests/traces/figure8.log", &t, &cut, &why), TROCAR_OK);
 
     wrench_log golden;
@@ -62,7 +62,7 @@ static void moment_matches_its_tick(void **unused) {
         const trocar_needle_wrench_t *kept = &golden.wrenches[part * (golden.count - 1) / 3];
         double time = 1e-6 * (double)(kept->utime - golden.wrenches[0].utime);
         timeline t;
-        assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+        assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
         assert_int_equal(playback_moment(s, SOURCE_DIR "/tests/traces/figure8.log", part < 3 ? time : INFINITY, &t, &cut, &why), TROCAR_OK);
         assert_true(t.picture_end == 1 && t.sample_end == 1);
         assert_close(time_of_picture(&t.pictures[0]), time, 1e-6);
@@ -80,7 +80,7 @@ static void moment_after_the_end_is_refused(void **unused) {
     report why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     assert_int_equal(playback_moment(s, SOURCE_DIR "/tests/traces/figure8.log", 99, &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "--at 99 s is after the last pose"));
     timeline_free(&t);
@@ -106,7 +106,7 @@ static void truncated_log_plays_to_its_last_event(void **unused) {
     double end = pose_log_time(&poses, poses.count - 1);
     pose_log_free(&poses);
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     assert_int_equal(playback_run(s, path, &t, &cut, &why), TROCAR_OK);
     assert_non_null(strstr(cut.text, "truncated"));
     assert_true(end > 0.3 && t.now == end && time_of_picture(&t.pictures[t.picture_end - 1]) == end);
@@ -121,7 +121,7 @@ static void missing_log_is_reported(void **unused) {
     report why, cut;
     timeline t;
     assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     assert_int_equal(playback_run(s, "none.log", &t, &cut, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "none.log"));
     timeline_free(&t);

@@ -87,6 +87,11 @@ static void invalid_pose_messages_are_counted(void **unused) {
     assert_int_equal(in.record.needles[0].owner, 0);
     assert_false(in.needles[0].newest.held);
     assert_non_null(strstr(in.record.message, "needle_pose_t"));
+    trocar_needle_pose_t nobody = message(0, 1, 0); /* the first malformed pose is remembered when something else is refused */
+    p = pack_pose(&nobody);
+    assert_int_equal(arbiter_pose(&in, p.data, p.size, 0), POSE_REFUSED);
+    assert_non_null(strstr(in.record.message, "session 0"));
+    assert_non_null(strstr(in.record.malformed, "pose of 0 bytes"));
 }
 
 /* Random payloads after a valid fingerprint: only finite poses with unit quaternions may pass. */

@@ -29,6 +29,7 @@ typedef struct {
     trocar_needle_pose_t pose;
     int32_t command;
     int64_t command_session;
+    int32_t command_needle;
 } fixture;
 
 static void on_pose(const lcm_recv_buf_t *b, const char *channel, const trocar_needle_pose_t *m, void *context) {
@@ -45,6 +46,7 @@ static void on_command(const lcm_recv_buf_t *b, const char *channel, const troca
     f->commands++;
     f->command = m->command;
     f->command_session = m->session;
+    f->command_needle = m->needle;
 }
 
 static fixture *open_fixture(void) {
@@ -54,7 +56,7 @@ static fixture *open_fixture(void) {
     assert_non_null(f.lcm);
     f.on_pose = trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);
     f.on_command = trocar_command_t_subscribe(f.lcm, "TROCAR_COMMAND", on_command, &f);
-    assert_int_equal(publisher_create(&f.pilot, f.lcm, HOME, 0.2, &why), TROCAR_OK);
+    assert_int_equal(publisher_create(&f.pilot, f.lcm, 0.2, &why), TROCAR_OK);
     return &f;
 }
 
@@ -77,7 +79,7 @@ static bool run(fixture *f, int milliseconds) {
 }
 
 static void tell(fixture *f, order_kind kind, double forward) {
-    publisher_tell(&f->pilot, &(publisher_order){.kind = kind, .base = {{0.01, 0, -0.19}, {1, 0, 0, 0}}, .command = {.forward = forward}});
+    publisher_tell(&f->pilot, &(publisher_order){.kind = kind, .home = HOME, .base = {{0.01, 0, -0.19}, {1, 0, 0, 0}}, .command = {.forward = forward}});
 }
 
 static void sends_nothing_before_taking_the_needle(void **unused) {
@@ -175,6 +177,26 @@ static void reset_starts_at_home(void **unused) {
     close_fixture(f);
 }
 
+/* Poses and commands name the needle; of two takes without a release in between the first one counts. */
+static void takes_one_needle_after_the_other(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    for (int needle = 2; needle >= 0; needle -= 2) {
+        const pose home = {{0.01 * needle, 0, -0.2}, {1, 0, 0, 0}};
+        publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_TAKE, .needle = needle, .home = home, .base = home});
+        publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_TAKE, .needle = 3, .home = HOME, .base = HOME});
+        run(f, 5);
+        assert_true(f->pose.needle == needle && f->pose.position[0] == 0.01 * needle);
+        tell(f, ORDER_RESET, 0);
+        run(f, 5);
+        assert_true(f->command == TROCAR_COMMAND_T_RESET && f->command_needle == needle && f->pose.position[0] == 0.01 * needle);
+        tell(f, ORDER_RELEASE, 0);
+        run(f, 5);
+        assert_true(f->command == TROCAR_COMMAND_T_RELEASE && f->command_needle == needle);
+    }
+    close_fixture(f);
+}
+
 /* The thread wakes for an order, publishes on its own clock, and ends when told. */
 static void thread_executes_orders(void **unused) {
     (void)unused;
@@ -198,6 +220,7 @@ int main(void) {
         cmocka_unit_test(sends_nothing_before_taking_the_needle),
         cmocka_unit_test(needle_stops_without_orders),
         cmocka_unit_test(sends_nothing_without_a_server),
+        cmocka_unit_test(takes_one_needle_after_the_other),
         cmocka_unit_test(releases_the_needle),
         cmocka_unit_test(reset_starts_at_home),
         cmocka_unit_test(thread_executes_orders),

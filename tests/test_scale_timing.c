@@ -75,7 +75,7 @@ static void late_contact_nodes_are_counted(void **unused) {
     check_counts(r);
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
-    assert_in_range(r->activation.max, 900000, 2100000 + r->patch.max); /* the worker may be measuring a line meanwhile */
+    assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max); /* the worker may be measuring a line meanwhile, until some time in a tick */
 }
 
 int main(void) {

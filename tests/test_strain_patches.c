@@ -1,4 +1,4 @@
-/* Patches of tetrahedra: disjoint, of one region, connected by faces, of the sizes promised, and always the same. */
+/* Patches of tetrahedra are disjoint, lie in one region, are connected by faces, have the documented sizes, and are reproducible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -23,7 +23,7 @@ static bool joined(const mesh *m, int tet, int face) {
     return other >= 0 && m->region[other] == m->region[tet];
 }
 
-/* How many tets are reached from `tet` through faces, within its region and, unless `patch` is NULL, within its patch. */
+/* Number of tetrahedra that can be reached from `tet` through faces within its region and, unless `patch` is NULL, its patch. */
 static int reached_from(const mesh *m, int tet, const int *patch) {
     int *found = malloc((size_t)m->tet_count * sizeof *found), count = 1;
     bool *seen = calloc((size_t)m->tet_count, sizeof *seen);
@@ -41,7 +41,8 @@ static int reached_from(const mesh *m, int tet, const int *patch) {
     return count;
 }
 
-/* Every tet is in one patch, which is connected and of one region; patches that are too small are whole parts of a region. */
+/* Every tetrahedron is in one patch, which is connected and in one region. A patch of fewer than LEAST is all of a connected part of its
+   region. */
 static void check_partition(const mesh *m, int most) {
     int count, usual = 0, *patch = create(m, &count), *size = calloc((size_t)count, sizeof *size), *first = malloc((size_t)count * sizeof *first);
     for (int e = m->tet_count - 1; e >= 0; e--) {
@@ -73,12 +74,13 @@ static void meshes_are_divided_into_patches(void **state) {
         check_partition(&m, MOST);
         mesh_free(&m);
     }
-    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* Kuhn's: structured */
+    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* a structured mesh (Kuhn) */
     check_partition(&c.mesh, MOST);
     cube_free(&c);
 }
 
-/* Regions at random have parts of all sizes, from single tets on. Patches that take in many remains are larger. */
+/* With regions chosen at random there are connected parts of all sizes, down to single tetrahedra. A patch with many remainders may be
+   large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
     report why;
@@ -106,15 +108,15 @@ static void single_elements_are_patches(void **state) {
     cube_free(&c);
 }
 
-/* A sum over all patch numbers, in order (FNV-1a). */
+/* Hash of the patch numbers in order (FNV-1a). */
 static uint64_t hash_of(const int *patch, int count) {
     uint64_t hash = 14695981039346656037u;
     for (int i = 0; i < count; i++) hash = (hash ^ (uint64_t)patch[i]) * 1099511628211u;
     return hash;
 }
 
-/* The same mesh has the same patches, moved, turned or scaled as well: they follow from the order of its elements alone. The number
-   is what one machine found; every other one must find the same. */
+/* Patches depend only on the order of the elements: translation, rotation and scaling do not change them. The hash was computed on one
+   machine; all others must get the same. */
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;
@@ -132,7 +134,7 @@ static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     mesh_free(&m);
 }
 
-/* In the mirror image of a mesh, elements have their corners in another order. */
+/* The elements of a mirrored mesh have their corners in another order. */
 static void mirror_image_has_the_same_patches(void **state) {
     (void)state;
     cube c, image;

@@ -28,12 +28,12 @@ static int open_fixture(void **state) {
     fixture *f = *state = calloc(1, sizeof *f);
     report why = {""};
     trocar_pose base = {{0.005, 0.003, -0.15}, {1, 0, 0, 0}};
-    f->host = host_open(MESHES "/figure8.yaml");
+    f->host = host_open_with(MESHES "/figure8.yaml", "needles", "2");
     trocar_sim_reset(f->host.sim, 0, &base, NULL);
     f->lcm = lcm_create("memq://");
     if (viewer_messages_create(&f->sight, f->host.model, &why) != TROCAR_OK
-        || timeline_create(&f->timeline, true, &why) != TROCAR_OK
-        || subscriber_open(&f->feed, f->lcm, trocar_model_node_count(f->host.model), 1000, &f->timeline, &why) != TROCAR_OK) {
+        || timeline_create(&f->timeline, true, 2, &why) != TROCAR_OK
+        || subscriber_open(&f->feed, f->lcm, f->host.model, &f->timeline, &why) != TROCAR_OK) {
         print_error("%s\n", why.text);
         return -1;
     }
@@ -77,12 +77,12 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
 static void a_server_is_alive_while_it_sends(void **state) {
     fixture *f = *state;
     pose base;
-    assert_false(subscriber_alive(&f->feed) || subscriber_base(&f->feed, &base));
+    assert_false(subscriber_alive(&f->feed) || subscriber_base(&f->feed, 0, &base));
     trocar_needle_wrench_t w = {.tick = 77, .force = {0, 0, -1}};
     trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &w);
     trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
     handle_all(f);
-    assert_true(subscriber_alive(&f->feed) && subscriber_base(&f->feed, &base));
+    assert_true(subscriber_alive(&f->feed) && subscriber_base(&f->feed, 0, &base));
     assert_close_vector(base.position, v3(0.005, 0.003, -0.15), 0);
 }
 
@@ -113,10 +113,10 @@ static void change_of_server_is_detected(void **state) {
     handle_all(f);
     hear_wrench(f, 1, 90002);
     hear_wrench(f, 1, 90001); /* delayed in the network */
-    assert_true(f->feed.servers == 1 && f->feed.status && subscriber_base(&f->feed, &base));
+    assert_true(f->feed.servers == 1 && f->feed.needles[0].status && subscriber_base(&f->feed, 0, &base));
     sleep_until(f->feed.heard + 500000001);
     hear_wrench(f, 2, 3);
-    assert_true(f->feed.servers == 2 && !f->feed.status && !subscriber_base(&f->feed, &base));
+    assert_true(f->feed.servers == 2 && !f->feed.needles[0].status && !subscriber_base(&f->feed, 0, &base));
 }
 
 static void first_of_two_servers_is_followed(void **state) {
@@ -131,29 +131,55 @@ static void first_of_two_servers_is_followed(void **state) {
     f->sight.contacts.server = 2;
     trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
     handle_all(f);
-    assert_true(f->feed.wrench.depth == 1 && f->feed.timing.rate_hz == 0 && f->feed.status == NULL && f->feed.contacts == NULL);
+    const needle_feed *n = &f->feed.needles[0];
+    assert_true(n->wrench.depth == 1 && f->feed.timing.rate_hz == 0 && n->status == NULL && n->contacts == NULL);
     assert_int_equal(f->timeline.sample_end, 1);
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Of two needles, only the first is shown, although the other one's messages arrive in between. */
-static void the_first_needle_is_shown(void **state) {
+/* Each of two needles has its wrench, status, contacts and samples, and both are in a picture; a third one is not the scene's. */
+static void needles_are_told_apart(void **state) {
     fixture *f = *state;
-    trocar_needle_wrench_t first = {.tick = 77, .depth = 1}, second = {.tick = 77, .depth = 2, .needle = 1};
-    trocar_status_t statuses[2] = {{.owner = 5, .host = "", .scene = "", .inverse = "", .message = "", .needle_count = 2},
-                                   {.owner = 6, .host = "", .scene = "", .inverse = "", .message = "", .needle_count = 2, .needle = 1}};
-    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &first);
-    trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &second);
-    for (int i = 0; i < 2; i++) trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &statuses[i]);
-    trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    for (int i = 0; i < 3; i++) {
+        trocar_needle_wrench_t wrench = {.tick = 77, .depth = 1 + i, .needle = i};
+        trocar_status_t status = {.owner = 5 + i, .host = "", .scene = "", .inverse = "", .message = "", .needle_count = 3, .needle = i};
+        f->sight.contacts.needle = i;
+        f->sight.contacts.pose_utime = 5000 + 1000 * i;
+        trocar_needle_wrench_t_publish(f->lcm, "TROCAR_WRENCH", &wrench);
+        trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &status);
+        trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+    }
+    trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+    handle_all(f);
+    assert_int_equal(f->timeline.sample_end, 2);
+    for (int i = 0; i < 2; i++) {
+        const needle_feed *n = &f->feed.needles[i];
+        pose base;
+        assert_true(n->wrench.depth == 1 + i && n->status->owner == 5 + i && n->contacts->pose_utime == 5000 + 1000 * i);
+        assert_true(subscriber_base(&f->feed, i, &base));
+        assert_true(f->timeline.samples[i].needle == i && f->timeline.samples[i].depth == (float)(1 + i));
+    }
+    uint32_t shown;
+    assert_int_equal(f->timeline.picture_end, 1);
+    memcpy(&shown, f->timeline.pictures[0].data + 8 + 20, sizeof shown);
+    assert_int_equal(shown, 2);
+    assert_int_equal(f->feed.refused, 0);
+}
+
+/* A needle that has not been held yet sends no contacts: the picture shows the other one. */
+static void a_picture_shows_the_needles_that_were_held(void **state) {
+    fixture *f = *state;
+    uint32_t shown;
+    hear_wrench(f, 0, 77);
     f->sight.contacts.needle = 1;
-    f->sight.contacts.pose_utime = 6000;
     trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
     trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
     handle_all(f);
-    assert_true(f->feed.wrench.depth == 1 && f->feed.status->owner == 5 && f->feed.contacts->pose_utime == 5000);
     assert_int_equal(f->timeline.picture_end, 1);
-    assert_int_equal(f->feed.refused, 0);
+    memcpy(&shown, f->timeline.pictures[0].data + 8 + 20, sizeof shown);
+    assert_int_equal(shown, 1);
+    memcpy(&shown, f->timeline.pictures[0].data + 8 + 32 + 24, sizeof shown); /* its index */
+    assert_int_equal(shown, 1);
 }
 
 /* As the network might deliver them: no crash, all counted. */
@@ -182,7 +208,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(change_of_server_is_detected, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(first_of_two_servers_is_followed, open_fixture, close_fixture),
-        cmocka_unit_test_setup_teardown(the_first_needle_is_shown, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(needles_are_told_apart, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_picture_shows_the_needles_that_were_held, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "telemetry.h"
 #include "trocar_contacts_t.h"
@@ -196,6 +197,8 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_true(c->contact_count >= 2);
     const double *tip = c->centreline[c->joint_count - 1], *last = c->position[c->contact_count - 1];
     for (int a = 0; a < 3; a++) assert_true(tip[a] == last[a]);
+    for (int i = 0; i < c->contact_count; i++)
+        assert_int_equal(c->kind[i], i == c->contact_count - 1 ? TROCAR_CONTACTS_T_TIP : TROCAR_CONTACTS_T_TISSUE);
     double pull = 0.0;
     for (int i = 0; i < c->contact_count; i++) {
         assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight along z */
@@ -251,11 +254,35 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
+/* On stderr, once, even if another message has been refused since. */
+static void the_first_malformed_pose_is_reported(void **state) {
+    fixture *f = *state;
+    char said[1000] = "";
+    show_a_needle(f);
+    arbiter_record *in = triple_buffer_slot(&f->exchange.intakes);
+    in->poses_malformed = 2;
+    strcpy(in->malformed, "pose of 3 bytes refused");
+    strcpy(in->message, "session 9 refused");
+    triple_buffer_publish(&f->exchange.intakes);
+    FILE *kept = tmpfile();
+    int before = dup(STDERR_FILENO);
+    fflush(stderr);
+    dup2(fileno(kept), STDERR_FILENO);
+    receive(f);
+    dup2(before, STDERR_FILENO);
+    close(before);
+    rewind(kept);
+    said[fread(said, 1, sizeof said - 1, kept)] = '\0';
+    fclose(kept);
+    assert_string_equal(said, "trocar-server: pose of 3 bytes refused\n");
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_first_malformed_pose_is_reported, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(each_needle_has_its_messages, open_pair, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -49,7 +49,7 @@ static void play(timeline *t, int from, int to) {
     for (int ms = from; ms < to; ms++) {
         plot_sample s = {.time = 1e-3 * ms, .depth = (float)ms, .membrane = ms == from + 5 ? 1 : -1, .events = ms == from + 5 ? 2 : 0};
         assert_int_equal(timeline_add_sample(t, &s, &why), TROCAR_OK);
-        if (ms % 33 == 0) assert_int_equal(timeline_add_picture(t, s.time, &needle, &tissue, &why), TROCAR_OK);
+        if (ms % 33 == 0) assert_int_equal(timeline_add_picture(t, s.time, (const trocar_contacts_t *[]){&needle}, 1, &tissue, &why), TROCAR_OK);
     }
 }
 
@@ -57,7 +57,7 @@ static void live_readers_get_the_newest_picture(void **unused) {
     (void)unused;
     timeline t;
     report why;
-    assert_int_equal(timeline_create(&t, true, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, true, 1, &why), TROCAR_OK);
     timeline_cursor quick = {0}, slow = {0};
     assert_false(timeline_has_news(&t, &quick));
     play(&t, 0, 1000);
@@ -78,7 +78,7 @@ static void the_last_minute_is_kept(void **unused) {
     (void)unused;
     timeline t;
     report why;
-    assert_int_equal(timeline_create(&t, true, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, true, 1, &why), TROCAR_OK);
     play(&t, 0, 90000);
     timeline_cursor late = {0};
     int samples = 0;
@@ -98,7 +98,7 @@ static void a_slot_keeps_all_its_events(void **unused) {
     (void)unused;
     timeline t;
     report why;
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 30); /* the puncture is in the tick of 5 ms, between two samples */
     int found = 0;
     for (int64_t i = 0; i < t.sample_end; i++) found += t.samples[i].events == 2 && t.samples[i].membrane == 1;
@@ -110,7 +110,7 @@ static void log_is_read_completely_in_parts(void **unused) {
     (void)unused;
     timeline t;
     report why;
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 100000);
     timeline_cursor cursor = {0};
     int pictures = 0, samples = 0, pieces = 0;
@@ -133,12 +133,12 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;
     report why;
-    assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
     play(&t, 0, 30);
     size_t one = t.pictures[0].room;
     timeline_free(&t);
     for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* 100 pictures and more, room for 30 */
-        assert_int_equal(timeline_create(&t, false, &why), TROCAR_OK);
+        assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
         t.picture_bytes_most = 30 * one;
         play(&t, 0, end);
         assert_true(t.picture_end >= 15 && t.picture_end <= 31);
@@ -151,8 +151,35 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     }
 }
 
+/* Events and values of one needle do not end up with another's. */
+static void needles_have_slots_of_their_own(void **unused) {
+    (void)unused;
+    timeline t;
+    report why;
+    assert_int_equal(timeline_create(&t, true, 2, &why), TROCAR_OK);
+    for (int ms = 0; ms < 1000; ms++)
+        for (int needle = 0; needle < 2; needle++) {
+            bool event = needle == 1 && ms == 555;
+            plot_sample s = {.time = 1e-3 * ms, .depth = (float)needle, .membrane = event ? 3 : -1, .events = event ? 2 : 0, .needle = needle};
+            assert_int_equal(timeline_add_sample(&t, &s, &why), TROCAR_OK);
+        }
+    int counts[2] = {0}, events[2] = {0};
+    for (int64_t i = 0; i < t.sample_end; i++) {
+        const plot_sample *s = &t.samples[i];
+        assert_true(s->depth == (float)s->needle);
+        counts[s->needle]++;
+        events[s->needle] += s->events == 2 && s->membrane == 3;
+    }
+    assert_in_range(counts[0], 99, 101);
+    assert_int_equal(counts[1], counts[0]);
+    assert_true(events[0] == 0 && events[1] == 1);
+    assert_true(t.sample_room >= 2 * (size_t)(SAMPLE_SPAN / SAMPLE_SLOT)); /* a minute of both */
+    timeline_free(&t);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(needles_have_slots_of_their_own),
         cmocka_unit_test(live_readers_get_the_newest_picture),
         cmocka_unit_test(the_last_minute_is_kept),
         cmocka_unit_test(a_slot_keeps_all_its_events),

@@ -1,4 +1,4 @@
-/* Stiffness against hand calculations: element energy, patch test, a bar in tension, unconstrained bodies. */
+/* Stiffness against closed-form results: energy of an element, patch test, bar in tension; insufficiently constrained bodies. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +13,7 @@
 
 static vec3 random_vector(double size) { return cube_random_vector(size); }
 
-/* Of positive volume, not flat. */
+/* A random tetrahedron of positive volume that is not too flat. */
 static void random_tet(vec3 x[4]) {
     vec3 gradients[4];
     do
@@ -42,7 +42,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* u = G x: energy V (mu eps:eps + lambda/2 tr(eps)^2), eps the symmetric part of G. */
+/* Energy per volume of the displacement u = G x: mu eps:eps + lambda/2 tr(eps)^2, eps the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -91,7 +91,7 @@ static void make_uniform(cube *c, double e, double nu, volumetric_strain strain)
     if (tissue_create(&c->mesh, c->materials, c->fixed, strain, &c->tissue, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Solves K u = f where f are the nodal forces of the stress `sigma` on the outer surface. */
+/* Solves K u = f, where f are the nodal forces of the stress `sigma` on the outer surface. */
 static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     tissue *t = &c->tissue;
     cholmod_dense *force = cholmod_zeros(t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -108,7 +108,7 @@ static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     return u;
 }
 
-/* Fields u = d z vanish on the held face; with a constant stress they solve the problem exactly on any mesh. */
+/* The displacement u = d z is zero on the fixed face and has constant stress, so every mesh must reproduce it exactly. */
 static void check_patch_test(volumetric_strain strain) {
     cube c;
     double e = 20e3, nu = 0.45, mu = e / 2.0 / (1.0 + nu), lambda = e * nu / (1.0 + nu) / (1.0 - 2.0 * nu);
@@ -137,7 +137,7 @@ static void patch_test(void **state) {
 static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     (void)state;
     cube c;
-    double pull = 3.0, e = 10e3; /* N, Pa; nu = 0: the held end does not disturb the stress */
+    double pull = 3.0, e = 10e3; /* N, Pa; with nu = 0 the fixed end does not disturb the stress */
     make_uniform(&c, e, 0.0, STRAIN_BY_ELEMENT);
     double sigma[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, pull / (CUBE_EDGE * CUBE_EDGE)}};
     cholmod_dense *u = solve_under_stress(&c, sigma);
@@ -155,17 +155,17 @@ static void assert_refused(cube *c, volumetric_strain strain, const char *words)
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-/* An element with no stiffness against some strain would let more bodies be loose. */
+/* With too few fixed nodes K is singular. Elements without stiffness against some strain would make it singular in more cases. */
 static void check_loose_bodies(volumetric_strain strain) {
     cube c;
     report why;
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     memset(c.fixed, 0, sizeof c.fixed);
     assert_refused(&c, strain, "no node is fixed");
-    for (int i = 0; i < CUBE_NODES; i += 17) { /* turns about the node */
+    for (int i = 0; i < CUBE_NODES; i += 17) { /* the body can rotate about the node */
         c.fixed[i] = true;
         assert_refused(&c, strain, "do not constrain");
-        for (int j = 3; j < CUBE_NODES; j += 29) { /* turns about the line through two */
+        for (int j = 3; j < CUBE_NODES; j += 29) { /* the body can rotate about the line through both nodes */
             if (i == j) continue;
             c.fixed[j] = true;
             assert_refused(&c, strain, "do not constrain");
@@ -173,7 +173,7 @@ static void check_loose_bodies(volumetric_strain strain) {
         }
         c.fixed[i] = false;
     }
-    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three off one line are enough */
+    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three nodes that are not on one line are enough */
     assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, strain, &c.tissue, &why), TROCAR_OK);
     tissue_free(&c.tissue);
     memset(c.fixed, 1, sizeof c.fixed);
@@ -187,7 +187,7 @@ static void loose_bodies_are_refused(void **state) {
     check_loose_bodies(STRAIN_BY_ELEMENT);
 }
 
-/* Two cubes side by side that do not touch. */
+/* A mesh of two cubes that do not touch. */
 static void pair_of(cube *one, cube *two, mesh *pair) {
     report why;
     assert_int_equal(cube_shape(one, 0.1, &why), TROCAR_OK);

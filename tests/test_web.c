@@ -127,13 +127,13 @@ static void act(void *context, const web_action *action) {
     f->releases += action->kind == ACTION_RELEASE;
 }
 
-static bool may_drive(void *context) { return !((fixture *)context)->no_server; }
+static bool may_drive(void *context, uint32_t needle) { return needle == 0 && !((fixture *)context)->no_server; }
 
 static void open_fixture(fixture *f, int patience) {
     report why;
     *f = (fixture){0};
     bytes_append(&f->scene, "a scene.", 8);
-    assert_int_equal(timeline_create(&f->timeline, true, &why), TROCAR_OK);
+    assert_int_equal(timeline_create(&f->timeline, true, 1, &why), TROCAR_OK);
     web_settings settings = {.page = folder, .timeline = &f->timeline, .scene = &f->scene, .context = f, .describe = describe,
                              .act = act, .may_drive = may_drive, .patience = patience};
     assert_int_equal(web_create(&settings, &f->web, &why), TROCAR_OK);

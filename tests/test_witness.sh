@@ -19,7 +19,10 @@ ends_with 77 'exit 77'
 ends_with 137 'kill -KILL $$'
 ends_with 0 'sleep 60 &'
 ends_with 0 'yes &'
-ends_with 77 --reports 'exit 1'
+ends_with 0 --reports 'exit 1'
+ends_with 77 --reports 'exit 77'
+ends_with 127 --reports no-such-program
+ends_with 137 --reports 'kill -KILL $$'
 ends_with 1 --reports "$report"
 ends_with 1 --reports "$report & wait; yes &"
 ends_with 66 --reports "$report >&2; exit 66"

@@ -19,8 +19,8 @@ static const double LONGEST_STEP = 0.01;       /* s, longest time step */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
-trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, pose home, double needle_length, report *why) {
-    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .home = home, .seq = -1};
+trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why) {
+    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .seq = -1};
     p->session = session_new();
     p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
@@ -40,7 +40,7 @@ void publisher_tell(pose_publisher *p, const publisher_order *order) {
 void publisher_hear(pose_publisher *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
 
 static void publish_command(const pose_publisher *p, int32_t what) {
-    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what};
+    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what, .needle = p->needle};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
 }
 
@@ -54,8 +54,11 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     p->command = order->command;
     switch (order->kind) {
     case ORDER_TAKE:
-        if (!p->holding) rate_control_begin(&p->drive, p->home, order->base);
+        if (p->holding) break;
         p->holding = true;
+        p->needle = order->needle;
+        p->home = order->home;
+        rate_control_begin(&p->drive, p->home, order->base);
         break;
     case ORDER_RESET:
         if (p->holding) publish_command(p, TROCAR_COMMAND_T_RESET);
@@ -70,6 +73,7 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
 
 static void publish_pose(pose_publisher *p) {
     trocar_needle_pose_t m = message_of_pose(p->drive.base, wall_us(), p->session, ++p->seq);
+    m.needle = p->needle;
     trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &m);
 }
 

@@ -1,4 +1,4 @@
-/* Thread that drives the needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive,
+/* Thread that drives a needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive,
    and no poses are sent while there is no server. */
 #ifndef TROCAR_POSE_PUBLISHER_H
 #define TROCAR_POSE_PUBLISHER_H
@@ -13,7 +13,8 @@ typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_RELEASE, ORDER_END } 
 
 typedef struct {
     order_kind kind;
-    pose base;               /* TAKE: initial pose */
+    int needle;              /* TAKE: which one, */
+    pose home, base;         /* where it waits outside, and its initial pose */
     rate_control_command command;   /* STEER */
 } publisher_order;
 
@@ -21,7 +22,6 @@ typedef struct {
     lcm_t *lcm;              /* shared: lcm_publish is thread-safe */
     int64_t session;
     rate_control_limits limits;
-    pose home;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
     _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
@@ -29,12 +29,14 @@ typedef struct {
     /* used by the thread only */
     rate_control_state drive;
     rate_control_command command;
+    int needle;              /* held now, or last */
+    pose home;               /* of that needle */
     bool holding;
     int64_t ordered;         /* ns, monotonic: last order */
     int64_t seq;             /* sequence number of the last pose */
 } pose_publisher;
 
-trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, pose home, double needle_length, report *why);
+trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);
 void publisher_free(pose_publisher *p);
 
 /* Called by the web thread. An order is dropped if the ring is full; the next one follows. */

@@ -8,7 +8,6 @@
 #include "trocar_deformation_t.h"
 
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
-enum { NEEDLE = 0 };   /* the one that is shown */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
 
@@ -17,7 +16,7 @@ static const int64_t SILENCE = 500000000; /* ns without a wrench after which the
 double subscriber_time(const subscriber *f) { return 1e-9 * (double)(monotonic_ns() - f->started); }
 
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
-    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane};
+    plot_sample s = {.time = time, .depth = (float)w->depth, .events = (uint32_t)w->events, .membrane = w->membrane, .needle = w->needle};
     for (int a = 0; a < 3; a++) {
         s.force[a] = (float)w->force[a];
         s.torque[a] = (float)w->torque[a];
@@ -25,15 +24,26 @@ plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
     return s;
 }
 
+static void forget_needles(subscriber *f) {
+    for (needle_feed *n = f->needles; n < f->needles + TROCAR_MAX_NEEDLES; n++) {
+        if (n->contacts) trocar_contacts_t_destroy(n->contacts);
+        if (n->status) trocar_status_t_destroy(n->status);
+        *n = (needle_feed){.contacts = NULL};
+    }
+}
+
 /* Discards the data of the previous server when another one is followed. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
-    if (f->heard != 0 && w->server == f->wrench.server) return;
+    if (f->heard != 0 && w->server == f->server) return;
     f->servers++;
-    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
-    if (f->status) trocar_status_t_destroy(f->status);
-    f->contacts = NULL;
-    f->status = NULL;
+    f->server = w->server;
+    forget_needles(f);
     f->timing = (trocar_loop_timing_t){0};
+}
+
+/* What is known about this needle of the followed server; NULL for another server and for a needle that the scene does not have. */
+static needle_feed *find_needle(subscriber *f, int64_t server, int32_t needle) {
+    return server == f->choice.followed && needle >= 0 && needle < f->needle_count ? &f->needles[needle] : NULL;
 }
 
 static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -45,9 +55,11 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
         return;
     }
     if (!server_choice_follows(&f->choice, w.server, 1e-9 * (double)monotonic_ns())) return;
-    if (w.needle != NEEDLE) return;
+    needle_feed *n = find_needle(f, w.server, w.needle);
+    if (!n) return;
     note_server(f, &w);
-    f->wrench = w;
+    n->wrench = w;
+    f->tick = w.tick;
     f->heard = monotonic_ns();
     plot_sample s = sample_of_wrench(subscriber_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
@@ -75,9 +87,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed && m.needle == NEEDLE) {
-        if (f->status) trocar_status_t_destroy(f->status);
-        f->status = trocar_status_t_copy(&m);
+    needle_feed *n = find_needle(f, m.server, m.needle);
+    if (n) {
+        if (n->status) trocar_status_t_destroy(n->status);
+        n->status = trocar_status_t_copy(&m);
     }
     trocar_status_t_decode_cleanup(&m);
 }
@@ -91,19 +104,20 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed && m.needle == NEEDLE) {
-        if (f->contacts) trocar_contacts_t_destroy(f->contacts);
-        f->contacts = trocar_contacts_t_copy(&m);
+    needle_feed *n = find_needle(f, m.server, m.needle);
+    if (n) {
+        if (n->contacts) trocar_contacts_t_destroy(n->contacts);
+        n->contacts = trocar_contacts_t_copy(&m);
     }
     trocar_contacts_t_decode_cleanup(&m);
 }
 
 /* Time from the tick number, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
-    return 1e-9 * (double)(f->heard - f->started) - (double)(f->wrench.tick - tick) * f->period;
+    return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* A picture is complete with the second message of its tick. */
+/* Completes the picture of its tick, after the contacts of each needle that has been held. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;
@@ -114,17 +128,24 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         return;
     }
     report why; /* a picture is skipped if out of memory */
-    if (f->contacts && f->contacts->tick == m.tick && f->contacts->server == m.server)
-        timeline_add_picture(f->timeline, time_of_tick(f, m.tick), f->contacts, &m, &why);
+    const trocar_contacts_t *needles[TROCAR_MAX_NEEDLES];
+    bool complete = false;
+    for (int i = 0; i < f->needle_count; i++) {
+        const trocar_contacts_t *contacts = f->needles[i].contacts;
+        needles[i] = contacts && contacts->tick == m.tick && contacts->server == m.server ? contacts : NULL;
+        complete |= needles[i] != NULL;
+    }
+    if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
 
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, int node_count, double rate_hz, timeline *t, report *why) {
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
-    *f = (subscriber){.node_count = node_count, .timeline = t, .started = monotonic_ns(), .period = 1.0 / rate_hz, .choice.patience = 1e-9 * (double)SILENCE};
+    *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,
+                      .started = monotonic_ns(), .period = 1.0 / trocar_model_rate(model), .choice.patience = 1e-9 * (double)SILENCE};
     for (size_t i = 0; channels[i] != NULL; i++) {
         lcm_subscription_t *s = lcm_subscribe(lcm, channels[i], handlers[i], f);
         if (!s || lcm_subscription_set_queue_capacity(s, QUEUE) != 0)
@@ -134,16 +155,22 @@ trocar_status subscriber_open(subscriber *f, lcm_t *lcm, int node_count, double 
 }
 
 void subscriber_close(subscriber *f) {
-    if (f->contacts) trocar_contacts_t_destroy(f->contacts);
-    if (f->status) trocar_status_t_destroy(f->status);
+    forget_needles(f);
     *f = (subscriber){0};
 }
 
 bool subscriber_alive(const subscriber *f) { return f->heard != 0 && monotonic_ns() - f->heard < SILENCE; }
 
-bool subscriber_base(const subscriber *f, pose *base) {
-    if (!subscriber_alive(f) || !f->contacts) return false;
-    const double *x = f->contacts->centreline[0], *q = f->contacts->orientation;
+bool subscriber_shows(const subscriber *f) {
+    bool shows = false;
+    for (int i = 0; i < f->needle_count; i++) shows |= f->needles[i].contacts != NULL;
+    return shows;
+}
+
+bool subscriber_base(const subscriber *f, int needle, pose *base) {
+    const trocar_contacts_t *contacts = f->needles[needle].contacts;
+    if (!subscriber_alive(f) || !contacts) return false;
+    const double *x = contacts->centreline[0], *q = contacts->orientation;
     *base = (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
     return true;
 }

@@ -1,4 +1,4 @@
-/* Receives the server's messages and adds them to a timeline. With several needles, only the first one is shown. */
+/* Receives the server's messages and adds them to a timeline. */
 #ifndef TROCAR_SUBSCRIBER_H
 #define TROCAR_SUBSCRIBER_H
 
@@ -11,23 +11,31 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_status_t.h"
 
+/* The newest messages about one needle. */
+typedef struct {
+    trocar_needle_wrench_t wrench;
+    trocar_contacts_t *contacts; /* NULL before the first */
+    trocar_status_t *status; /* NULL before the first */
+} needle_feed;
+
 typedef struct {
     int node_count;          /* of the scene's mesh */
+    int needle_count;        /* of the scene */
     timeline *timeline;
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0: none */
+    int64_t tick, server;    /* of that wrench */
     int64_t servers;         /* number of servers followed so far */
-    trocar_needle_wrench_t wrench;
     trocar_loop_timing_t timing;
-    trocar_contacts_t *contacts; /* newest, NULL before the first */
-    trocar_status_t *status; /* newest, NULL before the first */
+    needle_feed needles[TROCAR_MAX_NEEDLES];
     server_choice choice;    /* only messages of the followed server are used */
     int64_t refused;         /* messages of the wrong type for their channel */
 } subscriber;
 
-/* Subscribes; `t` must outlive it. Ignores deformations of a number of nodes other than `node_count`. SYSTEM if LCM fails. */
-trocar_status subscriber_open(subscriber *f, lcm_t *lcm, int node_count, double rate_hz, timeline *t, report *why);
+/* Subscribes; `t` must outlive it. Ignores deformations of meshes with another number of nodes than the model's, and
+   needles that the model does not have. SYSTEM if LCM fails. */
+trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why);
 void subscriber_close(subscriber *f);
 
 /* Whether a wrench arrived in the last half second. */
@@ -36,8 +44,11 @@ bool subscriber_alive(const subscriber *f);
 /* s since subscriber_open: the clock of the timeline. */
 double subscriber_time(const subscriber *f);
 
+/* Whether there was a picture of a needle. */
+bool subscriber_shows(const subscriber *f);
+
 /* Pose of the needle's base in the server; false if unknown. */
-bool subscriber_base(const subscriber *f, pose *base);
+bool subscriber_base(const subscriber *f, int needle, pose *base);
 
 /* Converts a wrench to a sample for the plots; timing values are zero. */
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w);

@@ -3,10 +3,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-trocar_status timeline_create(timeline *t, bool live, report *why) {
-    *t = (timeline){.live = live, .picture_bytes_most = PICTURE_BYTES, .picture_stride = 1, .gathered.membrane = -1};
+trocar_status timeline_create(timeline *t, bool live, int needles, report *why) {
+    *t = (timeline){.live = live, .picture_bytes_most = PICTURE_BYTES, .picture_stride = 1};
+    for (int i = 0; i < needles; i++) t->gathered[i].membrane = -1;
     t->picture_room = live ? 1 : 1024;
-    t->sample_room = (size_t)(SAMPLE_SPAN / SAMPLE_SLOT);
+    t->sample_room = (size_t)(needles * SAMPLE_SPAN / SAMPLE_SLOT);
     t->pictures = calloc(t->picture_room, sizeof *t->pictures);
     t->samples = calloc(t->sample_room, sizeof *t->samples);
     return t->pictures && t->samples ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the timeline");
@@ -30,26 +31,27 @@ static trocar_status make_room(const timeline *t, int64_t count, void **array, s
     return TROCAR_OK;
 }
 
-static trocar_status close_slot(timeline *t, report *why) {
+static trocar_status close_slot(timeline *t, int needle, report *why) {
     void *array = t->samples;
     trocar_status status = make_room(t, t->sample_end, &array, &t->sample_room, sizeof *t->samples, why);
     t->samples = array;
     if (status != TROCAR_OK) return status;
-    t->samples[(size_t)t->sample_end++ % t->sample_room] = t->gathered;
-    t->gathered = (plot_sample){.membrane = -1};
+    t->samples[(size_t)t->sample_end++ % t->sample_room] = t->gathered[needle];
+    t->gathered[needle] = (plot_sample){.membrane = -1};
     return TROCAR_OK;
 }
 
 trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why) {
-    uint32_t events = t->gathered.events | s->events;
-    int32_t membrane = s->membrane >= 0 ? s->membrane : t->gathered.membrane;
+    plot_sample *gathered = &t->gathered[s->needle];
+    uint32_t events = gathered->events | s->events;
+    int32_t membrane = s->membrane >= 0 ? s->membrane : gathered->membrane;
     t->now = s->time;
-    t->gathered = *s;
-    t->gathered.events = events;
-    t->gathered.membrane = membrane;
-    if (s->time < t->slot_end) return TROCAR_OK;
-    t->slot_end = s->time + 0.99 * SAMPLE_SLOT; /* slightly less than a slot, so that a tick at its end starts the next one */
-    return close_slot(t, why);
+    *gathered = *s;
+    gathered->events = events;
+    gathered->membrane = membrane;
+    if (s->time < t->slot_end[s->needle]) return TROCAR_OK;
+    t->slot_end[s->needle] = s->time + 0.99 * SAMPLE_SLOT; /* slightly less than a slot, so that a tick at its end starts the next one */
+    return close_slot(t, s->needle, why);
 }
 
 /* Removes every second picture. */
@@ -73,8 +75,8 @@ static byte_buffer *next_place(timeline *t) {
     return &t->pictures[(size_t)t->picture_end++ % t->picture_room];
 }
 
-trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue,
-                                   report *why) {
+trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *const needles[], int count,
+                                   const trocar_deformation_t *tissue, report *why) {
     void *array = t->pictures;
     trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);
     t->pictures = array;
@@ -82,7 +84,7 @@ trocar_status timeline_add_picture(timeline *t, double time, const trocar_contac
     byte_buffer *place = next_place(t);
     t->picture_bytes -= place->room;
     bytes_clear(place);
-    encode_picture(place, time, needle, tissue);
+    encode_picture(place, time, needles, count, tissue);
     t->picture_bytes += place->room;
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
 }

@@ -7,7 +7,7 @@
 #include "base/report.h"
 #include "wire_format.h"
 
-#define SAMPLE_SLOT 0.01     /* s, time covered by one sample */
+#define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
 #define SAMPLE_SPAN 60.0     /* s of samples kept live */
 #define PICTURE_BYTES ((size_t)256 << 20) /* limit for the pictures of a log */
 
@@ -18,21 +18,24 @@ typedef struct {
     size_t picture_room;
     size_t picture_bytes, picture_bytes_most; /* size of the pictures, and the limit above which those of a log are thinned out */
     int64_t pictures_given, picture_stride; /* log: one in `picture_stride` is kept */
-    plot_sample *samples;    /* live: a ring */
+    plot_sample *samples;    /* of all needles, in the order of their times; live: a ring */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;
-    plot_sample gathered;    /* of the current slot */
-    double slot_end;         /* s */
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* of the current slot */
+    double slot_end[TROCAR_MAX_NEEDLES];      /* s */
     double now;              /* s, time of the newest sample */
 } timeline;
 
-trocar_status timeline_create(timeline *t, bool live, report *why);
+/* For `needles`, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
+trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
 void timeline_free(timeline *t);
 
-/* Adds the values of one tick; `s` has the events of this tick only. NO_MEMORY (log only). */
+/* Adds the values of one tick of needle `s->needle`; `s` has the events of this tick only. NO_MEMORY (log only). */
 trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why);
-trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue,
-                                   report *why);
+
+/* As encode_picture. */
+trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *const needles[], int count,
+                                   const trocar_deformation_t *tissue, report *why);
 
 /* Position of a reader: numbers of the next picture and sample. */
 typedef struct {

@@ -51,7 +51,8 @@ typedef struct {
     trocar_model *model;     /* its mesh alone */
     double needle_length;    /* m */
     vec3 low, high;          /* m, corners of the box around the mesh */
-    pose home;
+    int needle_count;        /* live; a log shows one */
+    pose homes[TROCAR_MAX_NEEDLES]; /* where each waits outside */
     timeline timeline;
     byte_buffer encoded_scene;
     char page[4096];         /* folder of the page */
@@ -62,6 +63,7 @@ typedef struct {
     lcm_t *lcm;              /* live only */
     subscriber feed;
     pose_publisher pilot;
+    int driven;              /* needle that a browser drives, or drove last */
     pthread_t pilot_thread;
     bool piloting;           /* the publisher's thread runs */
     int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
@@ -162,22 +164,31 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Shows a running trocar-server, or a recorded log, in any number of browsers, and lets one of them drive the needle.",
+    "Shows a running trocar-server, or a recorded log, in any number of browsers, and lets one of them drive a needle.",
     NULL, NULL, NULL};
 
 /* ---- callbacks of the web server ---- */
 
-static void write_status(const view *v, json *j) {
-    const trocar_status_t *s = v->feed.status;
+/* Members of an object. */
+static void write_needle(const view *v, const trocar_status_t *s, json *j) {
     unsigned bit;
     const char *word;
-    if (!s) return;
-    json_text(j, "scene", s->scene);
     json_text(j, "message", s->message);
     json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.session ? "here" : "elsewhere");
     json_open(j, "flags", '[');
     for (int i = 0; flag_at(i, &bit, &word); i++)
         if ((unsigned)s->flags & bit) json_text(j, NULL, word);
+    json_close(j, ']');
+}
+
+static void write_needles(const view *v, json *j) {
+    if (v->feed.needles[0].status) json_text(j, "scene", v->feed.needles[0].status->scene);
+    json_open(j, "needles", '[');
+    for (int i = 0; i < v->needle_count; i++) {
+        json_open(j, NULL, '{');
+        if (v->feed.needles[i].status) write_needle(v, v->feed.needles[i].status, j);
+        json_close(j, '}');
+    }
     json_close(j, ']');
 }
 
@@ -198,8 +209,9 @@ static char *describe(void *context, bool drives, bool driven) {
     json_bool(&j, "driven", driven);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
-        json_bool(&j, "shown", v->feed.contacts);
-        write_status(v, &j);
+        json_bool(&j, "shown", subscriber_shows(&v->feed));
+        json_integer(&j, "needle", v->driven);
+        write_needles(v, &j);
     }
     if (*v->cut.text) json_text(&j, "message", v->cut.text);
     json_close(&j, '}');
@@ -211,11 +223,14 @@ static void act(void *context, const web_action *action) {
     view *v = context;
     if (!v->lcm) return;
     const float *c = action->steer;
-    publisher_order order = {.base = v->home, .command = {c[0], c[1], c[2], c[3], c[4], c[5]}};
+    publisher_order order = {.command = {c[0], c[1], c[2], c[3], c[4], c[5]}};
     switch (action->kind) {
     case ACTION_TAKE:
+        v->driven = (int)action->needle;
         order.kind = ORDER_TAKE;
-        subscriber_base(&v->feed, &order.base);
+        order.needle = v->driven;
+        order.home = order.base = v->homes[v->driven];
+        subscriber_base(&v->feed, v->driven, &order.base);
         break;
     case ACTION_STEER: order.kind = ORDER_STEER; break;
     case ACTION_RESET: order.kind = ORDER_RESET; break;
@@ -232,18 +247,18 @@ static void receive(view *v) {
     v->servers = v->feed.servers;
 }
 
-/* Whether a server is running and the needle is not owned by another client. */
-static bool has_needle(const view *v) {
-    int64_t owner = v->feed.wrench.session;
+/* Whether a server is running and this needle is not owned by another client. */
+static bool is_free(const view *v, int needle) {
+    int64_t owner = v->feed.needles[needle].wrench.session;
     return subscriber_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
 }
 
 /* Receives pending messages first. */
-static bool may_drive(void *context) {
+static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
-    if (!v->lcm) return false;
+    if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
     receive(v);
-    return has_needle(v);
+    return is_free(v, (int)needle);
 }
 
 static void take_png(void *context, const void *png, size_t size) {
@@ -257,7 +272,7 @@ static void take_png(void *context, const void *png, size_t size) {
 static void on_lcm(void *context) {
     view *v = context;
     receive(v);
-    if (!has_needle(v)) web_let_go(v->web);
+    if (!is_free(v, v->driven)) web_let_go(v->web);
     publisher_hear(&v->pilot, v->feed.heard);
     web_news(v->web);
 }
@@ -297,9 +312,10 @@ static void find_box(view *v) {
     }
 }
 
-/* Needle along z with its tip 2 mm in front of the surface at the middle of the body. */
-static pose find_home(const view *v) {
-    double x = 0.5 * (v->low.x + v->high.x), y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
+/* Along z with the tip 2 mm in front of the surface, side by side, the first one at the middle of the body. */
+static pose find_home(const view *v, int needle) {
+    static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
+    double x = 0.5 * (v->low.x + v->high.x) + aside[needle], y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
     const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
     double skin[3] = {x, y, v->low.z};
     trocar_model_entry(v->model, from, to, skin);
@@ -329,8 +345,7 @@ static trocar_status open_web(view *v, report *why) {
     settings.act = act;
     settings.may_drive = may_drive;
     settings.take_png = v->options->png_path ? take_png : NULL;
-    trocar_pose home = library_pose(v->home);
-    encode_scene(&v->encoded_scene, v->scene, v->model, &home, v->options->log_path == NULL);
+    encode_scene(&v->encoded_scene, v->scene, v->model, v->homes, v->needle_count, v->options->log_path == NULL);
     if (v->encoded_scene.failed) return fail(why, TROCAR_NO_MEMORY, "no memory for the scene's picture");
     trocar_status status = web_create(&settings, &v->web, why);
     return status == TROCAR_OK ? watch_signals(v, why) : status;
@@ -341,9 +356,9 @@ static trocar_status open_live(view *v, report *why) {
     v->lcm = lcm_create(url);
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
-    trocar_status status = subscriber_open(&v->feed, v->lcm, trocar_model_node_count(v->model), trocar_model_rate(v->model), &v->timeline, why);
+    trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
-    if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->home, v->needle_length, why);
+    if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->needle_length, why);
     if (status != TROCAR_OK) return status;
     v->piloting = pthread_create(&v->pilot_thread, NULL, publisher_run, &v->pilot) == 0;
     if (v->piloting) return TROCAR_OK;
@@ -384,8 +399,9 @@ static trocar_status prepare(view *v, report *why) {
     if (status != TROCAR_OK) return status;
     const char *remarks = trocar_model_remarks(v->model);
     if (remarks[0]) fprintf(stderr, "trocar-view: warning: %s\n", remarks);
-    v->home = find_home(v);
-    status = timeline_create(&v->timeline, o->log_path == NULL, why);
+    v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
+    for (int i = 0; i < v->needle_count; i++) v->homes[i] = find_home(v, i);
+    status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);
     if (status == TROCAR_OK && o->log_path) status = open_log(v, why);
     if (status == TROCAR_OK) status = open_web(v, why);
     return status == TROCAR_OK && !o->log_path ? open_live(v, why) : status;

@@ -41,6 +41,7 @@ struct web {
     lws_sorted_usec_list_t timer;
     browser *browsers;
     browser *driver;         /* the driving browser, or NULL */
+    uint32_t needle;         /* that it drives */
     int browser_count;
     watch watches[WATCHES];
     int watch_count;
@@ -137,16 +138,19 @@ void web_news(web *w) {
     for (const browser *b = w->browsers; b; b = b->next) offer(w, b);
 }
 
-static void set_driver(web *w, browser *b, action_kind kind) {
+static void set_driver(web *w, browser *b, const web_action *action) {
     w->driver = b;
-    w->settings.act(w->settings.context, &(web_action){.kind = kind});
+    w->needle = action->needle;
+    w->settings.act(w->settings.context, action);
 }
 
 void web_let_go(web *w) {
-    if (w->driver) set_driver(w, NULL, ACTION_RELEASE);
+    if (w->driver) set_driver(w, NULL, &(web_action){.kind = ACTION_RELEASE});
 }
 
-static bool may_drive(const web *w) { return !w->settings.may_drive || w->settings.may_drive(w->settings.context); }
+static bool may_drive(const web *w, uint32_t needle) {
+    return !w->settings.may_drive || w->settings.may_drive(w->settings.context, needle);
+}
 
 /* Sends the status to all browsers and disconnects those that no longer answer, so that a page that hangs keeps neither the needle
    nor a connection; it reconnects when it continues. Unanswered statuses are counted instead of time, so that a pause of this program
@@ -159,14 +163,14 @@ static void on_timer(lws_sorted_usec_list_t *timer) {
         if (b == w->driver) web_let_go(w);
         lws_set_timeout(b->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
     }
-    if (w->driver && !may_drive(w)) web_let_go(w);
+    if (w->driver && !may_drive(w, w->needle)) web_let_go(w);
     web_news(w);
     lws_sul_schedule(w->lws, 0, &w->timer, on_timer, STATUS_PERIOD);
 }
 
 /* ---- receiving ---- */
 
-/* The first browser that requests the needle gets it; requests of others are ignored. */
+/* The first browser that requests a needle gets it; requests of others are ignored. */
 static void take_action(web *w, browser *b, const web_action *action) {
     switch (action->kind) {
     case ACTION_ACKNOWLEDGE:
@@ -174,7 +178,7 @@ static void take_action(web *w, browser *b, const web_action *action) {
         offer(w, b);
         break;
     case ACTION_TAKE:
-        if (!w->driver && may_drive(w)) set_driver(w, b, ACTION_TAKE);
+        if (!w->driver && may_drive(w, action->needle)) set_driver(w, b, action);
         break;
     case ACTION_RELEASE:
         if (w->driver == b) web_let_go(w);

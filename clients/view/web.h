@@ -14,7 +14,7 @@ typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, 
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER: right, up, forward, pitch, yaw, roll, each -1 .. 1 */
-    uint32_t unused;
+    uint32_t needle;         /* ACTION_TAKE */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
@@ -31,7 +31,7 @@ typedef struct {
     void *context;           /* passed to the functions below */
     char *(*describe)(void *context, bool drives, bool driven);  /* state as JSON, freed by the caller; NULL: none */
     void (*act)(void *context, const web_action *action);        /* action of the driving browser */
-    bool (*may_drive)(void *context);  /* whether a browser may take and keep the needle; NULL: always */
+    bool (*may_drive)(void *context, uint32_t needle);  /* whether a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;
 

@@ -105,7 +105,32 @@ static void write_membranes(json *j, const trocar_scene *s, const trocar_model *
     json_close(j, ']');
 }
 
-static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const trocar_pose *home, bool live) {
+static void write_homes(json *j, const pose *homes, int needles) {
+    json_open(j, "homes", '[');
+    for (int i = 0; i < needles; i++) json_numbers(j, NULL, &homes[i].position.x, 3);
+    json_close(j, ']');
+}
+
+static void write_guides(json *j, const trocar_model *m) {
+    json_open(j, "guides", '[');
+    for (int i = 0; i < trocar_model_guide_count(m); i++) {
+        trocar_guide g = trocar_model_guide(m, i);
+        json_open(j, NULL, '{');
+        json_numbers(j, "origin", g.origin, 3);
+        json_numbers(j, "normal", g.normal, 3);
+        json_numbers(j, "alongColumns", g.across[0], 3);
+        json_numbers(j, "alongRows", g.across[1], 3);
+        json_integer(j, "columns", g.columns);
+        json_integer(j, "rows", g.rows);
+        json_number(j, "spacing", g.spacing);
+        json_number(j, "holeDiameter", g.hole_diameter);
+        json_number(j, "thickness", g.thickness);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
+}
+
+static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const pose *homes, int needles, bool live) {
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
@@ -120,9 +145,10 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     json_number(&j, "length", number_of(s, "needle.length"));
     json_number(&j, "diameter", number_of(s, "needle.outer_diameter"));
     json_close(&j, '}');
-    json_numbers(&j, "home", home->position, 3);
+    write_homes(&j, homes, needles);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
+    write_guides(&j, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');
@@ -175,9 +201,9 @@ static void append_triangles(byte_buffer *b, const trocar_model *m) {
         }
 }
 
-void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const trocar_pose *home, bool live) {
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live) {
     size_t begun = section_begin(out, SECTION_SCENE);
-    append_description(out, scene, model, home, live);
+    append_description(out, scene, model, homes, needles, live);
     append_nodes(out, model);
     append_tets(out, model);
     append_triangles(out, model);
@@ -186,13 +212,20 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 
 /* ---- pictures ---- */
 
+/* A picture is its head, for each needle a head with its joints and contacts, and the displacements. */
 typedef struct {
-    double time, tick, pose_ms;
-    float orientation[4], scale;
-    uint32_t joints, contacts, nodes;
-    uint32_t unused[2];
+    double time, tick;
+    float scale;
+    uint32_t needles, nodes, unused;
 } picture_head;
-_Static_assert(sizeof(picture_head) == 64, "decode.js reads 64 bytes");
+_Static_assert(sizeof(picture_head) == 32, "decode.js reads 32 bytes");
+
+typedef struct {
+    double pose_ms;
+    float orientation[4];
+    uint32_t needle, joints, contacts, unused;
+} needle_head;
+_Static_assert(sizeof(needle_head) == 40, "decode.js reads 40 bytes");
 
 /* Metres per count of a displacement. */
 static float displacement_scale(const trocar_deformation_t *d) {
@@ -202,15 +235,19 @@ static float displacement_scale(const trocar_deformation_t *d) {
     return largest / INT16_MAX;
 }
 
-static void append_contacts(byte_buffer *b, const trocar_contacts_t *c) {
+static void append_needle(byte_buffer *b, const trocar_contacts_t *c) {
+    const double *q = c->orientation;
+    needle_head head = {.pose_ms = 1e-3 * (double)c->pose_utime, .orientation = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]},
+                        .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count};
+    bytes_append(b, &head, sizeof head);
     for (int j = 0; j < c->joint_count; j++) {
         float x[3] = {(float)c->centreline[j][0], (float)c->centreline[j][1], (float)c->centreline[j][2]};
         bytes_append(b, x, sizeof x);
     }
     for (int i = 0; i < c->contact_count; i++) {
-        float contact[8] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
+        float contact[9] = {(float)c->position[i][0], (float)c->position[i][1], (float)c->position[i][2],
                             (float)c->force[i][0], (float)c->force[i][1], (float)c->force[i][2],
-                            (float)c->arc[i], (float)c->state[i]};
+                            (float)c->arc[i], (float)c->state[i], (float)c->kind[i]};
         bytes_append(b, contact, sizeof contact);
     }
 }
@@ -223,15 +260,13 @@ static void append_displacement(byte_buffer *b, const trocar_deformation_t *d, f
     }
 }
 
-void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue) {
-    const double *q = needle->orientation;
-    picture_head head = {.time = time, .tick = (double)needle->tick, .pose_ms = 1e-3 * (double)needle->pose_utime,
-                         .orientation = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]}, .scale = displacement_scale(tissue),
-                         .joints = (uint32_t)needle->joint_count, .contacts = (uint32_t)needle->contact_count,
-                         .nodes = (uint32_t)tissue->node_count};
+void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *const needles[], int count, const trocar_deformation_t *tissue) {
+    picture_head head = {.time = time, .tick = (double)tissue->tick, .scale = displacement_scale(tissue), .nodes = (uint32_t)tissue->node_count};
+    for (int i = 0; i < count; i++) head.needles += needles[i] != NULL;
     size_t begun = section_begin(out, SECTION_PICTURE);
     bytes_append(out, &head, sizeof head);
-    append_contacts(out, needle);
+    for (int i = 0; i < count; i++)
+        if (needles[i]) append_needle(out, needles[i]);
     append_displacement(out, tissue, head.scale);
     section_end(out, begun);
 }

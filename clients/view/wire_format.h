@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "base/vec.h"
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
@@ -27,7 +28,7 @@ typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STAT
 size_t section_begin(byte_buffer *b, section_kind kind);
 void section_end(byte_buffer *b, size_t begun);
 
-/* One point of the plots: the newest values in a time slot and all its events. Sent without conversion. */
+/* One point of a needle's plots: the newest values in a time slot and all its events. Sent without conversion. */
 typedef struct {
     double time;             /* s */
     float force[3];          /* N, world frame, as sent to the device */
@@ -36,17 +37,17 @@ typedef struct {
     float lateness_p99, lateness_max, compute_p99, compute_max; /* s, of the last interval of TROCAR_TIMING */
     uint32_t events;         /* TROCAR_EVENT_ bits */
     int32_t membrane;        /* punctured in this slot, -1: none */
-    uint32_t unused;
+    int32_t needle;
 } plot_sample;
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
 /* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the
-   outer surface and on named surfaces. `live`: data come from a server, not from a log. */
-void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const trocar_pose *home, bool live);
+   outer surface and on named surfaces. `homes`: where each of the `needles` waits. `live`: data come from a server, not from a log. */
+void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
-/* One picture at `time` (s): needle, contacts and the displacements of all nodes, rounded to 1/32767 of the largest component
-   (30 nm per millimetre). */
-void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *needle, const trocar_deformation_t *tissue);
+/* One picture at `time` (s): each needle with its contacts (NULL: not held yet), and the displacements of all nodes, rounded to
+   1/32767 of the largest component (30 nm per millimetre). */
+void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *const needles[], int count, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 void encode_status(byte_buffer *out, const char *json);

@@ -5,6 +5,7 @@
 #include "base/triple_buffer.h"
 #include "scene/scene.h"
 #include "insertion/simulation.h"
+#include "remesh/refined_mesh.h"
 
 struct trocar_scene {
     scene values;

@@ -14,6 +14,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     trocar_model *m = calloc(1, sizeof *m);
     if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
     simulation_config config = scene->values.simulation;
+    config.scene_path = scene->values.path;
     if (options) {
         config.progress = (inverse_progress){options->progress, options->context};
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
@@ -24,6 +25,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
     restore_floating_mode(before);
     m->parts.config.mesh_given = NULL; /* the scene's, which may go */
+    m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
     return status;
@@ -92,6 +94,24 @@ trocar_material trocar_model_material(const trocar_model *model, int region) {
     return (trocar_material){.youngs_modulus = m->youngs_modulus, .poisson_ratio = m->poisson_ratio, .cutting_force = m->cutting_force,
                              .cutting_viscosity = m->cutting_viscosity, .friction_static = m->friction_static,
                              .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous};
+}
+
+static void put(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
+int trocar_model_guide_count(const trocar_model *model) { return model->parts.config.guide_count; }
+
+trocar_guide trocar_model_guide(const trocar_model *model, int index) {
+    if (index < 0 || index >= model->parts.config.guide_count) return (trocar_guide){.columns = 0};
+    const guide *g = &model->parts.guides[index];
+    trocar_guide out = {.spacing = g->spacing, .hole_diameter = 2.0 * g->hole_radius, .thickness = g->thickness, .columns = g->columns, .rows = g->rows};
+    put(g->origin, out.origin);
+    put(g->normal, out.normal);
+    for (int a = 0; a < 2; a++) put(g->across[a], out.across[a]);
+    return out;
 }
 
 int trocar_model_averages_strain(const trocar_model *model) { return model->parts.config.volumetric == STRAIN_BY_NODE; }

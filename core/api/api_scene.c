@@ -82,6 +82,7 @@ trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return sce
 int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count
+         : strcmp(list, "guides") == 0  ? c->guide_count
          : strcmp(list, "fixed") == 0   ? c->fixed_count : strcmp(list, "relaxation") == 0 ? c->relaxation_count : -1;
 }
 
@@ -96,6 +97,7 @@ static void print_default(const char *key, char *text, size_t size) {
     if (standard.rate_hz == 0.0) {
         scene_defaults(&standard);
         scene_set(&standard, "regions[any].poisson_ratio", "0.45", &ignored);
+        scene_set(&standard, "guides[any].rows", "1", &ignored);
     }
     snprintf(first, sizeof first, "%.*s%s%s", (int)(brackets ? brackets - key : (long)strlen(key)), key, brackets ? "[0]" : "",
              brackets ? brackets + 2 : "");

@@ -12,8 +12,9 @@
 
 _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == NEEDLE_MAX_SEGMENTS + 1 && TROCAR_MAX_NEEDLES == (int)MAX_NEEDLES,
                "limits differ from trocar.h");
-_Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP, "contact kinds differ from trocar.h");
-_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_KEPT == (int)EVENT_KEPT, "event bits differ from trocar.h");
+_Static_assert(TROCAR_MAX_GUIDES == (int)MAX_GUIDES && TROCAR_MAX_POINTS == (int)MAX_POINTS, "limits differ from trocar.h");
+_Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP && TROCAR_CONTACT_GUIDE == (int)POINT_GUIDE, "contact kinds differ from trocar.h");
+_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_OUTSIDE_MODEL == (int)EVENT_OUTSIDE_MODEL, "event bits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */

@@ -76,7 +76,32 @@ static trocar_contact_status status_of(const insertion_state *state, friction_st
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
 }
 
-int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
+/* Of guides that the needle touches, at most MAX_GUIDE_POINTS; returns how many they are. */
+static int guide_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts) {
+    int count = 0;
+    for (int i = 0; i < MAX_GUIDE_POINTS; i++) {
+        const guide_contact *face = &s->guides[i / GUIDE_FACES].faces[i % GUIDE_FACES];
+        if (!face->touching) continue;
+        trocar_contact *contact = &contacts[count++];
+        *contact = (trocar_contact){.kind = TROCAR_CONTACT_GUIDE, .state = face->friction, .arc = face->arc, .status = status_of(s, face->friction),
+                                    .slot = i / GUIDE_FACES};
+        put(needle_at(&parent->parts.needle, &s->needle, face->arc).position, contact->position);
+        put(face->force, contact->force);
+    }
+    return count;
+}
+
+/* From base to tip. */
+static void sort_by_arc(trocar_contact *contacts, int count) {
+    for (int i = 1; i < count; i++)
+        for (int k = i; k > 0 && contacts[k].arc < contacts[k - 1].arc; k--) {
+            trocar_contact swapped = contacts[k];
+            contacts[k] = contacts[k - 1];
+            contacts[k - 1] = swapped;
+        }
+}
+
+static int tissue_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
     const needle_model *model = &parent->parts.needle;
     int active = contacts_active(s);
     for (int i = 0; i < active && i < room; i++) {
@@ -95,6 +120,16 @@ int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_con
         put(s->tip.force, contacts[active].force);
     }
     return active + 1;
+}
+
+int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
+    trocar_contact all[MAX_POINTS];
+    int guided = guide_contacts_of(parent, s, all);
+    if (guided == 0) return tissue_contacts_of(parent, s, contacts, room);
+    int count = guided + tissue_contacts_of(parent, s, all + guided, MAX_POINTS - guided);
+    sort_by_arc(all, count - (s->tip.phase == TIP_INSIDE));
+    memcpy(contacts, all, (size_t)(count < room ? count : room) * sizeof *contacts);
+    return count;
 }
 
 static int pending_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts, int room) {
@@ -135,6 +170,13 @@ int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *conta
 int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
     const insertion_state *state = state_of(sim, needle);
     return state ? pending_contacts_of(sim->model, state, contacts, room) : 0;
+}
+
+int trocar_sim_hole(const trocar_sim *sim, int needle, int guide) {
+    const insertion_state *state = state_of(sim, needle);
+    if (!state || guide < 0 || guide >= sim->model->parts.config.guide_count) return TROCAR_NO_HOLE;
+    const guide_state *s = &state->guides[guide];
+    return s->passage == GUIDE_IN_HOLE ? s->hole : s->passage == GUIDE_MISSED ? TROCAR_MISSED_HOLE : TROCAR_NO_HOLE;
 }
 
 int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room) {

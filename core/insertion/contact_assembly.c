@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "insertion/creep.h"
+#include "insertion/guides.h"
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
 #include "insertion/roll.h"
@@ -17,26 +18,28 @@ static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in 
 void list_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    int count = 0;
-    for (; contact_is_active(state, count); count++) {
-        contact_point *p = &w->points[count];
+    int contacts = 0;
+    guides_list(tick);
+    for (; contact_is_active(state, contacts); contacts++) {
+        contact_point *p = &w->points[w->guided + contacts];
         p->kind = POINT_TISSUE;
-        p->handle = state->refined.order[count];
-        p->share = shaft_share_of(state, count, w->tip);
+        p->handle = state->refined.order[contacts];
+        p->share = shaft_share_of(state, contacts, w->tip);
     }
-    w->point_count = count + w->tip;
+    w->point_count = w->guided + contacts + w->tip;
     if (!w->tip) return;
-    contact_point *p = &w->points[count];
+    contact_point *p = &w->points[w->guided + contacts];
     p->kind = POINT_TIP;
     p->handle = NO_HANDLE;
     p->arc = tick->model->needle->given.length;
-    p->share = shaft_share_of(state, count, true);
+    p->share = shaft_share_of(state, contacts, true);
 }
 
 void locate_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->point_count; i++) {
+    guides_locate(tick);
+    for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         p->at = needle_at(tick->model->needle, &state->needle, p->arc);
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
@@ -69,7 +72,8 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
         mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
         m3_add_scaled(&own, weights[c] * w->creep.yield, &row);
     }
-    for (int i = 0; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
+    for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
+    for (int i = w->guided; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
     w->tip_row[tip] = own;
 }
 
@@ -78,7 +82,7 @@ void find_local_compliance(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     int t = w->point_count - w->tip;
-    for (int i = 0; i < t; i++) {
+    for (int i = w->guided; i < t; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus_lateral);
@@ -113,7 +117,7 @@ void keep_shear(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     int t = w->point_count - w->tip;
-    for (int i = 0; i < t; i++) {
+    for (int i = w->guided; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
         double traction = contact->traction + creep_traction(tick, contact->depth);
@@ -155,7 +159,8 @@ static void bound_tip(const tick_context *tick) {
 
 void bound_contacts(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->point_count - w->tip; i++) {
+    for (int i = 0; i < w->guided; i++) guides_bound(tick, i);
+    for (int i = w->guided; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
         bound_friction(tick, i, w->points[i].share, contact->slid, contact->slip, &contact->roll, contact->friction);
     }
@@ -213,7 +218,9 @@ void assemble_compliance(const tick_context *tick) {
     for (int i = 0; i < p->count; i++)
         for (int j = 0; j <= i; j++) {
             const contact_point *at = &w->points[i], *other = &w->points[j];
-            mat3 sum = at->kind == POINT_TIP ? w->tip_row[j] : m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
+            mat3 sum = {{{0}}};
+            if (at->kind == POINT_TIP) sum = w->tip_row[j];
+            else if (j >= w->guided) sum = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
             mat3 needle = needle_block(&w->tangent, &at->at, &other->at);
             m3_add_scaled(&sum, 1.0, &needle);
             for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
@@ -221,7 +228,8 @@ void assemble_compliance(const tick_context *tick) {
         }
     if (w->tip) repeat_tip(p);
     int t = w->point_count - w->tip;
-    for (int i = 0; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
+    for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);
+    for (int i = w->guided; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
     if (!w->tip) return;
     add_local_compliance(p, w, t, state->tip.direction, true);
     for (int a = 0; a < 2; a++) p->compliance[2 * t + a][2 * t + a] += w->loose;
@@ -239,6 +247,7 @@ void assemble_gaps(const tick_context *tick) {
         p->gap[unknown(p->count, i, 1)] = gap.y;
         p->gap[unknown(p->count, i, 2)] = gap.z;
     }
+    for (int i = 0; i < w->guided; i++) guides_close_gap(tick, i);
     int shaft = unknown(p->count, p->count, 2);
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
     creep_shift_gaps(tick);

@@ -91,6 +91,9 @@ void creep_begin(const tick_context *tick) {
     memory->left.time = memory->time;
 }
 
+/* What tissue remembers at a point of this step; that is no guide's. */
+static share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->guided]; }
+
 /* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
 static share_memory empty_share(const tick_context *tick, const contact_point *p) {
     const insertion_state *state = tick->state;
@@ -142,9 +145,9 @@ void creep_share_out(const tick_context *tick) {
     memcpy(before, memory->shares, (size_t)count * sizeof *before);
     tick->scratch->creep.before_count = count;
     tick->scratch->creep.before_tip = memory->tip;
-    memory->count = w->point_count;
+    memory->count = w->point_count - w->guided;
     memory->tip = w->tip;
-    for (int i = 0; i < w->point_count; i++) memory->shares[i] = empty_share(tick, &w->points[i]);
+    for (int k = 0; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points[w->guided + k]);
     for (int i = 0; i < count; i++) {
         double length = before[i].to - before[i].from, rest = 1.0;
         while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
@@ -197,9 +200,9 @@ static double shaft_part(const tick_context *tick) {
 static void find_moved(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
-    for (int i = 0; i < w->point_count; i++) step->moved[i] = ZERO;
-    for (int i = 0; i < w->point_count; i++)
-        for (int j = 0; j <= i; j++) {
+    for (int i = w->guided; i < w->point_count; i++) step->moved[i] = ZERO;
+    for (int i = w->guided; i < w->point_count; i++)
+        for (int j = w->guided; j <= i; j++) {
             bool tip = w->points[i].kind == POINT_TIP;
             mat3 c = tip ? w->tip_row[j] : compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle);
             double yield = tip ? 1.0 : step->yield; /* tip_row has it already */
@@ -229,13 +232,13 @@ static void keep_remembered_shear(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     const creep_step *step = &w->creep;
-    for (int i = 0; i < w->point_count; i++) {
+    for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         bool tip = p->kind == POINT_TIP;
         double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
         double before = tip && step->before_tip ? traction_of(tick, &step->before[step->before_count - 1])
                                                 : traction_at(tick, step->before_count, step->before, depth);
-        double lead = w->axial[i + tip] * (p->share.to - p->share.from) * (traction_of(tick, &state->memory.shares[i]) - before);
+        double lead = w->axial[i + tip] * (p->share.to - p->share.from) * (traction_of(tick, share_of(tick, i)) - before);
         if (tip) state->tip.stretch += lead;
         else p->arc = state->contacts[p->handle].arc += lead;
     }
@@ -243,23 +246,23 @@ static void keep_remembered_shear(const tick_context *tick) {
 
 void creep_recall(const tick_context *tick) {
     const creep_series *creep = &tick->model->creep;
-    const tissue_memory *memory = &tick->state->memory;
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
     if (creep->count == 0) return;
     int tip = w->point_count - 1;
     if (w->tip) fade_face(tick, w->axial[tip]);
     keep_remembered_shear(tick);
-    for (int i = 0; i < w->point_count; i++) {
-        step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, memory->shares[i].load, step->decay));
-        step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, memory->shares[i].across, step->decay));
-        step->along[i] = sum_along(creep, memory->shares[i].along, step->decay) / step->yield;
+    for (int i = w->guided; i < w->point_count; i++) {
+        const share_memory *share = share_of(tick, i);
+        step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->load, step->decay));
+        step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->across, step->decay));
+        step->along[i] = sum_along(creep, share->along, step->decay) / step->yield;
         w->lateral[i] *= step->yield;
         w->axial[i] *= step->yield;
     }
     step->face = 0.0;
     if (w->tip) {
-        step->face = sum_along(creep, memory->face, step->decay) / step->yield;
+        step->face = sum_along(creep, tick->state->memory.face, step->decay) / step->yield;
         step->along[tip] *= shaft_part(tick);
         w->axial[tip + 1] *= step->yield;
         w->held_axial *= step->yield;
@@ -273,7 +276,7 @@ void creep_shift_gaps(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     if (tick->model->creep.count == 0) return;
-    for (int i = 0; i < p->count; i++) {
+    for (int i = w->guided; i < p->count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const mat3 *frame = &w->points[i].at.frame;
         vec3 track = tip ? tick->state->tip.direction : tick->state->contacts[w->points[i].handle].direction;
@@ -322,8 +325,8 @@ void creep_remember(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const double *decay = w->creep.decay;
     if (creep->count == 0) return;
-    for (int i = 0; i < w->point_count; i++) {
-        share_memory *share = &state->memory.shares[i];
+    for (int i = w->guided; i < w->point_count; i++) {
+        share_memory *share = share_of(tick, i);
         bool tip = w->points[i].kind == POINT_TIP;
         vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), shaft = along, face = 0.0;
@@ -343,7 +346,7 @@ void creep_remember(const tick_context *tick) {
 double creep_twist(const tick_context *tick, int i) {
     const creep_series *creep = &tick->model->creep;
     if (creep->count == 0) return 0.0;
-    double twist = sum_along(creep, tick->state->memory.shares[i].twist, tick->scratch->creep.decay) / tick->scratch->creep.yield;
+    double twist = sum_along(creep, share_of(tick, i)->twist, tick->scratch->creep.decay) / tick->scratch->creep.yield;
     return tick->scratch->points[i].kind == POINT_TIP ? twist * shaft_part(tick) : twist;
 }
 

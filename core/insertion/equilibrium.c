@@ -2,6 +2,7 @@
 
 #include "insertion/contact_assembly.h"
 #include "insertion/creep.h"
+#include "insertion/guides.h"
 #include "insertion/roll.h"
 #include "insertion/tip_damper.h"
 
@@ -33,7 +34,9 @@ static void take_forces(const tick_context *tick) {
         double length = point->share.to - point->share.from;
         double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
         *point_force(state, point) = m3_apply(&point->at.frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
-        if (at_tip) {
+        if (point->kind == POINT_GUIDE) {
+            guides_take(tick, i);
+        } else if (at_tip) {
             state->tip.shaft_traction = p->force[2 * p->count + i + 1] / length;
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
@@ -66,8 +69,9 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
 
-static int first_joint(const insertion_workspace *w) {
-    int first = NEEDLE_MAX_SEGMENTS;
+static int first_joint(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    int first = tick->model->needle->given.segments;
     for (int i = 0; i < w->point_count; i++) first = w->points[i].at.first < first ? w->points[i].at.first : first;
     return first;
 }
@@ -75,7 +79,7 @@ static int first_joint(const insertion_workspace *w) {
 /* Linearises the needle and puts the contact problem together. */
 static void linearise(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    needle_linearise(tick->model->needle, &tick->state->needle, w->load, first_joint(w), &w->tangent);
+    needle_linearise(tick->model->needle, &tick->state->needle, w->load, first_joint(tick), &w->tangent);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(tick);
     assemble_compliance(tick);
@@ -111,6 +115,7 @@ void equilibrium_release(insertion_state *state) {
         contact->force = v3(0, 0, 0);
         contact->slip = 0.0;
     }
+    guides_release(state);
     state->tip.force = state->tip.damping = v3(0, 0, 0);
     state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
@@ -148,12 +153,12 @@ static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
     tip->pressing += (pressing - tip->pressing) * -expm1(-dt / BITE_TIME);
 }
 
-/* Sum of the forces of all points on the tissue, N. */
+/* Sum of the forces of all points on tissue and guides, N. */
 static vec3 push_on(const tick_context *tick) {
-    const insertion_state *state = tick->state;
+    insertion_state *state = tick->state;
     const insertion_workspace *w = tick->scratch;
     vec3 sum = w->tip ? state->tip.force : v3(0, 0, 0);
-    for (int i = 0; i < w->point_count - w->tip; i++) sum = v3_add(sum, state->contacts[w->points[i].handle].force);
+    for (int i = 0; i < w->point_count - w->tip; i++) sum = v3_add(sum, *point_force(state, &w->points[i]));
     return sum;
 }
 
@@ -172,7 +177,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
         r.found = solve_pass(tick, &turned);
         vec3 now = push_on(tick), more = v3_sub(now, push);
         push = now;
-        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale;
+        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale && guides_agree(tick);
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > DIVERGING;

@@ -4,7 +4,9 @@
 
 #include "insertion/creep.h"
 #include "insertion/equilibrium.h"
+#include "insertion/guides.h"
 #include "insertion/known_tissue.h"
+#include "insertion/outside.h"
 #include "insertion/prefetch.h"
 #include "insertion/roll.h"
 #include "insertion/strata.h"
@@ -51,14 +53,23 @@ static void slide_shaft(insertion_state *state, double radius) {
     state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction, &state->tip.roll, radius);
 }
 
-/* A needle in the air is straight. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
+/* Moves the base; the spring that holds it stays as it has yielded. */
+static void hold_base(const tick_context *tick) {
+    pose base = tick->base.pose;
+    base.position = v3_add(base.position, tick->state->base_shift);
+    roll_turn_base(tick->state, base.orientation);
+    needle_hold(tick->model->needle, base, &tick->state->needle);
+}
+
+/* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
    A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     int n = model->needle->given.segments;
     vec3 before = state->needle.joints[n];
-    needle_rest(model->needle, tick->base.pose, &state->needle);
+    if (guides_hold(model, state)) hold_base(tick);
+    else needle_rest(model->needle, tick->base.pose, &state->needle);
     vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
     vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
@@ -81,10 +92,7 @@ static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
     slide_shaft(state, tick->model->needle->radius);
     vec3 gradient = track_gradient(tick);
-    pose base = tick->base.pose;
-    base.position = v3_add(base.position, state->base_shift);
-    roll_turn_base(state, base.orientation);
-    needle_hold(tick->model->needle, base, &state->needle);
+    hold_base(tick);
     return gradient;
 }
 
@@ -105,9 +113,8 @@ static void cross(const tick_context *tick, vec3 gradient) {
     if (tip->depth == 0.0) tip_glide_on_surface(tick);
 }
 
-/* Nothing is touched. */
-static void rest(const tick_context *tick) {
-    tick->state->base_shift = v3(0, 0, 0);
+/* No tissue is touched. */
+static void leave_tissue(const tick_context *tick) {
     tick->state->tip_lead = 0.0;
     creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
@@ -118,8 +125,11 @@ static void solve(const tick_context *tick) {
     accept_snapshot(tick);
     tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     tick->scratch->point_count = 0;
-    if (tick->scratch->tip || contact_is_active(tick->state, 0)) equilibrium_find(tick, handles);
-    else rest(tick);
+    bool in_tissue = tick->scratch->tip || contact_is_active(tick->state, 0);
+    guides_follow(tick);
+    if (!in_tissue) leave_tissue(tick);
+    if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
+    else tick->state->base_shift = v3(0, 0, 0);
 }
 
 /* Sums the forces of all points into the wrench on the base. */
@@ -145,6 +155,7 @@ static void answer(const tick_context *tick) {
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
     creep_begin(tick);
+    guides_slide(tick->model, state);
     if (state->buckled) {
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
@@ -181,6 +192,7 @@ void insertion_tick(const tick_context *given) {
     }
     tick.base.pose = given->base.pose;
     step(&tick);
+    outside_watch(&tick);
     prefetch_request(given->model, state);
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }
@@ -202,6 +214,11 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
              + c->surplus_axial + c->softness + c->traction + c->roll.turned + c->roll.torque;
     }
     sum += creep_sum(&state->memory);
+    for (int i = 0; i < MAX_GUIDES; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            const guide_contact *face = &state->guides[i].faces[f];
+            sum += face->arc + face->slip + sum_of(face->force);
+        }
     return isfinite(sum);
 }
 

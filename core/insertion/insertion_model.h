@@ -2,6 +2,7 @@
 #ifndef TROCAR_INSERTION_MODEL_H
 #define TROCAR_INSERTION_MODEL_H
 
+#include "insertion/guide.h"
 #include "needle/needle.h"
 #include "tissue/relaxation.h"
 #include "tissue/tissue.h"
@@ -33,6 +34,8 @@ typedef struct {
     const needle_model *needle;
     const membrane *membranes;
     int membrane_count;
+    const guide *guides;
+    int guide_count;
     insertion_settings settings;
     creep_series creep;          /* of all regions alike */
     double *node_lateral;        /* node_count, filled by local_create: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */

@@ -92,6 +92,25 @@ typedef struct {
     vec3 point;              /* m, nominal: where it starts */
 } stratum;
 
+/* Where the needle is with respect to a guide. */
+typedef enum { GUIDE_AHEAD, GUIDE_IN_HOLE, GUIDE_MISSED, GUIDE_BESIDE } guide_passage;
+
+/* The needle at the edge of a hole, on one face of the plate. */
+typedef struct {
+    double arc;              /* m from the base: the needle's material point that friction holds there */
+    double slip;             /* m, as in shaft_contact */
+    friction_state friction;
+    bool touching;           /* the edge */
+    vec3 force;              /* N, world frame, on the guide */
+} guide_contact;
+
+typedef struct {
+    guide_passage passage;
+    int hole;                /* column + columns * row, while in it */
+    double depth;            /* m, how far the tip is behind the front face, while in a hole; at most the thickness */
+    guide_contact faces[GUIDE_FACES]; /* front, and back or where the tip is on its way there */
+} guide_state;
+
 enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 
 /* All that changes. After each tick it is an equilibrium: shape, contacts and forces belong together. A plain copy saves
@@ -107,6 +126,9 @@ typedef struct {
     int stratum_count;
     refinement refined;          /* the contact nodes; in order, from base to tip */
     shaft_contact contacts[MAX_CONTACTS]; /* by the slot of their node */
+    guide_state guides[MAX_GUIDES];
+    int watched;                 /* segment of the needle looked at last: is it in a body from the side? */
+    uint64_t outside;            /* bits of the segments that were */
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */

@@ -106,9 +106,8 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
     return 1.0 / sqrt(DENSITY * softness(model, tet, weights));
 }
 
-double local_of_share(double logarithm, double stiffness, double surplus) {
-    return fmax(logarithm - surplus * stiffness, LEAST_LOGARITHM) / stiffness;
-}
+/* Negative where the node adds more than the mesh lacks, down to half of what it adds: the contact as a whole yields all the same. */
+double local_of_share(double logarithm, double stiffness, double surplus) { return fmax(logarithm / stiffness - surplus, -0.5 * surplus); }
 
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the

@@ -41,13 +41,16 @@ void roll_turn_base(insertion_state *state, quat orientation) {
     state->base_turn += v3_dot(turn, q_axis(before));
 }
 
+/* Of a point in tissue: guides hold no shaft against turning. */
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.roll : &state->contacts[p->handle].roll;
 }
 
+static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points[tick->scratch->guided]; }
+
 double roll_torque(const tick_context *tick) {
     double sum = 0.0;
-    for (int i = 0; i < tick->scratch->point_count; i++) sum += roll_of(tick->state, &tick->scratch->points[i])->torque;
+    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) sum += roll_of(tick->state, &tick->scratch->points[i])->torque;
     return sum;
 }
 
@@ -68,11 +71,9 @@ typedef struct {
 
 /* The tissue's rotation around a shaft is local: the torque m' per length turns it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the
    inverse of the local compliance along the needle. */
-static roll_point point_at(const tick_context *tick, int i) {
+static roll_point point_at(const tick_context *tick, const contact_point *p) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
-    const insertion_workspace *w = tick->scratch;
-    const contact_point *p = &w->points[i];
     bool tip = p->kind == POINT_TIP;
     const shaft_contact *contact = tip ? NULL : &state->contacts[p->handle];
     const roll_friction *roll = roll_of(state, p);
@@ -80,7 +81,7 @@ static roll_point point_at(const tick_context *tick, int i) {
     double slid = tip ? state->tip.shaft_slid : contact->slid;
     shaft_resistance shaft = shaft_resistance_of(model, state, p->share, slid + roll_way(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft_traction : contact->traction);
-    roll_point point = {.arc = p->arc, .yielding = w->creep.yield / fmax(2.0 * radius * radius * shaft.axial, 1e-12),
+    roll_point point = {.arc = p->arc, .yielding = tick->scratch->creep.yield / fmax(2.0 * radius * radius * shaft.axial, 1e-12),
                         .bound = roll_left_to_turning(shaft.dry, slip, along, roll, radius)};
     point.bound.viscosity += shaft.viscous * radius * radius / tick->dt;
     return point;
@@ -101,7 +102,7 @@ static void take_law(roll_point *p, const roll_friction *roll) {
 /* Angles of a twisted shaft under these laws, rad: a chain from the base on, by elimination from there. */
 static void solve_chain(int n, double torsion, double base, roll_point *p) {
     static const double LEAST = 1e-6; /* m between two points */
-    double diagonal[MAX_POINTS], right[MAX_POINTS], before = torsion / fmax(p[0].arc, LEAST);
+    double diagonal[MAX_SHARES], right[MAX_SHARES], before = torsion / fmax(p[0].arc, LEAST);
     for (int i = 0; i < n; i++) {
         double after = i + 1 < n ? torsion / fmax(p[i + 1].arc - p[i].arc, LEAST) : 0.0;
         diagonal[i] = before + after + p[i].stiffness;
@@ -128,14 +129,15 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
 }
 
 /* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
-static void search(const tick_context *tick, roll_point *points) {
-    int n = tick->scratch->point_count, together = 10;
+static void search(const tick_context *tick, int n, roll_point *points) {
+    const contact_point *at = tissue_points(tick);
+    const int together = 10;
     for (int round = 0; round < together + 4 * n; round++) {
         bool done = true;
-        for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &tick->scratch->points[i]));
+        for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &at[i]));
         solve_chain(n, tick->model->needle->torsion, tick->state->base_turn, points);
         for (int i = 0; i < n; i++) {
-            roll_friction *roll = roll_of(tick->state, &tick->scratch->points[i]);
+            roll_friction *roll = roll_of(tick->state, &at[i]);
             friction_state next = consistent(&points[i], roll);
             if (next == roll->friction || (!done && round >= together)) continue;
             roll->friction = next;
@@ -149,9 +151,8 @@ static void search(const tick_context *tick, roll_point *points) {
 static bool anchor_points(const tick_context *tick) {
     insertion_state *state = tick->state;
     bool twisted = state->tip_lead != 0.0;
-    for (int i = 0; i < tick->scratch->point_count; i++) {
-        const contact_point *p = &tick->scratch->points[i];
-        roll_friction *roll = roll_of(state, p);
+    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) {
+        roll_friction *roll = roll_of(state, &tick->scratch->points[i]);
         if (isnan(roll->anchor)) *roll = (roll_friction){.anchor = state->base_turn + state->tip_lead};
         twisted = twisted || roll->anchor != state->base_turn || roll->torque != 0.0;
     }
@@ -161,16 +162,17 @@ static bool anchor_points(const tick_context *tick) {
 void roll_solve(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    roll_point points[MAX_POINTS];
-    int n = w->point_count;
+    roll_point points[MAX_SHARES];
+    const contact_point *at = tissue_points(tick);
+    int n = w->point_count - w->guided;
     if (state->buckled || n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
-        points[i] = point_at(tick, i);
-        points[i].remembered = creep_twist(tick, i);
+        points[i] = point_at(tick, &at[i]);
+        points[i].remembered = creep_twist(tick, w->guided + i);
     }
-    search(tick, points);
+    search(tick, n, points);
     for (int i = 0; i < n; i++) {
-        roll_friction *roll = roll_of(state, &w->points[i]);
+        roll_friction *roll = roll_of(state, &at[i]);
         roll->torque = torque_of(&points[i]);
         roll->turned = roll->friction == STICK ? 0.0 : slip_of(&points[i], roll);
         roll->anchor += roll->turned;

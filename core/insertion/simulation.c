@@ -70,6 +70,22 @@ static trocar_status bind_membranes(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
+static trocar_status bind_guides(simulation *s, report *why) {
+    for (int i = 0; i < s->config.guide_count; i++) {
+        const guide_config *given = &s->config.guides[i];
+        report fault;
+        const char *key, *words = guide_fault(given, s->config.needle.outer_diameter, &key, &fault);
+        if (words) return fail(why, TROCAR_BAD_INPUT, "guides[%d].%s: %s", i, key, words);
+        s->guides[i] = guide_make(given, s->config.needle.outer_diameter);
+        if (!guide_is_in_tissue(&s->guides[i], &s->mesh)) continue;
+        char place[64] = "";
+        if (given->line > 0) snprintf(place, sizeof place, ":%d: ", given->line);
+        return fail(why, TROCAR_BAD_INPUT, "%s%sguides[%d].origin: a hole of \"%s\", %g m thick, lies in the tissue at rest: move the origin back against the "
+                    "normal until all holes end before the skin", given->line > 0 ? s->config.scene_path : "", place, i, given->name, given->thickness);
+    }
+    return TROCAR_OK;
+}
+
 static trocar_status build_tissue(simulation *s, report *why) {
     char known[512];
     bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
@@ -133,7 +149,8 @@ static trocar_status build_inverse(simulation *s, report *why) {
 
 static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
-                                     .membranes = s->membranes, .membrane_count = s->config.membrane_count, .settings = s->config.insertion};
+                                     .membranes = s->membranes, .membrane_count = s->config.membrane_count,
+                                     .guides = s->guides, .guide_count = s->config.guide_count, .settings = s->config.insertion};
     trocar_status status = creep_from_relaxation(s->config.relaxation_count, s->config.relaxation, &s->insertion.creep, why);
     return status == TROCAR_OK ? local_create(&s->insertion, why) : status;
 }
@@ -154,6 +171,7 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
     status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = bind_guides(s, why);
     if (status != TROCAR_OK) simulation_free(s);
     return status;
 }

@@ -13,12 +13,14 @@ typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef struct {
+    const char *scene_path;              /* for messages, while the model is created; NULL where no guide has a line */
     char mesh_path[1024];
     const trocar_mesh *mesh_given;      /* in place of a file; NULL: there is a path */
     double mesh_unit;                    /* m: what a coordinate of 1 in that file means */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
+    int guide_count;    guide_config guides[MAX_GUIDES];
     int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* of all regions; none: elastic */
     needle_parameters needle;
     int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
@@ -36,6 +38,7 @@ typedef struct {
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
+    guide guides[MAX_GUIDES];
     tissue tissue;
     inverse *inverse;
     report about_inverse;               /* which owner, and why */

@@ -16,6 +16,8 @@ typedef enum {
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
+    EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside of its holes, and is not guided; in every tick */
+    EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, and bears no force there; in every tick */
 } insertion_event;
 
 /* What a tick answers. */
@@ -50,11 +52,12 @@ static inline void profile_end_stage(insertion_profile *p, insertion_stage stage
 }
 
 /* Where the needle touches something, and what with. */
-typedef enum { POINT_TISSUE, POINT_TIP } point_kind;
+typedef enum { POINT_TISSUE, POINT_TIP, POINT_GUIDE } point_kind;
 enum { NO_HANDLE = -1 };
 typedef struct {
     point_kind kind;
     int handle;              /* of its own in the snapshot, which is also the slot of its contact; NO_HANDLE: the tip's is interpolated */
+    int guide, face;         /* of a POINT_GUIDE */
     double arc;              /* m from the base */
     needle_point at;         /* on the needle */
     vec3 target;             /* m, where what it touches would be without the needle's forces */
@@ -66,21 +69,40 @@ typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
     double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
-    vec3 load[MAX_POINTS], across[MAX_POINTS]; /* N, remembered; world frame */
+    vec3 load[MAX_POINTS], across[MAX_POINTS]; /* N, remembered at points in tissue; world frame */
     double along[MAX_POINTS];                /* N */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
-    share_memory before[MAX_POINTS];         /* shares of the last step; */
+    share_memory before[MAX_SHARES];         /* shares of the last step; */
     int before_count;                        /* so many, */
     bool before_tip;                         /* with the tip's */
 } creep_step;
 
+/* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face of a
+   guide, in the directions of the grid. A force on the needle is J^T times that in the plane of the face: across the needle. */
+typedef struct {
+    double m[2][2], inverse[2][2];
+} crossing_map;
+
+/* The edge of a hole as a point of the shaft meets it. */
+typedef struct {
+    crossing_map map;
+    double offset[2];        /* m, in the plane of the face, of the needle's axis from that of the hole */
+    bool touched;
+    double pulled;           /* N, force of the last pass, if the edge would have to pull */
+    double pressed;          /* N, about which the edge is linearised */
+    double normal[2];        /* unit vector from the hole's axis to where the needle touches the edge */
+    double lateral[3];       /* m/N, compliance in the needle's frame: xx, xy, yy */
+    double error;            /* m, how far from here the needle would be with the edge's force in place of the last pass's */
+} hole_edge;
+
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
-    int point_count;
+    int point_count, guided;                 /* of these, the first `guided` are at guides */
     contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
     bool tip;                                /* the last of them is the tip */
+    hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
     needle_tangent tangent;
     contact_problem problem;
     vec3 free_at_tip;                        /* m, u_free there */
@@ -119,6 +141,7 @@ typedef struct {
 
 /* Force on what the point touches, N, world frame. RT */
 static inline vec3 *point_force(insertion_state *state, const contact_point *p) {
+    if (p->kind == POINT_GUIDE) return &state->guides[p->guide].faces[p->face].force;
     return p->kind == POINT_TIP ? &state->tip.force : &state->contacts[p->handle].force;
 }
 

@@ -5,6 +5,8 @@
 #include "insertion/contact.h"
 #include "remesh/snapshot.h"
 
+enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* the tip's as well */
+
 /* Of one share of the track: that of an active contact, or of the tip. A term's memory is the force, low-pass filtered with its time. */
 typedef struct {
     double from, to;             /* m of depth */
@@ -21,7 +23,7 @@ typedef struct {
     double since;                /* s, when all was forgotten last: what the worker was told before does not count */
     int count;
     bool tip;                    /* the last of these is the tip's */
-    share_memory shares[MAX_POINTS]; /* of the last solve, from base to tip */
+    share_memory shares[MAX_SHARES]; /* of the last solve, from base to tip */
     double face[MAX_RELAXATION]; /* N, of the force on the tip's end face */
     left_loads left;             /* loads that nothing holds any more, at `time` */
     double left_added;           /* N, added to them since they were last sent to the worker */

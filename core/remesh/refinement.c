@@ -1,157 +1,13 @@
 #include "remesh/refinement.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-/* ---- the refined mesh -------------------------------------------------------------------------------------------- */
+#include "remesh/leaves.h"
 
 static const double LEAST_WEIGHT = 0.02;  /* an added node keeps this far inside its leaf: no slivers, no zero volumes */
-
 static const double LEAST_SHAPE = 0.03;   /* of a moved node's elements: volume over that of the ideal tet of the longest edge */
 
-static bool same_corners(const int a[4], const int b[4]) { return memcmp(a, b, 4 * sizeof *a) == 0; }
-
-vec3 refinement_position(const mesh *m, const refinement *r, int active, int corner) {
-    if (corner < 0) return r->nodes[-1 - corner].position;
-    for (int i = 0; i < active; i++)
-        if (r->nodes[r->order[i]].moved == corner) return r->nodes[r->order[i]].position;
-    return m->nodes[corner];
-}
-
-static void leaf_positions(const mesh *m, const refinement *r, int active, const int corners[4], vec3 positions[4]) {
-    for (int i = 0; i < 4; i++) positions[i] = refinement_position(m, r, active, corners[i]);
-}
-
-/* ---- leaves ------------------------------------------------------------------------------------------------------ */
-
-/* A contact node of its own takes the place of each corner in turn that it has a weight for. */
-static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX_LEAVES]) {
-    int split = 0;
-    while (split < count && !same_corners(leaves[split].corners, at->corners)) split++;
-    if (split == count) return count;
-    leaf whole = leaves[split];
-    int place = split;
-    for (int i = 0; i < 4; i++) {
-        if (at->weights[i] == 0.0) continue;
-        leaves[place] = whole;
-        leaves[place].corners[i] = -1 - slot;
-        place = place == split ? count : place + 1;
-    }
-    return place;
-}
-
-/* The leaf that a node splits on one side of it, NULL where it splits none in element `tet`. */
-static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
-    if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
-    return side == 0 ? &node->at : &node->across;
-}
-
-/* All leaves of a nominal element. Returns how many. */
-static int leaves_of(const mesh *m, const refinement *r, int active, int tet, leaf leaves[MAX_LEAVES]) {
-    int count = 1;
-    leaves[0].tet = tet;
-    memcpy(leaves[0].corners, m->tets[tet], sizeof leaves[0].corners);
-    for (int i = 0; i < active; i++)
-        for (int side = 0; side < 2; side++) {
-            const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
-            if (at) count = split_leaf(at, r->order[i], count, leaves);
-        }
-    return count;
-}
-
-static bool has_corner(const leaf *l, int corner) {
-    return l->corners[0] == corner || l->corners[1] == corner || l->corners[2] == corner || l->corners[3] == corner;
-}
-
-int refinement_around(const mesh *m, const refinement *r, int active, int node, int start, leaf around[MAX_PATCH_LEAVES]) {
-    int tets[MAX_PATCH_LEAVES], count = 0;
-    int tet_count = mesh_around(m, node, start, tets, MAX_PATCH_LEAVES);
-    if (tet_count < 0) return -1;
-    for (int i = 0; i < tet_count; i++) {
-        leaf leaves[MAX_LEAVES];
-        int all = leaves_of(m, r, active, tets[i], leaves);
-        for (int k = 0; k < all; k++) {
-            if (!has_corner(&leaves[k], node)) continue;
-            if (count == MAX_PATCH_LEAVES) return -1;
-            around[count++] = leaves[k];
-        }
-    }
-    return count;
-}
-
-/* ---- where a point is -------------------------------------------------------------------------------------------- */
-
-static leaf_point point_in(const mesh *m, const refinement *r, int active, const int corners[4], vec3 x) {
-    leaf_point p;
-    vec3 positions[4];
-    memcpy(p.corners, corners, sizeof p.corners);
-    leaf_positions(m, r, active, corners, positions);
-    tet_barycentric(positions, x, p.weights);
-    return p;
-}
-
-static int closest_face(const leaf_point *p) {
-    int face = 0;
-    for (int i = 1; i < 4; i++)
-        if (p->weights[i] < p->weights[face]) face = i;
-    return face;
-}
-
-static double least_weight(const leaf_point *p) { return fmin(fmin(p->weights[0], p->weights[1]), fmin(p->weights[2], p->weights[3])); }
-
-bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
-
-/* If the added node in `slot` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
-   the node's weights g, the child is the one opposite the corner of least b/g, and that ratio is the node's weight. */
-static bool descend(const leaf_point *at, int slot, leaf_point *p) {
-    if (!same_corners(at->corners, p->corners)) return false;
-    int least = at->weights[0] == 0.0;
-    for (int i = least + 1; i < 4; i++)
-        if (at->weights[i] > 0.0 && p->weights[i] * at->weights[least] < p->weights[least] * at->weights[i]) least = i;
-    double share = p->weights[least] / at->weights[least];
-    for (int i = 0; i < 4; i++) p->weights[i] -= share * at->weights[i];
-    p->corners[least] = -1 - slot;
-    p->weights[least] = share;
-    return true;
-}
-
-/* Where nodes have moved, leaves no longer fill the ones that they came from: the leaf that x is deepest in. */
-static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
-    leaf leaves[MAX_LEAVES];
-    int count = leaves_of(m, r, active, tet, leaves);
-    leaf_point best = point_in(m, r, active, leaves[0].corners, x);
-    for (int i = 1; i < count; i++) {
-        leaf_point p = point_in(m, r, active, leaves[i].corners, x);
-        if (least_weight(&p) > least_weight(&best)) best = p;
-    }
-    return best;
-}
-
-leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
-    for (int i = 0; i < active; i++)
-        if (r->nodes[r->order[i]].moved >= 0) return search_leaves(m, r, active, tet, x);
-    leaf_point p = point_in(m, r, active, m->tets[tet], x);
-    for (int i = 0; i < active; i++)
-        for (int side = 0; side < 2; side++) {
-            const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
-            if (at && descend(at, r->order[i], &p)) break; /* once is enough: the children are not split by the same node */
-        }
-    return p;
-}
-
-int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
-    enum { MOST = 32 };
-    static const double INSIDE = -1e-9;
-    for (int step = 0;; step++) {
-        leaf_point p = point_in(m, r, active, m->tets[near], x);
-        memcpy(weights, p.weights, sizeof p.weights);
-        int face = closest_face(&p), next = m->neighbours[near][face];
-        if (p.weights[face] >= INSIDE || next < 0 || step == MOST) return near;
-        near = next;
-    }
-}
-
-/* ---- changes of the mesh ----------------------------------------------------------------------------------------- */
+/* ---- addition ---------------------------------------------------------------------------------------------------- */
 
 /* Weights of at least LEAST_WEIGHT, but for the corner `zero` (none if -1), which has none. */
 static void keep_inside(leaf_point *p, int zero) {
@@ -195,7 +51,7 @@ static bool find_across(const mesh *m, const refinement *r, int active, int tet,
         int count = other < 0 ? 0 : leaves_of(m, r, active, other, leaves);
         for (int i = 0; i < count; i++) {
             bool all = !same_corners(leaves[i].corners, corners);
-            for (int c = 0; c < 4 && all; c++) all = c == face || has_corner(&leaves[i], corners[c]);
+            for (int c = 0; c < 4 && all; c++) all = c == face || leaf_has_corner(&leaves[i], corners[c]);
             if (!all) continue;
             *across = leaves[i];
             return true;
@@ -351,44 +207,4 @@ void refinement_compact(const refinement *r, int count, refinement *out) {
             if (*across < 0) *across = -1 - place_of[-1 - *across];
         }
     }
-}
-
-/* ---- the refined mesh written out -------------------------------------------------------------------------------- */
-
-static int written_corner(const mesh *m, int corner) { return corner >= 0 ? corner : m->node_count - 1 - corner; }
-
-/* The leaves of one element; the first stays in the element's own place. */
-static void write_leaves(const mesh *m, const refinement *r, int tet, refined_mesh *out) {
-    leaf leaves[MAX_LEAVES];
-    int count = leaves_of(m, r, r->count, tet, leaves);
-    for (int i = 0; i < count; i++) {
-        int place = i == 0 ? tet : out->tet_count++;
-        for (int c = 0; c < 4; c++) out->tets[place][c] = written_corner(m, leaves[i].corners[c]);
-        out->parent[place] = tet;
-    }
-}
-
-trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why) {
-    size_t nodes = (size_t)(m->node_count + r->count), tets = (size_t)(m->tet_count + 4 * r->count);
-    *out = (refined_mesh){.node_count = (int)nodes, .tet_count = m->tet_count, .nodes = malloc(nodes * sizeof *out->nodes),
-                          .tets = malloc(tets * sizeof *out->tets), .parent = malloc(tets * sizeof *out->parent)};
-    if (!out->nodes || !out->tets || !out->parent) {
-        refined_mesh_free(out);
-        return fail(why, TROCAR_NO_MEMORY, "no memory for a refined mesh of %zu nodes", nodes);
-    }
-    memcpy(out->nodes, m->nodes, (size_t)m->node_count * sizeof *out->nodes);
-    memcpy(out->tets, m->tets, (size_t)m->tet_count * sizeof *out->tets);
-    for (int q = 0; q < r->count; q++) {
-        out->nodes[m->node_count + q] = r->nodes[q].position;
-        if (r->nodes[q].moved >= 0) out->nodes[r->nodes[q].moved] = r->nodes[q].position;
-    }
-    for (int e = 0; e < m->tet_count; e++) write_leaves(m, r, e, out);
-    return TROCAR_OK;
-}
-
-void refined_mesh_free(refined_mesh *out) {
-    free(out->nodes);
-    free(out->tets);
-    free(out->parent);
-    memset(out, 0, sizeof *out);
 }

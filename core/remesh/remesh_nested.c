@@ -5,34 +5,15 @@
    where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an
    element c_j = 0; on a face it touches five nodes. Nothing of the mesh's size is touched. README.md, "Node addition ...". Indices i and j
    below are slots; i < j: i is before j in order. */
-#include "remesh/remesh_method.h"
+#include "remesh/nested.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "remesh/refined_field.h"
 
-enum {
-    PATCH = 6,                            /* nodes that an addition touches, at most, with itself */
-    REACHED = 12,                         /* nominal nodes behind those: of two elements, and of those beside them */
-};
+enum { PATCH = 6 };                       /* nodes that an addition touches, at most, with itself */
 static const double ROUNDING = 1e-12;     /* a weight below this is that of a node on the opposite face */
-
-typedef struct {
-    bool on_face;                         /* the surplus couples to the old nodes */
-    double weights[4];                    /* nominal weights: what the node owes to the nominal nodes of its element */
-    double hats[MAX_CONTACTS];            /* s_j at the node: 1 of itself, 0 of later ones */
-    int nominal_count, nominal[REACHED];  /* nominal nodes that the coupling reaches through the nodes that it touches, */
-    mat3 coupling[REACHED];               /* and c_j there, N/m */
-    mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
-    mat3 surplus;                         /* S_j, m/N */
-} bordering;
-
-typedef struct {
-    remesher shared;
-    bordering borders[MAX_CONTACTS];
-    mat3 factors[MAX_HANDLES][MAX_CONTACTS]; /* F_j of each handle in use, m/N times N/m; on faces only */
-} nested_remesher;
 
 /* ---- factors ------------------------------------------------------------------------------------------------------ */
 
@@ -296,75 +277,12 @@ static trocar_status nested_add(remesher *shared, int slot, report *why) {
     return TROCAR_OK;
 }
 
-/* ---- removing ------------------------------------------------------------------------------------------------------
-
-   A node that no later one hangs on goes by exchanging it with those after it, one by one, until it is the last one, whose F S F^T is simply
-   taken away. With X and N its factor and surplus on the way, and v = sum_touched X^T c_k = y_k of the next one, k,
-
-       F_k <- F_k - X N v,    S_k <- (S_k^-1 + v^T N v)^-1,    X <- X + F_k S_k v^T,    N <- (N^-1 + v S_k v^T)^-1
-
-   (right-hand sides: before the exchange), and likewise G. Inside an element, v is zero, or the node hangs on the other. */
-
-static mat3 product3(const mat3 *a, const mat3 *b, const mat3 *c) {
-    mat3 ab = m3_multiply(a, b);
-    return m3_multiply(&ab, c);
-}
-
-/* (A^-1 + V^T B V)^-1 */
-static mat3 inverse_sum(const mat3 *a, const mat3 *v, const mat3 *b) {
-    mat3 transposed = m3_transposed(v), sum = m3_inverse(a), more = product3(&transposed, b, v);
-    m3_add_scaled(&sum, 1.0, &more);
-    return m3_inverse(&sum);
-}
-
-/* G of later nodes loses the removed one's part in F_k; y of these comes up to date. */
-static void exchange_chains(nested_remesher *r, int position, const mat3 *v, const mat3 *n, const mat3 *exchanged, mat3 *y) {
-    const int *order = r->shared.refined.order, k = order[position];
-    mat3 stiffness = m3_inverse(&r->borders[k].surplus), nv = m3_multiply(n, v), transposed = m3_transposed(&nv);
-    for (int i = position + 1; i < r->shared.refined.count; i++) {
-        int j = order[i];
-        if (!r->borders[j].on_face) continue;
-        mat3 *chain = &r->borders[j].chain[k], reached = m3_multiply(&stiffness, chain), lost = m3_multiply(&transposed, &y[j]), gained = m3_multiply(v, chain);
-        m3_add_scaled(&reached, -1.0, &lost);
-        *chain = m3_multiply(exchanged, &reached);
-        m3_add_scaled(&y[j], 1.0, &gained);
-    }
-}
-
-static void exchange_factors(nested_remesher *r, int slot, int k, const mat3 *v, const mat3 *n) {
-    int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles);
-    mat3 transposed = m3_transposed(v), lost = m3_multiply(n, v), gained = m3_multiply(&r->borders[k].surplus, &transposed);
-    for (int i = 0; i < count; i++) {
-        mat3 *x = &r->factors[handles[i]][slot], *f = &r->factors[handles[i]][k];
-        mat3 less = m3_multiply(x, &lost), more = m3_multiply(f, &gained);
-        m3_add_scaled(f, -1.0, &less);
-        m3_add_scaled(x, 1.0, &more);
-    }
-}
-
-/* Exchanges the node in `slot` with those from `position` on in order. */
-static void move_to_end(nested_remesher *r, int slot, int position) {
-    const refinement *refined = &r->shared.refined;
-    mat3 *n = &r->borders[slot].surplus, stiffness = m3_inverse(n), y[MAX_CONTACTS];
-    for (int i = position; i < refined->count; i++) {
-        const bordering *later = &r->borders[refined->order[i]];
-        y[refined->order[i]] = later->on_face ? m3_multiply(&stiffness, &later->chain[slot]) : (mat3){{{0}}};
-    }
-    for (int i = position; i < refined->count; i++) {
-        int k = refined->order[i];
-        if (!r->borders[k].on_face) continue;
-        mat3 v = y[k], transposed = m3_transposed(&v), surplus = inverse_sum(&r->borders[k].surplus, &v, n);
-        exchange_chains(r, i, &v, n, &surplus, y);
-        exchange_factors(r, slot, k, &v, n);
-        *n = inverse_sum(n, &transposed, &r->borders[k].surplus);
-        r->borders[k].surplus = surplus;
-    }
-}
+/* ---- removing ------------------------------------------------------------------------------------------------------ */
 
 static void nested_remove(remesher *shared, int slot, int position) {
     nested_remesher *r = (nested_remesher *)shared;
     if (!r->borders[slot].on_face) return; /* the surplus goes with its row */
-    move_to_end(r, slot, position);
+    nested_move_to_end(r, slot, position);
     update_rows(r, slot, -1.0);
 }
 

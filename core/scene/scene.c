@@ -18,6 +18,15 @@ static void check_region(const region_config *region, int index, fault *f) {
         reject(f, key, "%g N/m exceeds the static limit of %g N/m", m->friction_kinetic, m->friction_static);
 }
 
+static void check_guide(const guide_config *given, double needle_diameter, int index, fault *f) {
+    report words;
+    char key[KEY_ROOM];
+    const char *wrong, *name;
+    if (!(wrong = guide_fault(given, needle_diameter, &name, &words))) return;
+    snprintf(key, sizeof key, "guides[%d].%s", index, name);
+    reject(f, key, "%s", wrong);
+}
+
 static void check_relaxation(const simulation_config *c, fault *f) {
     char key[KEY_ROOM];
     relaxation_fault wrong = relaxation_check(c->relaxation_count, c->relaxation);
@@ -30,6 +39,7 @@ static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
     for (int i = 0; i < c->region_count; i++) check_region(&c->regions[i], i, f);
+    for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
     check_relaxation(c, f);
     if (n->inner_diameter >= n->outer_diameter)
         reject(f, "needle.inner_diameter", "%g m is not below the outer diameter of %g m", n->inner_diameter, n->outer_diameter);
@@ -76,6 +86,15 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
+/* Whether a guide lies in the tissue is found later, with the mesh. */
+static void note_guide_lines(scene *s, yaml_text *document) {
+    char key[KEY_ROOM];
+    for (int i = 0; i < s->simulation.guide_count; i++) {
+        snprintf(key, sizeof key, "guides[%d].origin", i);
+        s->simulation.guides[i].line = yaml_line(document, key);
+    }
+}
+
 static trocar_status load_text(const char *yaml, size_t length, scene *s, report *why) {
     yaml_text document;
     trocar_status status = yaml_open(s->path, yaml, length, &document, why);
@@ -84,6 +103,7 @@ static trocar_status load_text(const char *yaml, size_t length, scene *s, report
     yaml_value root = yaml_root(&document);
     take_document(s, &root, &f);
     check_all(s, &f);
+    note_guide_lines(s, &document);
     char name[sizeof s->path + 16];
     snprintf(name, sizeof name, "%s:%d", s->path, yaml_line(&document, f.place));
     status = told(name, &f, why);

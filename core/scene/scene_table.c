@@ -16,6 +16,7 @@ static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
 static const range NEEDLES = {1, MAX_NEEDLES, "a whole number from 1 to 4"};
 _Static_assert(MAX_NEEDLES == 4, "the text of NEEDLES says so");
+static const range HOLES = {1, 100, "a whole number from 1 to 100"};
 static const range PASSES = {1, 100, "a whole number from 1 to 100"};
 _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
 
@@ -33,6 +34,7 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 
 #define OF(member) offsetof(scene, member)
 #define MATERIAL(member) offsetof(region_config, material.member)
+#define GUIDE(member) offsetof(guide_config, member)
 
 const row SCENE_TABLE[] = {
     {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
@@ -74,6 +76,20 @@ const row SCENE_TABLE[] = {
 
     {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
 
+    {"guides[].name", "", NAME, GUIDE(name), .list = GUIDES, .required = true, .doc = "of a plate with holes, such as a template, outside the tissue"},
+    {"guides[].origin", "m", POINT, GUIDE(origin), .list = GUIDES, .required = true, .doc = "middle of the holes on the front face, where needles enter"},
+    {"guides[].normal", "", POINT, GUIDE(normal), .list = GUIDES, .required = true, .doc = "direction in which needles pass through; any length"},
+    {"guides[].along", "", POINT, GUIDE(along), .list = GUIDES, .doc = "direction along which columns are counted; required for more than one hole"},
+    {"guides[].columns", "", COUNT, GUIDE(columns), &HOLES, .list = GUIDES, .doc = "of holes"},
+    {"guides[].rows", "", COUNT, GUIDE(rows), &HOLES, .list = GUIDES, .doc = "of holes"},
+    {"guides[].spacing", "m", NUMBER, GUIDE(spacing), &POSITIVE, .list = GUIDES, .doc = "between the axes of neighbouring holes"},
+    {"guides[].hole_diameter", "m", NUMBER, GUIDE(hole_diameter), &POSITIVE, .list = GUIDES, .required = true,
+     .doc = "at least the needle's outer diameter"},
+    {"guides[].thickness", "m", NUMBER, GUIDE(thickness), &NOT_NEGATIVE, .list = GUIDES,
+     .doc = "of the plate; 0: one plane, which does not guide the needle's direction"},
+    {"guides[].stiffness", "N/m", NUMBER, GUIDE(stiffness), &POSITIVE, .list = GUIDES, .doc = "of a hole's edge"},
+    {"guides[].friction", "", NUMBER, GUIDE(friction), &NOT_NEGATIVE, .list = GUIDES, .doc = "coefficient of friction in the holes"},
+
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
      .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
@@ -112,6 +128,7 @@ const int SCENE_ROWS = ROWS;
 const list_row LIST_TABLE[LISTS] = {
     [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS},
     [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES},
+    [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES},
     [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION},
 };
 
@@ -120,7 +137,7 @@ void *entry_of(scene *s, list_kind list, int index) {
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
 const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); } /* its first member */
-_Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0, "name_of relies on it");
+_Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 
 int *names_count(scene *s, const row *r, int *least, int *most) {
     bool fixed = r->offset == OF(simulation.fixed);
@@ -133,6 +150,7 @@ void *append_entry(scene *s, list_kind list) {
     void *entry = entry_of(s, list, (*count_of(s, list))++);
     memset(entry, 0, LIST_TABLE[list].stride);
     if (list == REGIONS) ((region_config *)entry)->material = region_defaults();
+    if (list == GUIDES) *(guide_config *)entry = guide_defaults();
     return entry;
 }
 

@@ -85,6 +85,7 @@ void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 /* Finds the tetrahedra around a node of tet `start`. Returns their number, or -1 if there are more than `most`. RT */
 int mesh_around(const mesh *m, int node, int start, int *tets, int most);
 
+void mesh_corners(const mesh *m, int tet, vec3 corners[4]); /* m */
 double mesh_volume(const mesh *m, int tet);                 /* m^3 */
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]);
 

@@ -23,6 +23,7 @@ liblcm.lcm_create.restype = liblcm.lcm_subscribe.restype = ctypes.c_void_p
 handler = ctypes.CFUNCTYPE(None, ctypes.POINTER(Received), ctypes.c_char_p, ctypes.c_void_p)
 
 session = random.getrandbits(62) | 1  # the first session owns the needle
+needle = 0  # its index in the scene
 newest, arrival = None, 0.0
 
 
@@ -31,7 +32,7 @@ def on_wrench(received, channel, user):
     global newest, arrival
     wrench = needle_wrench_t.decode(ctypes.string_at(received[0].data, received[0].size))
     followed = newest is None or wrench.server == newest.server or time.monotonic() - arrival > 0.1
-    if wrench.session == session and followed:  # for this device; of two servers the first one
+    if (wrench.session, wrench.needle) == (session, needle) and followed:  # for this device; of two servers the first one
         newest, arrival = wrench, time.monotonic()
 
 
@@ -41,6 +42,7 @@ if not lcm:
 liblcm.lcm_subscribe(lcm, b"TROCAR_WRENCH", on_wrench, None)
 pose = needle_pose_t()
 pose.session = session
+pose.needle = needle
 pose.orientation = [1, 0, 0, 0]
 begin = time.monotonic()
 while (elapsed := time.monotonic() - begin) < 2:

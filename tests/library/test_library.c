@@ -141,6 +141,7 @@ static void the_table_of_keys_is_whole(void **state) {
     OK(trocar_scene_set(scene, "relaxation[0].weight", "0.5", &why));
     OK(trocar_scene_set(scene, "relaxation[0].time", "2", &why));
     assert_true(trocar_key_count() > 40);
+    OK(trocar_scene_set(scene, "guides[plate].rows", "1", &why));
     for (int i = 0; i < trocar_key_count(); i++) {
         trocar_key k = trocar_key_at(i);
         char key[128], before[256], after[256];
@@ -297,12 +298,12 @@ static void a_worker_thread_serves_the_tick(void **state) {
 static void what_is_seen_fits_the_force(void **state) {
     (void)state;
     static trocar_output a[TICKS];
-    static trocar_contact contacts[TROCAR_MAX_CONTACTS + 1];
+    static trocar_contact contacts[TROCAR_MAX_POINTS];
     static double joints[TROCAR_MAX_JOINTS][3], field[CUBE_NODES][3];
     trocar_model *model = model_of(cube_scene());
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, TICKS, a);
-    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_CONTACTS + 1), joint_count = trocar_sim_centreline(sim, 0, joints[0], TROCAR_MAX_JOINTS);
+    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_POINTS), joint_count = trocar_sim_centreline(sim, 0, joints[0], TROCAR_MAX_JOINTS);
     assert_int_equal(count, a[TICKS - 1].contacts + 1);
     assert_int_equal(contacts[count - 1].kind, TROCAR_CONTACT_TIP);
     assert_int_equal(joint_count, trocar_model_segments(model) + 1);
@@ -328,7 +329,7 @@ static void what_is_seen_fits_the_force(void **state) {
 /* A picture taken by one thread does not change while the simulation goes on. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
-    enum { ROOM = TROCAR_MAX_CONTACTS + 1, MIDWAY = 4 * TICKS / 5 };
+    enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
     static trocar_output a[TICKS];
     static trocar_contact seen[ROOM], kept[ROOM];
     static double joints[2][TROCAR_MAX_JOINTS][3], field[2][CUBE_NODES][3];
@@ -476,7 +477,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     int tets = trocar_model_tet_count(model);
     assert_null(trocar_model_strain_patches(model));
     for (int i = 0; i < tets; i++) assert_in_range(trocar_model_strain_patches(whole)[i], 0, tets - 1);
-    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; what has none is on the outside */
+    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; a face of the skin has none */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);

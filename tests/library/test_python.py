@@ -109,6 +109,20 @@ class PythonTest(unittest.TestCase):
         self.assertGreater(batch * steps * dt / seconds, 2)
         self.assertLess(memory - together.nbytes, batch * state)
 
+    def test_guides_hold_the_needle(self):
+        scene = trocar.Scene.load(SOURCE / "meshes/template.yaml")
+        self.assertEqual(scene["guides[template].columns"], 13)
+        sim = trocar.Sim(trocar.Model(scene))
+        pose = lambda x, z: [x, 0.003, z, 1, 0, 0, 0]
+        sim.reset(pose(0.005, -0.24))
+        self.assertIsNone(sim.hole(0))
+        for i in range(400):
+            output = sim.step(pose(0.005 + 5e-6 * i, -0.24 + 1e-4 * i), 0.001)
+        self.assertEqual(sim.hole(0), 7 + 13 * 6)
+        contacts = sim.contacts()
+        self.assertEqual(contacts[0].kind, "guide")
+        np.testing.assert_allclose(sum(contact.force for contact in contacts), -output.force, atol=1e-9)
+
     def test_a_mesh_in_memory(self):
         scene = trocar.Scene()
         scene.set_mesh(cube())
@@ -127,6 +141,36 @@ class PythonTest(unittest.TestCase):
         total = sum(contact.force for contact in sim.contacts())
         np.testing.assert_allclose(total, -out.force, atol=1e-9)
         self.assertTrue(np.all(sim.displacements()[model.nodes[:, 2] > 0.0299] == 0))
+
+    def test_contacts_by_id_slot_status_and_needle(self):
+        """Each field against what the library's documentation promises, over a push and a retraction of the second of two needles."""
+        scene = trocar.Scene.load(FIGURE8)
+        scene["needles"] = 2
+        sim = trocar.Sim(trocar.Model(scene))
+        pose = lambda tick: [0.005, 0.003, -0.201 + 1.5e-4 * min(tick, 400 - tick), 1, 0, 0, 0]
+        sim.reset(pose(0), needle=1)
+        held, seen = {}, set()  # slot and depth of each contact by id
+        for tick in range(400):
+            out = sim.step(pose(tick), 0.001, needle=1)
+            self.assertEqual(sim.contacts(), [])
+            active, pending = sim.contacts(needle=1), sim.pending_contacts(needle=1)
+            tissue = [c for c in active if c.kind == "tissue"]
+            self.assertEqual(len(tissue), out.contacts)
+            for c in active:
+                self.assertEqual((c.needle, c.status), (1, "sliding" if c.state else "sticking"))
+            for c in active[len(tissue):]:
+                self.assertEqual((c.kind, c.id, c.slot), ("tip", 0, -1))
+            for c in pending:
+                self.assertIn(c.status, ("planned", "adding"))
+                self.assertFalse(c.force.any())
+            for c in tissue + pending:
+                self.assertEqual(held.setdefault(c.id, (c.slot, c.depth)), (c.slot, c.depth))
+            slots = [c.slot for c in tissue + pending]
+            self.assertEqual(len(set(slots)), len(slots))
+            seen.update(c.status for c in active + pending)
+        self.assertGreater(len(held), 2)
+        self.assertNotIn(0, held)
+        self.assertLessEqual({"planned", "sticking", "sliding"}, seen)
 
     def test_save_and_restore(self):
         pose = lambda tick: [0.005, 0.003, -0.201 + 1e-4 * tick, 1, 0, 0, 0]
@@ -172,7 +216,7 @@ class PythonTest(unittest.TestCase):
 
     def test_events_are_those_of_the_header(self):
         self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
-        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(11)])
+        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(13)])
 
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}

@@ -8,10 +8,11 @@ numpy and solved by CalculiX with quadratic tetrahedra (C3D10). See README.md ne
 
 The mesh is a plane triangulation, extruded: polar rings around the needle's axis, refined towards its rim, joined to
 Gmsh's triangles that reach the block's sides. Its layers are thin at the needle's ends and long in between, which an
-unstructured mesh can't achieve. Lengths are in m, forces in N, moduli in Pa.
+unstructured mesh can't achieve. For an oblique needle this mesh is deformed. Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse
 import json
+import math
 import os
 import re
 import subprocess
@@ -25,7 +26,7 @@ import numpy as np
 
 HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is fixed, z = HEIGHT is the skin
 RINGS_RADIUS = 0.006  # where the polar rings end; less than the distance from any needle to a side of the block
-SOFT, STIFF = 20e3, 60e3
+SOFT, STIFF, CONTRAST = 20e3, 60e3, 1000.0
 MOVE = 1e-3
 BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; CalculiX prints seven digits
 
@@ -34,42 +35,75 @@ BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; Cal
 # Discs have a finer rim: where the bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees,
 # Williams 1952), displacements go with the power 0.28 of the distance at nu = 0.45, so forces go as rim^0.56.
 MESHES = {
+    "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
+               "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
     "standard": {"needle": {"rim": 0.16, "slope": 0.75, "far_slope": 0.375, "sectors": 10, "largest": 0.015},
                  "disc": {"rim": 0.003, "slope": 0.6, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
     "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
              "disc": {"rim": 0.001, "slope": 0.5, "far_slope": 0.6, "sectors": 10, "largest": 0.025}},
 }
-# Displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion.
-LOADS = {
-    "needle": {"sideways": (MOVE, 0.0, 0.0), "axial": (0.0, 0.0, MOVE)},
-    "disc": {"axial": (0.0, 0.0, -MOVE)},
-}
+# Lengths over which the mesh under an oblique needle's tip turns back to the vertical.
+BEND, TILT = 0.008, 0.020
 ABOUT = (
     "Total force needed to move a rigid needle, or the disc at its end, by 1 mm in tissue that is bonded to it. "
     "Lengths in m, forces in N, moduli in Pa. Block |x|, |y| <= 0.06, 0 <= z <= 0.1; z = 0 is held, all else is free. "
-    "'axis': x, y of the needle, which reaches from the skin (z = 0.1) down to z = 'tip'; the modulus is "
-    "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, sideways +x, axial +z, no rotation. "
+    "'axis': x, y of the tip; the needle reaches from the skin (z = 0.1) down to z = 'tip'. 'angle': between needle and skin in "
+    "degrees, going in along +x, or at 'azimuth' degrees from there toward +y; straight down where there is none. The modulus is "
+    "'youngs_modulus_below' under z = 'interface'. needle: the whole hole moves, without rotation: sideways (+x, "
+    "or, of an oblique needle, at right angles to it in its vertical plane), across (of an oblique needle, horizontal), axial (outwards). "
     "disc: only the hole's end face moves, along -z without moving sideways, the rest of the hole is free of traction. "
-    "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' is the relative difference of the "
-    "two meshes. Displacement elements are too stiff, so that the exact force lies below."
+    "'force' is along the motion, on the finest mesh solved; 'standard_above_fine' and 'coarse_above_standard' are "
+    "relative differences of two meshes. Displacement elements are too stiff, so that the exact force lies below."
 )
 
 
-def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, disc=False):
-    """A needle from the skin down to z = tip; `below` is the modulus under z = 50 mm; `disc` moves the end face only."""
+def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, above=SOFT, disc=False):
+    """A needle from the skin down to z = tip; `above` and `below` are the moduli over and under z = 50 mm; `disc` moves the
+    end face only."""
     return {"kind": "disc" if disc else "needle", "radius": radius, "poisson_ratio": nu, "axis": list(axis), "tip": tip,
-            "youngs_modulus_above": SOFT, "youngs_modulus_below": below, "interface": HEIGHT / 2}
+            "youngs_modulus_above": above, "youngs_modulus_below": below, "interface": HEIGHT / 2}
+
+
+def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
+    """A needle of which `length` is inside, half of it on either side of x, y = middle."""
+    across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
+    way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
+    return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
+
+
+def directions(one):
+    """Unit vectors: of the needle into the tissue; at right angles to it, in the plane that it has in common with z; horizontal."""
+    if "angle" not in one:
+        return np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    angle, azimuth = math.radians(one["angle"]), math.radians(one["azimuth"])
+    forward, side = np.array([math.cos(azimuth), math.sin(azimuth), 0.0]), np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    return math.cos(angle) * forward - math.sin(angle) * up, math.sin(angle) * forward + math.cos(angle) * up, side
+
+
+def loads(one):
+    """Displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion."""
+    inwards, sideways, across = directions(one)
+    if one["kind"] == "disc":
+        return {"axial": MOVE * inwards}
+    cases = {"sideways": MOVE * sideways, "axial": -MOVE * inwards}
+    return {**cases, "across": MOVE * across} if "angle" in one else cases
 
 
 def all_cases():
     """The cases by name."""
     radii = (0.35e-3, 0.635e-3, 0.9e-3)
-    cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49)}
+    cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49, 0.499)}
     cases["skin"] = case(0.080)
     cases["shallow"] = case(0.090)
     cases["side"] = case(0.020, axis=(0.050, -0.0027))
     cases["bottom"] = case(0.005)
     cases["layers"] = case(0.020, below=STIFF)
+    cases["stiff_ahead"] = case(0.055, below=CONTRAST * SOFT)
+    cases["stiff_below"] = case(0.020, below=CONTRAST * SOFT)
+    cases["stiff_above"] = case(0.020, above=CONTRAST * SOFT)
+    cases |= {f"oblique_{angle}": oblique(angle) for angle in (60, 45, 30)}
+    cases["body_diagonal"] = oblique(math.degrees(math.asin(3 ** -0.5)), 45, (0.0, 0.0))  # of a cube
     cases |= {f"tip_disc_r{1e3 * r:g}": case(0.020, r, disc=True) for r in radii}
     cases["skin_disc"] = case(HEIGHT, disc=True)
     return cases
@@ -225,11 +259,79 @@ def right_handed(nodes, tets):
     return tets
 
 
+# ---- oblique needles -------------------------------------------------------------------------------------------------
+
+def oblique_axis(one, z):
+    """At the height z of the undeformed mesh: how far forward the deformed one's axis is from the tip, and the vector (forward, up)
+    to which a unit vector forward turns there.
+
+    Beside the axis each face of a layer stays plane. It is at right angles to the needle at the tip, so that the end is flat, and
+    horizontal at the skin and at the bottom. Moving points along the needle keeps the hole a circular cylinder."""
+    angle, height = math.radians(one["angle"]), one["tip"]
+    slope, within, below = 1.0 / math.tan(angle), z >= height, np.clip(z / height, 0.0, 1.0)
+    centre = np.where(within, -slope * (z - height), slope * BEND * (1 - below ** (height / BEND)))
+    up, tilt = np.where(within, (z - height) / (HEIGHT - height), 0.0), below ** (height / TILT)
+    forward = np.where(within, math.sin(angle) + up * slope * math.cos(angle), 1 - tilt * (1 - math.sin(angle)))
+    return centre, forward, np.where(within, (1 - up) * math.cos(angle), tilt * math.cos(angle))
+
+
+def middle_of(one):
+    """x and y half-way between skin and tip."""
+    back = 0.5 * (HEIGHT - one["tip"]) / math.tan(math.radians(one["angle"]))
+    return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
+
+
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of a C3D10, in the order of its nodes 4 to 9
+
+
+def straighten(nodes, elements, far):
+    """Puts middle nodes of edges with a far end half-way between the ends."""
+    for i, edge in enumerate(EDGES, 4):
+        ends, middle = elements[:, edge], elements[:, i]
+        chosen = far[ends].any(axis=1)
+        nodes[middle[chosen]] = nodes[ends[chosen]].mean(axis=1)
+
+
+def least_jacobian(nodes, elements):
+    """Of each element, at its integration points."""
+    inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
+    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # of the barycentric coordinates
+    least = np.full(len(elements), np.inf)
+    for point in outer + (inner - outer) * np.eye(4):
+        shape = np.concatenate([(4 * point[:, None] - 1) * gradients, [4 * (point[a] * gradients[b] + point[b] * gradients[a]) for a, b in EDGES]])
+        least = np.minimum(least, np.linalg.det(np.einsum("enx,nk->exk", nodes[elements], shape)))
+    return least
+
+
+def deform(one, nodes, elements):
+    """Nodes of a straight needle's mesh, x and y from its axis, moved so that the needle is oblique: the rings move with it, the
+    block's sides stay. Elements outside the rings keep straight edges, and so do those that would fold."""
+    middle, side = middle_of(one), directions(one)[2]
+    forward = np.array([side[1], -side[0]])
+    x, y, z = nodes.T
+    share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
+    weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
+    centre, ahead, up = oblique_axis(one, z)
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the turn fades faster than the shift, which keeps elements from folding
+    shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
+    moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
+    distance = np.hypot(x, y)
+    straighten(moved, elements, distance > RINGS_RADIUS * (1 + 1e-9))
+    folded = least_jacobian(moved, elements) <= 0.0
+    straighten(moved, elements[folded], distance > one["radius"] * (1 + 1e-9))
+    if least_jacobian(moved, elements).min() <= 0.0:
+        sys.exit("resolved_needle: the deformed mesh has folded elements")
+    return moved
+
+
+# ---- the block with its needle ---------------------------------------------------------------------------------------
+
 def block_with_needle(one, mesh):
     """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
     first = mesh["rim"] * one["radius"]
-    vertices, triangles = plane_triangulation(one["axis"], one["radius"], first, mesh)
-    heights = layers(one, first, mesh)
+    place = middle_of(one) if "angle" in one else one["axis"]
+    vertices, triangles = plane_triangulation(place, one["radius"], first, mesh)
+    heights = layers(one, -directions(one)[0][2] * first, mesh)
     nodes, elements = extrude(vertices, triangles, heights)
 
     within = np.linalg.norm(vertices, axis=1)[triangles].max(axis=1) < one["radius"] * (1 + 1e-6)
@@ -242,8 +344,12 @@ def block_with_needle(one, mesh):
     moved = (np.linalg.norm(nodes[:, :2], axis=1) < one["radius"] * (1 + 1e-6)) & (nodes[:, 2] > one["tip"] - 1e-9)
     if one["kind"] == "disc":
         moved &= nodes[:, 2] < one["tip"] + 1e-9
-    nodes[:, :2] += one["axis"]
-    return nodes, elements, middle, np.flatnonzero(nodes[:, 2] < 1e-9), np.flatnonzero(moved)
+    fixed = np.flatnonzero(nodes[:, 2] < 1e-9)
+    if "angle" in one:
+        nodes = deform(one, nodes, elements)
+    else:
+        nodes[:, :2] += one["axis"]
+    return nodes, elements, middle, fixed, np.flatnonzero(moved)
 
 
 # ---- the problem for CalculiX ----------------------------------------------------------------------------------------
@@ -265,7 +371,7 @@ def material(name, modulus, nu, elements):
 
 def static_step(move):
     """One load case; its boundary conditions replace those of the previous step."""
-    motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move, 1))
+    motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move.tolist(), 1))
     return (f"*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3\n{motion}"
             "*NODE PRINT, NSET=MOVED, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=FIXED, TOTALS=ONLY\nRF\n*END STEP\n")
 
@@ -277,20 +383,20 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
     deck += material("ABOVE", one["youngs_modulus_above"], one["poisson_ratio"], np.flatnonzero(~stiff))
     if stiff.any():
         deck += material("BELOW", one["youngs_modulus_below"], one["poisson_ratio"], np.flatnonzero(stiff))
-    return deck + "".join(static_step(move) for move in LOADS[one["kind"]].values())
+    return deck + "".join(static_step(move) for move in loads(one).values())
 
 
-def reactions(text, loads):
+def reactions(text, names):
     """Sums of the forces on the moved nodes and on the fixed face for each load case, from CalculiX's .dat file."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
-    if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(loads):
+    if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
     forces = np.array([xyz for _, *xyz in sums], float).reshape(-1, 2, 3)
     for needle, face in forces:
         if np.linalg.norm(needle + face) > BALANCE * np.linalg.norm(needle):
             sys.exit(f"resolved_needle: the reactions {needle} and {face} don't balance")
     return {name: {"needle_force": needle.tolist(), "fixed_face_force": face.tolist()}
-            for name, (needle, face) in zip(loads, forces)}
+            for name, (needle, face) in zip(names, forces)}
 
 
 def solve(one, mesh, folder):
@@ -303,18 +409,19 @@ def solve(one, mesh, folder):
     if ccx.returncode or not (folder / "needle.dat").exists():
         sys.exit(f"resolved_needle: ccx failed:\n{ccx.stdout[-2000:]}{ccx.stderr}")
     return {"nodes": len(nodes), "elements": len(elements),
-            **reactions((folder / "needle.dat").read_text(), LOADS[one["kind"]])}
+            **reactions((folder / "needle.dat").read_text(), list(loads(one)))}
 
 
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Add the force along each motion on the finest mesh solved, and the deviation of the standard mesh from the fine one."""
+    """Add the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
-                    for name, move in LOADS[entry["kind"]].items()} for mesh in MESHES if mesh in entry["meshes"]}
-    entry["force"] = force.get("fine", force.get("standard"))
-    if len(force) == 2:
-        entry["standard_above_fine"] = {name: force["standard"][name] / fine - 1 for name, fine in force["fine"].items()}
+                    for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
+    solved = list(force)  # from coarse to fine
+    entry["force"] = force[solved[-1]]
+    for mesh, finer in zip(solved, solved[1:]):
+        entry[f"{mesh}_above_{finer}"] = {name: force[mesh][name] / value - 1 for name, value in force[finer].items()}
 
 
 def solver_version():

@@ -1,10 +1,10 @@
 /* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
    local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
-   usage: rigid_needle MESH
-   RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower"
-   Needle along -z from the top (z = 0.1 m). Prints: nodes,
-   contacts, and the forces in N for 1 mm: the whole needle sideways along x, the whole needle along z, the tip alone along z; then
-   the first two again, by the tick itself. */
+   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH]
+   X Y TIP_Z: of the tip. The needle enters at the top (z = 0.1 m), along -z, or, oblique, at ANGLE degrees to the top towards AZIMUTH
+   degrees from x. Prints: nodes, contacts, and the forces in N for 1 mm by the tick itself: sideways (x; oblique: in the vertical
+   plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless oblique, the springs of each direction
+   added up: sideways, along, and the tip alone along z. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,6 +41,7 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
         region->material.cutting_force = HOLDS;
     }
     mesh_free(&m);
+    c->inverse = INVERSE_SPARSE; /* on coarse meshes the quickest to create */
     snprintf(c->fixed[c->fixed_count++], MESH_NAME, "fixed");
     c->needle.outer_diameter = 2.0 * atof(argument[2]);
     c->needle.inner_diameter = 0.5 * c->needle.outer_diameter;
@@ -118,35 +119,50 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
+/* Of the tip, `length` from the base. The needle points along the base's z; its x is the direction sideways, its y the one across. */
+static pose base_of(vec3 tip, double length, double angle, double azimuth) {
+    pose base = {tip, {0, 1, 0, 0}}; /* turned about x: the needle points along -z */
+    quat lean = q_multiply(q_exp(v3(0, 0, azimuth)), q_exp(v3(0, angle - M_PI_2, 0)));
+    base.orientation = q_multiply(lean, base.orientation);
+    base.position = v3_axpy(-length, q_rotate(base.orientation, v3(0, 0, 1)), tip);
+    return base;
+}
+
+static trocar_status start(body *b, char **argument, bool oblique, pose *base, report *why) {
+    simulation_config config;
+    trocar_status status = configure(argument, &config, why);
+    if (status == TROCAR_OK) status = simulation_create(&config, &b->simulation, why);
+    if (status != TROCAR_OK) return status;
+    double angle = oblique ? atof(argument[9]) : 90.0, azimuth = oblique ? atof(argument[10]) : 0.0;
+    vec3 tip = v3(atof(argument[4]), atof(argument[5]), atof(argument[6]));
+    *base = base_of(tip, config.needle.length, angle * M_PI / 180.0, azimuth * M_PI / 180.0);
+    insertion_reset(&b->simulation.insertion, *base, &b->state);
+    return remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, why);
+}
+
 int main(int argc, char **argv) {
     report why;
-    simulation_config config;
+    pose base;
+    bool oblique = argc == 11;
     body *b = calloc(1, sizeof *b);
-    if (argc != 9 || !b) {
-        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER\n");
+    if ((argc != 9 && !oblique) || !b) {
+        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER [ANGLE AZIMUTH]\n");
         return 2;
     }
-    pose base = {v3(atof(argv[4]), atof(argv[5]), 0), {0, 1, 0, 0}}; /* turned about x: the needle points along -z */
-    trocar_status status = configure(argv, &config, &why);
-    if (status == TROCAR_OK) status = simulation_create(&config, &b->simulation, &why);
-    if (status == TROCAR_OK) {
-        base.position.z = atof(argv[6]) + config.needle.length;
-        insertion_reset(&b->simulation.insertion, base, &b->state);
-        status = remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, &why);
+    trocar_status status = start(b, argv, oblique, &base, &why);
+    double tip_alone, springs_sideways = NAN, springs_along = NAN, force[3];
+    if (status == TROCAR_OK && !oblique) {
+        springs_sideways = total_force(b, 0, &tip_alone);
+        springs_along = total_force(b, 2, &tip_alone);
     }
+    const vec3 ways[3] = {v3(1, 0, 0), v3(0, 0, 1), v3(0, 1, 0)}; /* of the base */
+    for (int i = 0; i < 3 && status == TROCAR_OK; i++) status = force_of_tick(b, base, q_rotate(base.orientation, ways[i]), &force[i], &why);
     if (status != TROCAR_OK) {
         fprintf(stderr, "rigid_needle: %s\n", why.text);
         return 2;
     }
-    double tip_alone, sideways = total_force(b, 0, &tip_alone), along = total_force(b, 2, &tip_alone);
-    double tick_sideways, tick_along;
-    status = force_of_tick(b, base, v3(1, 0, 0), &tick_sideways, &why);
-    if (status == TROCAR_OK) status = force_of_tick(b, base, v3(0, 0, -1), &tick_along, &why);
-    if (status != TROCAR_OK) {
-        fprintf(stderr, "rigid_needle: %s\n", why.text);
-        return 2;
-    }
-    printf("%d %d %.6g %.6g %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), sideways, along, tip_alone,
-           tick_sideways, tick_along);
+    printf("%d %d %.6g %.6g %.6g", b->simulation.mesh.node_count, contacts_passed(&b->state), force[0], force[1], force[2]);
+    if (!oblique) printf(" %.6g %.6g %.6g", springs_sideways, springs_along, tip_alone);
+    printf("\n");
     return 0;
 }

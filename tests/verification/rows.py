@@ -45,6 +45,12 @@ class Rows:
                              "error": number(error), "limit": limit, "unit": unit, "note": note, "pass": passed})
         print(f"{'pass' if passed else 'FAIL'}  {check}: {value:.6g} {unit} (error {error:.3g}, limit {limit:.3g})", flush=True)
 
+    def measured(self, check, reference, value, expected, error, unit="", note=""):
+        """A line without a limit: it neither passes nor fails and is not counted."""
+        self.entries.append({"kind": "measured", "section": self.section, "check": check, "reference": reference, "value": number(value),
+                             "expected": None if expected is None else number(expected), "error": number(error), "unit": unit, "note": note})
+        print(f"      {check}: {value:.6g} {unit} (error {error:.3g}, no limit)", flush=True)
+
     def compare(self, check, reference, value, expected, limit, unit="", note=""):
         """A value compared with an expected one: relative error."""
         self.add(check, reference, value, expected, abs(value - expected) / abs(expected), limit, unit, note)

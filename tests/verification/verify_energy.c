@@ -254,8 +254,8 @@ static void check_once(rows *r, const char *name, const balance *b) {
     char text[160], note[400];
     snprintf(text, sizeof text, "%s: work against force times distance alone", name);
     snprintf(note, sizeof note, "%.2f mJ %s", 1e3 * (taken - e->work), FORCE_TIMES_WAY);
-    if (!r->short_form) rows_add(r, (row){.check = text, .reference = "friction, cutting and puncture", .value = e->work, .expected = taken,
-                                 .error = fabs(e->work - taken) / b->most_work, .limit = 0.01, .unit = "J", .note = note});
+    if (!r->short_form) rows_measured(r, (row){.check = text, .reference = "friction, cutting and puncture", .value = e->work, .expected = taken,
+                                      .error = fabs(e->work - taken) / b->most_work, .unit = "J", .note = note});
     snprintf(text, sizeof text, "%s: lost by changes of contact nodes and tributary lengths", name);
     rows_add(r, (row){.check = text, .reference = "nothing", .value = e->handed, .expected = 0.0, .error = fabs(e->handed) / b->most_work, .limit = 0.01,
                       .unit = "J", .note = "error relative to the largest work"});

@@ -1,7 +1,8 @@
 #!/usr/bin/python3
-"""Displacements of the tissue against CalculiX's C3D4 elements: same mesh, same nodal forces, one and three materials.
+"""Displacements of the tissue compared with CalculiX's C3D4 elements: same mesh, same nodal forces, one and three materials.
 
-CalculiX evaluates the volumetric strain by element, so the core does too here (`volumetric_strain: element`)."""
+CalculiX integrates the volumetric strain by element, and so does the library here (`volumetric_strain: element`).
+"""
 import sys
 
 import numpy as np

@@ -1,11 +1,14 @@
 #!/usr/bin/python3
-"""The tissue against exact solutions: constant strain on an irregular mesh, and two manufactured trigonometric fields.
+"""The tissue compared with exact solutions: constant strain on an irregular mesh, and two manufactured trigonometric fields.
 
-The manufactured field u = a sin(pi x/L) sin(pi y/L) sin(pi z/L) vanishes on the cube's faces, which are all fixed; the
-body force that it needs is loaded consistently. Linear elements should reach order 2 in the displacement and 1 in the
-energy norm (Strang and Fix 1973), whatever nu below 0.5. Volumetric strain by patch is core's default, by element its
-plain linear tetrahedron. The second field, curl (0, 0, sin^2 sin^2 sin^2), has no divergence, so that its load does not depend on
-lambda; at nu = 0.499 elements converge to it at once, or lock and hardly move (by element 76 % is missing on the mesh with 16 elements along an edge).
+The first field, u = a sin(pi x/L) sin(pi y/L) sin(pi z/L), is zero on the cube's faces, which are all fixed; its body force is applied
+consistently. Linear elements should converge with order 2 in the displacement and 1 in the energy norm (Strang and Fix 1973), for every
+nu below 0.5.
+
+The second field, curl (0, 0, sin^2 sin^2 sin^2), is divergence-free, so its load does not depend on lambda. At nu = 0.499 it shows
+locking: with strain by element 76 % of the displacement is missing on the mesh with 16 elements along an edge.
+
+Volumetric strain by patch is the default; strain by element is the standard linear tetrahedron.
 """
 import itertools
 import sys

@@ -1,15 +1,16 @@
 #!/usr/bin/python3
-"""Volumetric locking: the excess stiffness of the core's tetrahedra as Poisson's ratio approaches 0.5.
+"""Volumetric locking: the excess stiffness of the tissue's tetrahedra as Poisson's ratio approaches 0.5.
 
-The prostate's mesh, loaded by a pressure patch on the skin and along a needle's track. Compared is the compliance of a load of
-total force F, (f . u) / F^2; references are CalculiX's quadratic tetrahedra (C3D10, straight sides).
-- Loads that do not depend on the mesh, the patch and a force spread around the track over a radius that every mesh
-  resolves: against C3D10 on the finest mesh that it solves. The whole error of the elements: locking and coarseness.
-- Points along the track, each shared among the corners of its tetrahedron, as a needle loads the mesh: against C3D10 on
-  the same mesh under the same nodal forces. A point force has no finite answer, so elements of another order differ at
-  any nu, and the local compliance of the contacts stands for that.
-Locking is what is added to the error since nu = 0.3, for each of them. The figures show three formulations: volumetric
-strain by patch, core's default, by node, and by element, the plain linear tetrahedron. The last one locks and has no rows. At nu = 0.499 the latter is off the figures.
+The prostate's mesh is loaded by a pressure patch on the skin, and along a needle's track. The compliance of a load of total force F,
+(f . u) / F^2, is compared with that of CalculiX's quadratic tetrahedra (C3D10, straight sides):
+- Loads that do not depend on the mesh (the pressure patch, and a force spread around the track over a radius that every mesh resolves)
+  are compared with C3D10 on the finest mesh that CalculiX solves. The difference is the total error, of locking and of coarseness.
+- Point forces along the track, each distributed to the corners of its tetrahedron as a needle's are, are compared with C3D10 on the same
+  mesh under the same nodal forces. Under a point force the displacement of a continuum is infinite, so elements of different order
+  differ at any nu; the contacts' local compliance accounts for that.
+Locking is how much the error grows from nu = 0.3 on. The figures show three formulations: volumetric strain by patch (the default), by
+node, and by element (the standard linear tetrahedron). Strain by element locks, so it is shown for comparison only: it has no rows, and
+its point at nu = 0.499 lies outside the figures.
 """
 import itertools
 import json

@@ -1,8 +1,8 @@
 // The page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
-// usage: live_test.mjs BUILD_DIR SOURCE_DIR
+// usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
-import { readFile } from 'node:fs/promises'
+import { readFile, writeFile } from 'node:fs/promises'
 import { connect } from 'node:net'
 import path from 'node:path'
 import { browser, check, checkLayout, faults, open, until } from './page.mjs'
@@ -13,7 +13,7 @@ const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
 const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
-const tip = (page) => page.evaluate('trocar.stage.needle.tip?.z')
+const tip = (page) => page.evaluate('trocar.stage.needles[0].tip?.z')
 
 let view = await start('clients/view/trocar-view'), server, first, second
 try {
@@ -49,7 +49,7 @@ try {
     assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
     const before = await tip(first)
     await first.keyboard.down('w')
-    await until(first, 'trocar.shown.contacts.length / 8 >= 5')
+    await until(first, 'trocar.shown.needles[0].contacts.length / 9 >= 5')
     await first.keyboard.up('w')
     assert(await tip(first) > before + 0.01, 'the tip went in')
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
@@ -66,9 +66,9 @@ try {
     await first.click('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
-    const [tick, base] = await first.evaluate('[trocar.shown.tick, trocar.shown.joints[2]]')
+    const [tick, base] = await first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
     await until(first, `trocar.shown.tick > ${tick} + 200`)
-    assert(Math.abs(await first.evaluate('trocar.shown.joints[2]') - base) < 1e-6, 'the base rests')
+    assert(Math.abs(await first.evaluate('trocar.shown.needles[0].joints[2]') - base) < 1e-6, 'the base rests')
   })
 
   await check('numbers and plots follow', async () => {
@@ -81,14 +81,14 @@ try {
   await check('pause and scrub show the past, and live returns', async () => {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
-    await until(first, `trocar.stage.needle.tip.z < ${now} - 0.005`)
+    await until(first, `trocar.stage.needles[0].tip.z < ${now} - 0.005`)
     await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
     await first.keyboard.down('w') // the needle is not driven while the page shows the past
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     await first.keyboard.up('w')
     assert(await first.evaluate('trocar.status.drives'), 'the needle is still held')
     await first.click('#banner button')
-    await until(first, `Math.abs(trocar.stage.needle.tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
+    await until(first, `Math.abs(trocar.stage.needles[0].tip.z - ${now}) < 1e-3 && ${badge('live')} && document.getElementById('banner').hidden`)
   })
 
   await check('messages of the server are shown', async () => {
@@ -121,13 +121,13 @@ try {
   await check('a gamepad and the lever on the page also drive the needle', async () => {
     const back = await tip(first)
     await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
-    await until(first, `trocar.stage.needle.tip.z < ${back} - 0.005`) // the left trigger pulls
+    await until(first, `trocar.stage.needles[0].tip.z < ${back} - 0.005`) // the left trigger pulls
     await first.evaluate(() => { navigator.getGamepads = () => [] })
     const lever = await first.locator('#lever').boundingBox(), out = await tip(first)
     await first.mouse.move(lever.x + lever.width / 2, lever.y + lever.height / 2)
     await first.mouse.down()
     await first.mouse.move(lever.x + lever.width / 2, lever.y + 10)
-    await until(first, `trocar.stage.needle.tip.z > ${out} + 0.005`)
+    await until(first, `trocar.stage.needles[0].tip.z > ${out} + 0.005`)
     await first.mouse.up()
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
   })
@@ -186,7 +186,7 @@ try {
     assert(Math.abs(await tip(first) - deep) < 1e-3)
     await reset.hover()
     await first.mouse.down()
-    await until(first, 'trocar.stage.needle.tip.z < 0')
+    await until(first, 'trocar.stage.needles[0].tip.z < 0')
     await first.mouse.up()
   })
 
@@ -255,6 +255,51 @@ try {
       socket.onerror = () => done(false)
     }), ADDRESS.replace('http', 'ws'))
     assert.equal(opened, false)
+  })
+  await check('of two needles each is driven, shown and plotted', async () => {
+    await stop(view)
+    await stop(server)
+    const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
+    await writeFile(two, `${text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`)}\nneedles: 2\n`)
+    server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)
+    view = await start('clients/view/trocar-view', '--scene', two)
+    await until(second, `${badge('live')} && !document.getElementById('needle-choice').hidden`)
+    const depth = 'trocar.history.columns[7][trocar.history.count - 1]', drawn = 'trocar.stage.needles.map(({ group }) => group.visible)'
+    const take = async (needle) => {
+      await second.selectOption('#needle', `${needle}`)
+      await until(second, '!document.getElementById("take").disabled')
+      await second.click('#take')
+      await until(second, `trocar.status.drives && trocar.status.owned === "here" && trocar.shown?.needles[${needle}]`)
+      assert(await second.isDisabled('#needle'), 'the driven needle stays chosen')
+    }
+    const push = async () => {
+      await second.keyboard.down('w')
+      await until(second, `${depth} > 0.02`)
+      await second.keyboard.up('w')
+      await second.click('#take')
+      await until(second, '!trocar.status.drives && trocar.status.owned === "nobody"')
+    }
+    await take(1)
+    await push()
+    assert.deepEqual(await second.evaluate(drawn), [false, true], 'the other one has not been held yet')
+    await take(0)
+    assert.deepEqual(await second.evaluate(drawn), [true, true])
+    await until(second, `${depth} === 0 && parseFloat(document.getElementById("depth").textContent) === 0`) // plots and numbers of the chosen one
+    await push()
+    const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
+    assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')
+    assert(Math.abs(other.x - one.x - 0.01) < 1e-3, 'side by side')
+    assert(await second.evaluate('trocar.history.tracks.every(({ marks }) => marks.some(({ name }) => name === "skin"))'), 'each with its punctures')
+    await second.selectOption('#needle', '1')
+    for (const driven of [false, true]) {
+      if (driven) await take(1)
+      for (const [width, height] of [[390, 844], [844, 390], [1024, 768]]) {
+        await second.setViewportSize({ width, height })
+        await second.waitForTimeout(300)
+        await checkLayout(second, `two needles, ${driven ? 'one driven, ' : ''}${width} x ${height}`)
+        await second.screenshot({ path: path.join(process.argv[4], `two-needles-${driven ? 'driven-' : ''}${width}.png`) })
+      }
+    }
   })
   assert.deepEqual(faults, [])
   await second.context().close()

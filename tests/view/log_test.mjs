@@ -85,7 +85,7 @@ try {
    (m). */
 function sceneryShown() {
   const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
-  const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.contacts.filter((value, i) => i % 8 === 7)
+  const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.needles[0].contacts.filter((value, i) => i % 9 === 7)
   for (let t = 0; t < scene.tets.length; t += 5) if (scene.tets[t] === group) scene.tets.subarray(t + 1, t + 5).forEach((node) => gland.add(node))
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
   return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,

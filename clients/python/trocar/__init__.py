@@ -67,15 +67,31 @@ class Output(NamedTuple):
     switches: int
 
 
-class Contact(NamedTuple):
-    """A point where the needle meets the tissue; force (3,) N is on the tissue, position (3,) m on the deformed needle."""
+def _contact_names(enum: str) -> dict[int, str]:
+    """TROCAR_CONTACT_TIP -> "tip", by value."""
+    return {value: name.removeprefix("TROCAR_CONTACT_").lower() for value, name in ffi.typeof(enum).elements.items()}
 
-    kind: str  # "tissue" or "tip"
+
+_CONTACT_KIND = _contact_names("trocar_contact_kind")
+_CONTACT_STATUS = _contact_names("trocar_contact_status")
+
+
+class Contact(NamedTuple):
+    """A point where the needle meets tissue or a guide; force (3,) N is on that, position (3,) m on the deformed needle.
+
+    A tissue contact keeps its id and slot from its addition to its removal. An id is never used again for this needle; a slot is.
+    """
+
+    kind: str  # "tissue", "tip" or "guide"
     state: int  # 0 sticks, 1 slides forward, -1 slides backward
     arc: float  # m from the base
     depth: float  # m along the track
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
+    id: int  # 0 for the tip
+    status: str  # "planned" ahead of the tip, "adding" until the worker has answered, "sticking", "sliding" or "detached" (buckled)
+    slot: int  # -1 for the tip
+    needle: int  # index of the needle
 
 
 class Key(NamedTuple):
@@ -277,11 +293,23 @@ class Sim:
 
     def contacts(self, needle: int = 0) -> list[Contact]:
         """Contacts from base to tip, the tip last if it is in the tissue."""
-        room = lib.TROCAR_MAX_CONTACTS + 1
+        return self._contacts(lib.trocar_sim_contacts, needle)
+
+    def pending_contacts(self, needle: int = 0) -> list[Contact]:
+        """Tissue contacts that bear no force yet, from base to tip: status "adding", and at most one "planned", the last."""
+        return self._contacts(lib.trocar_sim_pending_contacts, needle)
+
+    def _contacts(self, read: Any, needle: int) -> list[Contact]:
+        room = lib.TROCAR_MAX_POINTS
         found = ffi.new("trocar_contact[]", room)
-        count = lib.trocar_sim_contacts(self._handle, needle, found, room)
-        return [Contact("tip" if c.kind == lib.TROCAR_CONTACT_TIP else "tissue", c.state, c.arc, c.depth, np.array(list(c.position)),
-                        np.array(list(c.force))) for c in found[0:count]]
+        count = read(self._handle, needle, found, room)
+        return [Contact(_CONTACT_KIND[c.kind], c.state, c.arc, c.depth, np.array(list(c.position)), np.array(list(c.force)), c.id,
+                        _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
+
+    def hole(self, guide: int, needle: int = 0) -> int | None:
+        """The hole of a guide that the needle is in, column + columns * row from 0. None if it is in no hole."""
+        hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
+        return hole if hole >= 0 else None
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """(segments + 1, 3) m, joints of the needle from base to tip."""

@@ -20,4 +20,8 @@ export function regionColour(region, index) {
 }
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
+export const GUIDED = '#f06bd0' // contact with a guide
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
+
+/** The needles' hubs. */
+export const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']

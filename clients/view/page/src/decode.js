@@ -2,6 +2,8 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
+export const CONTACT_NUMBERS = 9 // of each contact
+export const GUIDE = 2 // kind of a contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
 
@@ -38,18 +40,29 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** `joints`: 3 per joint (m); `contacts`: 8 each, position, force on the tissue (N), arc (m), state; `displacement`: in units of `scale` m. */
+/** `needles`: by index, empty for a needle that has not been held yet; `displacement`: in units of `scale` m. */
 function decodePicture(message, at, length) {
-  const head = new DataView(message, at, 64)
-  const joints = head.getUint32(44, true), contacts = head.getUint32(48, true), nodes = head.getUint32(52, true)
-  const body = message.slice(at + 64, at + length)
+  const body = message.slice(at, at + length), head = new DataView(body), needles = []
+  let place = 32
+  for (let left = head.getUint32(20, true); left > 0; left--) {
+    const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true)
+    needles[head.getUint32(place + 24, true)] = decodeNeedle(body, place, joints, contacts)
+    place += 40 + 12 * joints + 4 * CONTACT_NUMBERS * contacts
+  }
   return {
-    time: head.getFloat64(0, true), tick: head.getFloat64(8, true), poseTime: head.getFloat64(16, true),
-    orientation: [0, 1, 2, 3].map((i) => head.getFloat32(24 + 4 * i, true)), scale: head.getFloat32(40, true),
-    joints: new Float32Array(body, 0, 3 * joints),
-    contacts: new Float32Array(body, 12 * joints, 8 * contacts),
-    displacement: new Int16Array(body, 12 * joints + 32 * contacts, 3 * nodes),
+    time: head.getFloat64(0, true), tick: head.getFloat64(8, true), scale: head.getFloat32(16, true), needles,
+    displacement: new Int16Array(body, place, 3 * head.getUint32(24, true)),
     bytes: length,
+  }
+}
+
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind. */
+function decodeNeedle(body, at, joints, contacts) {
+  const head = new DataView(body, at, 40)
+  return {
+    poseTime: head.getFloat64(0, true), orientation: [0, 1, 2, 3].map((i) => head.getFloat32(8 + 4 * i, true)),
+    joints: new Float32Array(body, at + 40, 3 * joints),
+    contacts: new Float32Array(body, at + 40 + 12 * joints, CONTACT_NUMBERS * contacts),
   }
 }
 
@@ -60,7 +73,7 @@ function decodeSamples(message, at, length) {
     samples.push({
       time: view.getFloat64(i, true),
       values: [number(0), number(1), number(2), number(3), number(4), number(5), number(6), number(7), number(8), number(9), number(10)],
-      events: view.getUint32(i + 52, true), membrane: view.getInt32(i + 56, true),
+      events: view.getUint32(i + 52, true), membrane: view.getInt32(i + 56, true), needle: view.getInt32(i + 60, true),
     })
   }
   return samples

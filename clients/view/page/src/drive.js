@@ -1,4 +1,4 @@
-// Manual control of the needle: combines pads, keys and a gamepad into one command, sent while this page has the needle.
+// Manual control of a needle: combines pads, keys and a gamepad into one command, sent while this page has the needle.
 
 const PERIOD = 30 // ms between commands
 const SLOW = 0.25
@@ -63,6 +63,7 @@ export class Drive {
   constructor(link, elements) {
     this.link = link
     this.elements = elements
+    this.needle = 0       // the one to take
     this.pressed = new Set()
     this.driving = false  // this page has the needle
     this.steering = false // and can move it
@@ -125,7 +126,7 @@ export class Drive {
     this.asked = true
     this.lost = ''
     if (this.driving) this.link.release()
-    else this.link.take()
+    else this.link.take(this.needle)
   }
 
   /** `status` as sent by trocar-view, `state` from stateOf. The needle does not move unless the live picture is shown, that is, neither
@@ -148,6 +149,6 @@ export class Drive {
   /** Why the needle cannot be taken. */
   reason(status, { name, kind }) {
     if (name === 'past' && kind === 'past') return 'Go back to live to drive.'
-    return name !== 'live' ? '' : status.driven ? 'Another window drives it.' : status.owned === 'elsewhere' ? 'A device holds it.' : ''
+    return name !== 'live' ? '' : status.driven ? `Another window drives ${status.needle === this.needle ? 'it' : `needle ${status.needle}`}.` : status.owned === 'elsewhere' ? 'A device holds it.' : ''
   }
 }

@@ -1,9 +1,19 @@
-// Received data: live the last minute, of a log everything that trocar-view sends. Bounded in memory.
+// Received data, the samples by needle: live the last minute, of a log everything that trocar-view sends. Bounded in memory.
 
 const SPAN = 60 // s, live
 const PICTURE_BYTES = 256e6 // live; trocar-view limits logs to the same
 export const GAP = 0.1 // s, longer distances between samples (normally 10 ms) are gaps
 const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
+
+/** One needle's samples and events. */
+class Track {
+  constructor() {
+    this.room = 16384
+    this.columns = Array.from({ length: COLUMNS }, () => new Float64Array(this.room))
+    this.count = 0
+    this.marks = []
+  }
+}
 
 /** Bits of insertion_event in core/insertion/insertion.h. `quiet`: drawn small and without label. */
 export const EVENTS = [
@@ -11,53 +21,57 @@ export const EVENTS = [
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
   { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
   { bit: 1 << 9, name: 'buckled', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
+  { bit: 1 << 11, name: 'guide missed', alarm: true }, { bit: 1 << 12, name: 'outside the model', alarm: true },
 ]
 
 export class History {
-  constructor(live) {
+  constructor(live, needles = 1) {
     this.live = live
-    this.room = 16384
-    this.columns = Array.from({ length: COLUMNS }, () => new Float64Array(this.room))
-    this.count = 0
-    this.marks = []
+    this.tracks = Array.from({ length: needles }, () => new Track())
+    this.needle = 0 // the one that is plotted
     this.pictures = []
     this.bytes = 0
   }
 
+  get columns() { return this.tracks[this.needle].columns }
+  get count() { return this.tracks[this.needle].count }
+  get marks() { return this.tracks[this.needle].marks }
   get start() { return this.count ? this.columns[0][0] : 0 }
   get end() { return this.count ? this.columns[0][this.count - 1] : 0 }
 
   addSamples(samples, membranes) {
     for (const s of samples) {
-      if (this.count === this.room) this.makeRoom()
-      this.columns[0][this.count] = s.time
-      s.values.forEach((value, i) => { this.columns[i + 1][this.count] = value })
-      this.count++
-      this.addMarks(s, membranes)
+      const track = this.tracks[s.needle ?? 0]
+      if (!track) continue
+      if (track.count === track.room) this.makeRoom(track)
+      track.columns[0][track.count] = s.time
+      s.values.forEach((value, i) => { track.columns[i + 1][track.count] = value })
+      track.count++
+      this.addMarks(track, s, membranes)
     }
     if (this.live) this.forget(this.end - SPAN)
   }
 
   /** Live, drops the older half; the arrays of a log grow. */
-  makeRoom() {
-    const columns = this.columns
-    const keep = this.live ? this.room >> 1 : this.count
-    if (!this.live) this.room *= 2
-    this.columns = columns.map((column) => {
-      const moved = this.live ? column : new Float64Array(this.room)
-      moved.set(column.subarray(this.count - keep, this.count))
+  makeRoom(track) {
+    const columns = track.columns
+    const keep = this.live ? track.room >> 1 : track.count
+    if (!this.live) track.room *= 2
+    track.columns = columns.map((column) => {
+      const moved = this.live ? column : new Float64Array(track.room)
+      moved.set(column.subarray(track.count - keep, track.count))
       return moved
     })
-    this.count = keep
+    track.count = keep
   }
 
-  addMarks(sample, membranes) {
+  addMarks({ marks }, sample, membranes) {
     for (const event of EVENTS) {
       if (!(sample.events & event.bit)) continue
       const name = event.name === 'puncture' ? membranes[sample.membrane]?.name ?? 'puncture' : event.name
-      const last = this.marks.findLast((mark) => mark.event === event)
+      const last = marks.findLast((mark) => mark.event === event)
       if (event.alarm && last && sample.time - last.until < 0.5) last.until = sample.time // continues
-      else this.marks.push({ time: sample.time, until: sample.time, event, name })
+      else marks.push({ time: sample.time, until: sample.time, event, name })
     }
   }
 
@@ -73,7 +87,8 @@ export class History {
     let old = 0
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
-    if (this.marks[0]?.time < before) this.marks = this.marks.filter((mark) => mark.until >= before) // the first may continue
+    for (const track of this.tracks)
+      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first may continue
   }
 
   /** Index of the newest picture not after `time`; 0 before the first. */

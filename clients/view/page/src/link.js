@@ -33,16 +33,17 @@ export class Link {
     this.send(ACKNOWLEDGE)
   }
 
-  send(kind, steer = [], data = null) {
+  send(kind, steer = [], data = null, needle = 0) {
     if (this.socket.readyState !== WebSocket.OPEN) return
     const bytes = new Uint8Array(32 + (data ? data.byteLength : 0)), head = new DataView(bytes.buffer)
     head.setUint32(0, kind, true)
     steer.forEach((value, i) => head.setFloat32(4 + 4 * i, value, true))
+    head.setUint32(28, needle, true)
     if (data) bytes.set(new Uint8Array(data), 32)
     this.socket.send(bytes)
   }
 
-  take() { this.send(TAKE) }
+  take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
   /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. */

@@ -1,6 +1,7 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, rampCss, regionColour } from './colours.js'
+import { CONTACT, GUIDED, HUBS, rampCss, regionColour } from './colours.js'
+import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
 import { History } from './history.js'
@@ -26,6 +27,7 @@ const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
 let shown = null                 // displayed picture
+let chosen = 0                   // needle of the numbers, plots and controls
 let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when not following
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
@@ -46,6 +48,7 @@ const link = new Link({
   samples(samples) { history.addSamples(samples, scene.membranes) },
   status(received) {
     status = received
+    chooseOfStatus()
     statusAt = performance.now()
     silence.end()
     showState()
@@ -56,7 +59,9 @@ const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), ro
 
 function takeScene(received) {
   scene = received
-  history = new History(scene.live)
+  element('guide-key').hidden = scene.guides.length === 0
+  history = new History(scene.live, scene.homes.length)
+  listNeedles()
   shown = null
   clock = { following: scene.live, playing: true, time: 0, at: performance.now() }
   plots.budget = 1 / scene.rate
@@ -175,7 +180,7 @@ function showPicture() {
   }
   const largest = stage.show(picture)
   if (largest > range || largest < range / 3) setRange(largest)
-  echo.show(stage.anatomy.place.array, stage.line)
+  echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
 
@@ -184,14 +189,15 @@ function showHome() {
   if (!shown) return
   shown = null
   stage.showHome()
-  echo.show(stage.anatomy.place.array, stage.line)
+  echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
 
-/** A needle at rest gives identical pictures. */
+/** Needles at rest give identical pictures. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
-  return a.scale === b.scale && equal(a.joints, b.joints) && equal(a.contacts, b.contacts) && equal(a.orientation, b.orientation) && equal(a.displacement, b.displacement)
+  const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
+  return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
 /** Full scale of the colours: 0.2, 0.5, 1, 2, 5 ... mm. */
@@ -204,7 +210,8 @@ function setRange(largest) {
 
 /** Latency from the device's pose to the finished picture, over the last pictures; valid if all run on one machine. */
 function noteLatency() {
-  if (drawing?.poseTime) latency.push(performance.timeOrigin + performance.now() - drawing.poseTime)
+  const poseTime = drawing?.needles[chosen]?.poseTime
+  if (poseTime) latency.push(performance.timeOrigin + performance.now() - poseTime)
   if (latency.length > 30) latency.shift()
   drawing = null
 }
@@ -230,7 +237,7 @@ function showNumbers() {
   const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
-  element('contacts').textContent = shown ? `${shown.contacts.length / 8}` : '–'
+  element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / CONTACT_NUMBERS}` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
@@ -254,8 +261,8 @@ function setSlice(z) {
 
 /** Moves the slice to the tip, or to the middle while the tip is outside. */
 function followTip() {
-  const tip = stage.needle.tip, { from, to } = echo.range
-  setSlice(tip.z > from ? Math.min(tip.z, to) : (from + to) / 2)
+  const tip = stage.needles[chosen].tip, { from, to } = echo.range
+  setSlice(tip?.z > from ? Math.min(tip.z, to) : (from + to) / 2)
 }
 
 stage.onSlice = () => { element('follow').checked = false; setSlice(stage.slice.place) }
@@ -264,7 +271,7 @@ stage.onCut = (part) => { element('cut-place').value = part }
 const OFF_AT_FIRST = ['slice frame']
 
 function listLayers() {
-  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', 'contacts', 'forces', 'slice frame']
+  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', ...(scene.guides.length ? ['guides'] : []), 'contacts', 'forces', 'slice frame']
   list.replaceChildren(...names.map((name) => {
     const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('i')
     const index = scene.regions.findIndex((region) => region.name === name)
@@ -283,6 +290,32 @@ function setCut(axis, part = Number(element('cut-place').value)) {
   stage.setCut(axis, part)
 }
 
+/* ---- several needles ---- */
+
+/** The chooser; hidden if the scene has one needle. */
+function listNeedles() {
+  const chooser = element('needle')
+  chooser.replaceChildren(...scene.homes.map((home, i) => new Option(`needle ${i}`, i)))
+  element('needle-choice').hidden = scene.homes.length === 1
+  choose(0)
+}
+
+function choose(needle) {
+  chosen = history.needle = drive.needle = needle
+  element('needle').value = needle
+  element('needle-choice').querySelector('i').style.background = HUBS[needle]
+  latency = []
+  if (status.needles) status = { ...status, ...status.needles[needle] }
+  if (shown && element('follow').checked) followTip()
+}
+
+/** Adds the members of the chosen needle's status. While this page drives a needle, that one is chosen. */
+function chooseOfStatus() {
+  if (status.drives && status.needle !== chosen) choose(status.needle)
+  status = { ...status, ...status.needles?.[chosen] }
+  element('needle').disabled = Boolean(status.drives)
+}
+
 /* ---- controls ---- */
 
 function setTheme(theme) {
@@ -294,7 +327,7 @@ function setTheme(theme) {
 }
 
 const toggleTheme = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light')
-const takePicture = (plan) => compose(plan, { stage, echo, shown, history, time: shown?.time ?? 0, range })
+const takePicture = (plan) => compose(plan, { stage, echo, shown: shown?.needles[chosen], history, time: shown?.time ?? 0, range, label: scene.homes.length > 1 ? `${chosen}` : '' })
 const savePicture = async () => save(await takePicture(arrangeLike(element('stage'))), `trocar-${(shown?.time ?? 0).toFixed(2)}s.png`)
 const nextCut = () => { const axes = ['', 'x', 'y', 'z']; setCut(axes[(axes.indexOf(element('cut-axis').value) + 1) % axes.length]) }
 const toggleLayer = (name) => element('layer-list').querySelector(`input[name="${name}"]`)?.click()
@@ -318,6 +351,7 @@ element('theme').addEventListener('click', toggleTheme)
 element('help').addEventListener('click', () => element('keys').showModal())
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
+element('needle').addEventListener('change', (event) => choose(Number(event.target.value)))
 element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // ignores the second click of a double click
 element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
@@ -329,6 +363,7 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
+document.querySelector('.dot.guide').style.background = GUIDED
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
@@ -347,7 +382,7 @@ async function pose() {
   stage.look(number('view', 1))
   seek(history.end)
   showPicture()
-  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needle.tip[axis]) - from) / (to - from)
+  const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needles[chosen].tip[axis]) - from) / (to - from)
   setCut(axis, part > 0 && part < 1 ? part : 0.5)
   link.sendPicture(await (await takePicture(plan)).arrayBuffer())
 }
@@ -359,4 +394,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, choose, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

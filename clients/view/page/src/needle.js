@@ -1,11 +1,12 @@
-// The needle with its actual bending, its hub, and its contacts.
+// A needle with its actual bending, its hub, and its contacts.
 import * as THREE from 'three'
-import { CONTACT } from './colours.js'
+import { CONTACT, GUIDED } from './colours.js'
+import { CONTACT_NUMBERS, GUIDE } from './decode.js'
 
 const RINGS = 180, SIDES = 14
 const BEVEL = 4          // length of the tip's bevel in diameters
 const MARK = 0.01        // m, spacing of the marks on the shaft
-const MAX_CONTACTS = 65
+const MAX_CONTACTS = 81 // TROCAR_MAX_POINTS
 const ARROW_HEAD = 0.003 // m
 
 export const FORCE_SCALE = 0.04 // m of arrow per N
@@ -33,7 +34,8 @@ function instances(geometry) {
 }
 
 export class Needle {
-  constructor(scene) {
+  /** `hub`: its colour. */
+  constructor(scene, hub) {
     this.length = scene.needle.length
     this.radius = scene.needle.diameter / 2
     this.tipColour = '#ffffff'
@@ -41,7 +43,7 @@ export class Needle {
     this.body = new THREE.Group()
     this.group.add(this.body)
     this.addShaft()
-    this.addHub()
+    this.addHub(hub)
     this.addContacts()
   }
 
@@ -68,11 +70,11 @@ export class Needle {
     this.body.add(shaft)
   }
 
-  addHub() {
+  addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
     const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // on the bevel's side
     this.hub = new THREE.Group()
-    this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: '#2c7fb8', specular: '#88bbee', shininess: 40 })))
+    this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
     this.body.add(this.hub)
   }
@@ -85,15 +87,18 @@ export class Needle {
     this.group.add(this.dots, this.arrows)
   }
 
-  show(picture) {
-    const base = new THREE.Quaternion(picture.orientation[1], picture.orientation[2], picture.orientation[3], picture.orientation[0])
-    const line = trace(picture.joints, RINGS)
-    this.bend(line, base)
-    this.hub.position.fromArray(picture.joints)
+  /** `shape`: a needle of a picture, or undefined to hide it. Sets `line`, its points and tangents from base to tip. */
+  show(shape) {
+    this.group.visible = Boolean(shape)
+    this.line = this.tip = null
+    if (!shape) return
+    const base = new THREE.Quaternion(shape.orientation[1], shape.orientation[2], shape.orientation[3], shape.orientation[0])
+    this.line = trace(shape.joints, RINGS)
+    this.bend(this.line, base)
+    this.hub.position.fromArray(shape.joints)
     this.hub.quaternion.copy(base)
-    this.touch(picture.contacts)
-    this.tip = line.places.at(-1)
-    return line
+    this.touch(shape.contacts)
+    this.tip = this.line.places.at(-1)
   }
 
   /** Rings around the centreline with a twist-free frame; the tip is bevelled. */
@@ -117,20 +122,20 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** A dot for each contact and an arrow for its force on the tissue. The last contact is the tip if its arc equals the needle's length. */
+  /** A dot for each contact and an arrow for its force on tissue or guide. The last contact is the tip if its arc equals the needle's length. */
   touch(contacts) {
-    const count = contacts.length / 8, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
+    const count = contacts.length / CONTACT_NUMBERS, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
     const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()
     for (let i = 0; i < count; i++) {
-      const [arc, state] = contacts.subarray(8 * i + 6, 8 * i + 8), tip = arc > this.length - 1e-6
-      place.fromArray(contacts, 8 * i)
-      force.fromArray(contacts, 8 * i + 3)
+      const at = CONTACT_NUMBERS * i, [arc, state, kind] = contacts.subarray(at + 6, at + 9), tip = arc > this.length - 1e-6 && kind !== GUIDE
+      place.fromArray(contacts, at)
+      force.fromArray(contacts, at + 3)
       const length = FORCE_SCALE * force.length(), head = Math.min(1, length / ARROW_HEAD)
       turn.setFromUnitVectors(up, force.clone().normalize())
       this.dots.setMatrixAt(i, matrix.makeScale(...Array(3).fill(tip ? 0.0014 : 0.001)).setPosition(place))
       this.stems.setMatrixAt(i, matrix.compose(place, turn, size.set(1, Math.max(length - 0.5 * head * ARROW_HEAD, 1e-6), 1)))
       this.heads.setMatrixAt(i, matrix.compose(place.addScaledVector(force, FORCE_SCALE), turn, size.setScalar(Math.max(head, 1e-6))))
-      for (const part of [this.dots, this.stems, this.heads]) part.setColorAt(i, colour.set(tip ? this.tipColour : CONTACT[state]))
+      for (const part of [this.dots, this.stems, this.heads]) part.setColorAt(i, colour.set(tip ? this.tipColour : kind === GUIDE ? GUIDED : CONTACT[state]))
     }
     for (const part of [this.dots, this.stems, this.heads]) {
       part.count = count

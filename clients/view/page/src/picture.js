@@ -1,5 +1,6 @@
 // A picture for publication: the needle in the tissue, the slice, values and scales.
-import { CONTACT, rampCss } from './colours.js'
+import { CONTACT, GUIDED, rampCss } from './colours.js'
+import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
 
 const FINE = 2          // supersampling factor, for anti-aliasing
@@ -25,8 +26,8 @@ export function arrangeLike({ clientWidth, clientHeight }) {
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** Renders a PNG at the sizes of the plan, independent of the screen. */
-export function compose(plan, { stage, echo, shown, history, time, range }) {
+/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle of the numbers; `label`: its index if there are several. */
+export function compose(plan, { stage, echo, shown, history, time, range, label }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan
   Object.assign(canvas, { width, height })
   ink.imageSmoothingQuality = 'high'
@@ -41,17 +42,17 @@ export function compose(plan, { stage, echo, shown, history, time, range }) {
   ink.strokeStyle = colour('--line')
   ink.lineWidth = plan.unit
   ink.strokeRect(slice.left, slice.top, side, side)
-  drawLegend(ink, plan, { stage, shown, history, time, range })
+  drawLegend(ink, plan, { stage, shown, history, time, range, label })
   stage.resize()
   echo.resize()
   return new Promise((done) => { canvas.toBlob(done, 'image/png') })
 }
 
-function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } }, { stage, shown, history, time, range }) {
+function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } }, { stage, shown, history, time, range, label }) {
   const at = history.sampleNear(time), value = (column) => history.columns[column][at], small = `${15 * unit}px system-ui, sans-serif`
   const text = (words, x, y, font = small, style = '--text') => { ink.font = font; ink.fillStyle = colour(style); ink.fillText(words, left + x * unit, top + y * unit) }
   const numbers = [['time', `${time.toFixed(3)} s`], ['depth', at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`],
-                   ['force', at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`], ['contacts', shown ? `${shown.contacts.length / 8}` : '–']]
+                   ['force', at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`], ['contacts', shown ? `${shown.contacts.length / CONTACT_NUMBERS}` : '–'], ...label ? [['needle', label]] : []]
   numbers.forEach(([name, number], i) => {
     text(name, 0, 22 + 32 * i, small, '--muted')
     text(number, 100, 22 + 32 * i, `600 ${22 * unit}px system-ui, sans-serif`)
@@ -64,7 +65,7 @@ function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } 
   ink.fillRect(left + 120 * unit, top + 162 * unit, 150 * unit, 10 * unit)
   text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 282, 172)
 
-  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')]]
+  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')], ...(stage.scene.guides.length ? [['guide', GUIDED]] : [])]
   let x = 0
   for (const [name, dot] of kinds) {
     ink.fillStyle = dot

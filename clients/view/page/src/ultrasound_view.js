@@ -108,18 +108,19 @@ export class Echo {
     this.geometry = new THREE.BufferGeometry()
     this.levels = new Filled() // grey level of each vertex
     this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
-    this.flash = new THREE.Mesh(new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0),
+    const plane = new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0)
+    this.flashes = scene.homes.map(() => new THREE.Mesh(plane,
       new THREE.ShaderMaterial({ vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
-                                 uniforms: { ...fan, needle: { value: new THREE.Vector2() }, visible: { value: 0 } } }))
-    for (const mesh of [this.tissue, this.flash]) mesh.frustumCulled = false
-    this.flash.renderOrder = 2
-    this.world.add(this.tissue, this.flash)
+                                 uniforms: { ...fan, needle: { value: new THREE.Vector2() }, visible: { value: 0 } } })))
+    for (const mesh of [this.tissue, ...this.flashes]) mesh.frustumCulled = false
+    for (const flash of this.flashes) flash.renderOrder = 2
+    this.world.add(this.tissue, ...this.flashes)
   }
 
-  /** `line`: points of the needle from base to tip; `nodes`: deformed nodes. */
-  show(nodes, line) {
+  /** `nodes`: deformed nodes; `lines`: for each needle its points from base to tip, null if it is not shown. */
+  show(nodes, lines) {
     this.nodes = nodes
-    this.line = line
+    this.lines = lines
     this.dirty = true
   }
 
@@ -149,9 +150,9 @@ export class Echo {
     return [this.canvas, this.marks]
   }
 
-  /** Intersection of the needle with the slice: x, y, or null. */
-  crossing() {
-    const points = this.line?.places ?? []
+  /** Intersection of a needle with the slice: x, y, or null. */
+  crossing(line) {
+    const points = line?.places ?? []
     for (let i = points.length - 1; i > 0; i--) {
       const a = points[i - 1], b = points[i]
       if ((a.z - this.place) * (b.z - this.place) <= 0 && a.z !== b.z) {
@@ -173,12 +174,15 @@ export class Echo {
   render(ratio) {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.cutTissue()
-    const needle = this.crossing(), { uniforms } = this.flash.material
-    uniforms.visible.value = needle ? 1 : 0
-    if (needle) uniforms.needle.value.set(needle.x, needle.y)
+    const crossings = (this.lines ?? []).map((line) => this.crossing(line))
+    this.flashes.forEach((flash, i) => {
+      const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
+      visible.value = crossing ? 1 : 0
+      if (crossing) needle.value.set(crossing.x, crossing.y)
+    })
     this.aim()
     this.renderer.render(this.world, this.camera)
-    this.drawMarks(needle)
+    this.drawMarks(crossings.filter(Boolean))
   }
 
   cutTissue() {
@@ -206,15 +210,15 @@ export class Echo {
     return [width * (0.5 - (x - this.view.x) / (2 * this.halfWidth)), height * (0.5 - (y - this.view.y) / (2 * this.halfHeight))]
   }
 
-  drawMarks(needle) {
+  drawMarks(crossings) {
     const ink = this.marks.getContext('2d'), ratio = this.unit
     ink.clearRect(0, 0, this.marks.width, this.marks.height)
     this.drawOutlines(ink, this.scene.nodes, this.outlined, 'rgba(255,255,255,0.38)', [3 * ratio, 3 * ratio], ratio)
     this.drawOutlines(ink, this.nodes, this.outlined, '#ff8fa3', [], 1.6 * ratio)
     this.drawOutlines(ink, this.nodes, this.bony, '#e8dfc8', [], 2.5 * ratio)
     this.drawRulers(ink, ratio)
-    if (needle) {
-      const [x, y] = this.toPixel(needle.x, needle.y)
+    for (const crossing of crossings) {
+      const [x, y] = this.toPixel(crossing.x, crossing.y)
       ink.strokeStyle = '#37d0ff'
       ink.lineWidth = 1.2 * ratio
       ink.beginPath()

@@ -3,7 +3,8 @@ import * as THREE from 'three'
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
 import { discard } from './buffers.js'
-import { ramp } from './colours.js'
+import { HUBS, ramp } from './colours.js'
+import { drawGuides } from './guides.js'
 import { Needle } from './needle.js'
 import { Slicer } from './slicer.js'
 
@@ -30,10 +31,10 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-/** Picture with the needle at its home pose and the tissue at rest. */
-function pictureAtHome({ home, needle, nodes }) {
-  const [x, y, z] = home
-  return { orientation: [1, 0, 0, 0], scale: 0, joints: new Float32Array([x, y, z, x, y, z + needle.length]), contacts: new Float32Array(0), displacement: new Int16Array(nodes.length) }
+/** Picture with the needles at their home poses and the tissue at rest. */
+function pictureAtHome({ homes, needle: { length }, nodes }) {
+  const needles = homes.map(([x, y, z]) => ({ orientation: [1, 0, 0, 0], joints: new Float32Array([x, y, z, x, y, z + length]), contacts: new Float32Array(0) }))
+  return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 
 /** Rectangular frame normal to an axis, which can be dragged along it. */
@@ -93,18 +94,19 @@ export class Stage {
     if (this.content) discard(this.content.removeFromParent())
     this.scene = scene
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
-    this.needle = new Needle(scene)
+    this.needles = scene.homes.map((home, i) => new Needle(scene, HUBS[i]))
+    this.guides = drawGuides(scene.guides)
     const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)
     this.box = box
     this.slice = new Plane('z', '#37d0ff', box)
-    this.content = new THREE.Group().add(this.anatomy.group, this.needle.group, this.slice.frame)
+    this.content = new THREE.Group().add(this.anatomy.group, ...this.needles.map(({ group }) => group), this.guides, this.slice.frame)
     this.world.add(this.content)
     this.setCut('')
     this.showHome()
     this.look(1)
   }
 
-  /** Fits the body and the needle outside it into the view. */
+  /** Fits the body and the needles outside it into the view. */
   look(number) {
     const middle = this.box.getCenter(new THREE.Vector3()), size = this.box.getSize(new THREE.Vector3())
     middle.z -= 0.12 * size.z
@@ -140,7 +142,7 @@ export class Stage {
   /** Returns the largest displacement, m. */
   show(picture) {
     this.picture = picture
-    this.line = this.needle.show(picture)
+    this.needles.forEach((needle, i) => needle.show(picture.needles[i]))
     const largest = this.anatomy.deform(picture)
     if (this.cutPlane) this.recut()
     this.dirty = true
@@ -154,19 +156,20 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Shows the needle outside the body, for a server that has not sent a picture yet. */
+  /** Shows the needles outside the body, for a server that has not sent a picture yet. */
   showHome() { this.show(pictureAtHome(this.scene)) }
 
   setTheme(dark) {
     this.anatomy.setTheme(dark)
-    this.needle.tipColour = dark ? '#ffffff' : '#17212b'
-    this.needle.touch(this.picture.contacts)
+    for (const needle of this.needles) needle.tipColour = dark ? '#ffffff' : '#17212b'
+    this.needles.forEach((needle, i) => needle.show(this.picture.needles[i]))
     this.dirty = true
   }
 
   setLayer(name, visible) {
-    const own = { needle: this.needle.body, contacts: this.needle.dots, forces: this.needle.arrows, 'slice frame': this.slice.frame }
-    for (const object of own[name] ? [own[name]] : this.anatomy.layers.get(name) ?? []) object.visible = visible
+    const all = (part) => this.needles.map((needle) => needle[part])
+    const own = { needle: all('body'), guides: [this.guides], contacts: all('dots'), forces: all('arrows'), 'slice frame': [this.slice.frame] }
+    for (const object of own[name] ?? this.anatomy.layers.get(name) ?? []) object.visible = visible
     this.dirty = true
   }
 

@@ -35,6 +35,7 @@ typedef struct {
     int counts;              /* contact counts that the mesh allows */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
+    scale_timing with, without; /* the time of measuring what the mesh resolves: the second speed again, all nodes cached */
 } measured;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -81,8 +82,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "On each scene, inserts the needle at 5, 20 and 50 mm/s and plays the motion figure8. Measures the time of a tick by number of "
-    "contacts (at least 1 mm apart), the time from crossing a face until the new contact node's row is available, start-up time, and "
-    "memory. All times except start-up are processor time of one thread.", NULL, NULL, NULL};
+    "contacts (at least 1 mm apart), the time from crossing a face until the new contact node's row is available, with and without "
+    "that of measuring on patches what the mesh resolves, start-up time, and memory. All times except start-up are processor time of one thread.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
@@ -111,6 +112,11 @@ static trocar_status measure(const options *o, measured *m, report *why) {
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
         status = scale_timing_measure(m->sim, &wanted, &m->speeds[i], why);
     }
+    for (int i = 0; i < 2 && status == TROCAR_OK; i++) {
+        scale_case wanted = {.start = MOTION_START, .speed = speeds[1], .depth = o->depth + APPROACH, .dt = dt, .free_patches = i == 1};
+        wanted.start.position.z -= APPROACH;
+        status = scale_timing_measure(m->sim, &wanted, i == 0 ? &m->with : &m->without, why);
+    }
     if (status == TROCAR_OK) {
         scale_case wanted = {.start = MOTION_START, .script = motion_find("figure8"), .dt = dt};
         wanted.start.position.x -= 4e-3;
@@ -136,6 +142,17 @@ static void print_motion(const char *name, const scale_timing *s, FILE *out) {
             1e3 * histogram_max(&s->serve), 1e6 * histogram_quantile(&s->tick, 0.5), s->most_contacts);
 }
 
+static void print_patches(const measured *m, FILE *out) {
+    static const char *const names[] = {"with", "without"};
+    const scale_timing *both[] = {&m->with, &m->without};
+    fprintf(out, "patch solves: p50 %.2f ms, p99 %.2f ms, max %.2f ms\n",
+            1e3 * histogram_quantile(&m->with.patch, 0.5), 1e3 * histogram_quantile(&m->with.patch, 0.99), 1e3 * histogram_max(&m->with.patch));
+    for (int i = 0; i < 2; i++)
+        fprintf(out, "%.0f mm/s again, %s their time: answer p50 %.2f ms, p99 %.2f ms, max %.2f ms; %d of %d late; tick p50 %.1f us\n", 1e3 * speeds[1],
+                names[i], 1e3 * histogram_quantile(&both[i]->crossing, 0.5), 1e3 * histogram_quantile(&both[i]->crossing, 0.99),
+                1e3 * histogram_max(&both[i]->crossing), both[i]->late_crossings, both[i]->crossings, 1e6 * histogram_quantile(&both[i]->tick, 0.5));
+}
+
 static void print_scene(const measured *m, FILE *out) {
     fprintf(out, "\n%s: %d nodes, %d tetrahedra; inverse: %s\n", trocar_scene_path(m->scene), trocar_model_node_count(m->model),
             trocar_model_tet_count(m->model), trocar_model_description(m->model));
@@ -148,6 +165,7 @@ static void print_scene(const measured *m, FILE *out) {
         print_motion(name, &m->speeds[i], out);
     }
     print_motion("figure8", &m->figure8, out);
+    print_patches(m, out);
     for (int i = 0; i < m->counts; i++)
         fprintf(out, "tick with %2d contacts: p50 %.1f us, p99 %.1f us, %.2f passes\n", contact_counts[i],
                 1e6 * histogram_quantile(&m->ticks[i].time, 0.5), 1e6 * histogram_quantile(&m->ticks[i].time, 0.99), m->ticks[i].passes);
@@ -170,6 +188,7 @@ static void json_motion(json *j, const scale_timing *s) {
     json_integer(j, "most_contacts", s->most_contacts);
     json_timed(j, "tick", &s->tick);
     json_timed(j, "serve", &s->serve);
+    json_timed(j, "patch", &s->patch);
     json_timed(j, "crossing", &s->crossing);
     json_open(j, "activation", '{');
     json_integer(j, "count", s->activation.count);
@@ -196,6 +215,12 @@ static void json_scene(json *j, const measured *m) {
     json_close(j, ']');
     json_line(j), json_open(j, "figure8", '{');
     json_motion(j, &m->figure8);
+    json_close(j, '}');
+    json_line(j), json_open(j, "with_patches", '{');
+    json_motion(j, &m->with);
+    json_close(j, '}');
+    json_line(j), json_open(j, "without_patches", '{');
+    json_motion(j, &m->without);
     json_close(j, '}');
     json_line(j), json_open(j, "contacts", '[');
     for (int i = 0; i < m->counts; i++) {

@@ -1,4 +1,4 @@
-/* Time that the remesher takes to add a contact node to the inverse and to remove it. */
+/* Time that the remesher takes to add a contact node to the inverse and to remove it. Requests it directly, without a needle: internal. */
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 

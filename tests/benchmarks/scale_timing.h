@@ -1,10 +1,12 @@
 /* The worker's lateness during an insertion: ticks run in model time, the worker in the processor time of each answer, so that a
    busy machine gives the same figures. One thread.
 
-   Like the remeshing benchmark it measures internals: it follows single contact nodes and delays each answer until it would have
-   been ready, which a user of the library does not need. scale_timing.c is therefore built with core's headers. */
+   It uses internals: it runs the worker at once and withholds each answer until it would have been ready, whereas trocar_sim_work hands an
+   answer to the next tick; and it changes the spacing of contact nodes of a model that has been created. */
 #ifndef TROCAR_SCALE_TIMING_H
 #define TROCAR_SCALE_TIMING_H
+
+#include <stdbool.h>
 
 #include "base/report.h"
 #include "motion.h"
@@ -16,6 +18,7 @@ typedef struct {
     const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis, */
     double speed, depth;     /* m/s, m: at this speed to this depth */
     double dt;               /* s, length of a tick */
+    bool free_patches;       /* what the mesh resolves is there as soon as the rows are, as if measuring it took no time */
 } scale_case;
 
 typedef struct {

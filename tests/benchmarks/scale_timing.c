@@ -29,6 +29,7 @@ typedef struct {
     double entered_at, entered_depth; /* s, m: time and depth of entering it */
     int contact_count;
     followed contacts[MAX_CONTACTS];  /* of the state */
+    bool free_patches;
     scale_timing *result;
 } scale_run;
 
@@ -72,6 +73,7 @@ static trocar_status work(scale_run *run, report *why) {
                                  : remesher_measure(r, &run->state.request, 1, run->next, why);
     int64_t taken = processor_ns() - start;
     histogram_add(fresh ? &run->result->serve : &run->result->patch, taken);
+    if (status == TROCAR_OK && run->free_patches) status = remesher_measure(r, &run->state.request, MAX_PIECES + MAX_CONTACTS, run->next, why);
     run->ready = run->idle = begin + 1e-9 * (double)taken;
     return status;
 }
@@ -158,7 +160,10 @@ trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, sc
     if (run) *run = (scale_run){.sim = sim, .result = result, .ready = -1.0, .tet = -1, .snapshot = calloc(1, sizeof *run->snapshot),
                                 .next = calloc(1, sizeof *run->next)};
     trocar_status status = run && run->snapshot && run->next ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a snapshot");
-    if (status == TROCAR_OK) insertion_reset(&sim->model->parts.insertion, wanted->start, &run->state);
+    if (status == TROCAR_OK) {
+        run->free_patches = wanted->free_patches;
+        insertion_reset(&sim->model->parts.insertion, wanted->start, &run->state);
+    }
     double duration = wanted->script ? REST + wanted->script->duration : wanted->depth / wanted->speed;
     result->ticks = (int)(duration / wanted->dt);
     pose before = wanted->start;

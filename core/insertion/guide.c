@@ -1,0 +1,78 @@
+#include "insertion/guide.h"
+
+#include <math.h>
+
+static const double SKIN_CONTACT = 1e-5; /* m, by which a plate may reach into the tissue: one that rests on the skin touches it */
+static const double LEAST_SINE = 1e-3;   /* of the angle between the normal and the direction of the columns */
+
+guide_config guide_defaults(void) {
+    return (guide_config){.columns = 1, .rows = 1, .spacing = 5e-3, .thickness = 20e-3, .stiffness = 50e3, .friction = 0.1};
+}
+
+/* The zero vector stays what it is. */
+static vec3 direction_of(vec3 v) {
+    double largest = fmax(fabs(v.x), fmax(fabs(v.y), fabs(v.z)));
+    return largest > 0.0 ? v3_unit(v3_scale(1.0 / largest, v)) : v;
+}
+
+static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
+
+const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, report *words) {
+    bool grid = g->columns * g->rows > 1;
+    words->text[0] = '\0';
+    *key = "normal";
+    if (is_zero(g->normal)) snprintf(words->text, sizeof words->text, "has no direction: give the direction in which needles pass through the plate");
+    else if (grid && is_zero(g->along))
+        *key = "along", snprintf(words->text, sizeof words->text, "missing: a plate of %d x %d holes needs the direction of its columns", g->columns, g->rows);
+    else if (!is_zero(g->along) && v3_norm(v3_cross(direction_of(g->normal), direction_of(g->along))) < LEAST_SINE)
+        *key = "along", snprintf(words->text, sizeof words->text, "parallel to the normal: give a direction in the plate");
+    else if (g->hole_diameter < needle_diameter)
+        *key = "hole_diameter", snprintf(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",
+                                         g->hole_diameter, needle_diameter);
+    else if (grid && g->spacing < g->hole_diameter)
+        *key = "spacing", snprintf(words->text, sizeof words->text, "holes of %g m overlap at a spacing of %g m", g->hole_diameter, g->spacing);
+    return words->text[0] ? words->text : NULL;
+}
+
+/* Any direction across the normal, for a plate with one hole. */
+static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
+
+guide guide_make(const guide_config *given, double needle_diameter) {
+    guide g = {.origin = given->origin, .normal = direction_of(given->normal), .columns = given->columns, .rows = given->rows,
+               .spacing = given->spacing, .hole_radius = 0.5 * given->hole_diameter, .clearance = 0.5 * (given->hole_diameter - needle_diameter),
+               .thickness = given->thickness, .stiffness = given->stiffness, .friction = given->friction};
+    vec3 along = is_zero(given->along) ? some_direction_across(g.normal) : direction_of(given->along);
+    g.across[0] = v3_unit(v3_axpy(-v3_dot(along, g.normal), g.normal, along));
+    g.across[1] = v3_cross(g.normal, g.across[0]);
+    return g;
+}
+
+/* m, of a column or row from the middle of the grid */
+static double offset_of(const guide *g, int index, int count) { return g->spacing * (index - 0.5 * (count - 1)); }
+
+vec3 guide_hole(const guide *g, int hole, double depth) {
+    vec3 centre = v3_axpy(offset_of(g, hole % g->columns, g->columns), g->across[0], g->origin);
+    return v3_axpy(depth, g->normal, v3_axpy(offset_of(g, hole / g->columns, g->rows), g->across[1], centre));
+}
+
+int guide_hole_at(const guide *g, vec3 point) {
+    vec3 from = v3_sub(point, g->origin);
+    const int count[2] = {g->columns, g->rows};
+    int nearest[2];
+    for (int a = 0; a < 2; a++) {
+        double place = v3_dot(from, g->across[a]) / g->spacing + 0.5 * (count[a] - 1);
+        if (!(place > -1.0 && place < count[a])) return BESIDE_PLATE;
+        nearest[a] = (int)fmin(fmax(floor(place + 0.5), 0.0), count[a] - 1);
+    }
+    int hole = nearest[0] + g->columns * nearest[1];
+    vec3 aside = v3_sub(point, guide_hole(g, hole, 0.0));
+    return v3_norm(v3_axpy(-v3_dot(aside, g->normal), g->normal, aside)) <= g->hole_radius ? hole : NO_HOLE;
+}
+
+bool guide_is_in_tissue(const guide *g, const mesh *m) {
+    for (int hole = 0; hole < g->columns * g->rows; hole++) {
+        vec3 front = guide_hole(g, hole, -SKIN_CONTACT), back = guide_hole(g, hole, fmax(g->thickness - SKIN_CONTACT, 0.0));
+        if (mesh_locate(m, front, -1) >= 0 || mesh_enter(m, front, back).hit) return true;
+    }
+    return false;
+}

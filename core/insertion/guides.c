@@ -1,0 +1,279 @@
+#include "insertion/guides.h"
+
+static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
+static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
+static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop */
+
+static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
+static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
+static guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points[point].face]; }
+
+/* m behind the front face: the plane of a point. */
+static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
+
+/* Is the point on its way through the plate, at the tip? */
+static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
+
+/* m along the needle from the plane through `centre` to the point. */
+static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
+    return v3_dot(v3_sub(p->position, centre), normal) / v3_dot(needle_along(p), normal);
+}
+
+/* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
+
+/* Arc at which the centreline crosses the plane, from a guess close to it. */
+static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 normal) {
+    double length = tick->model->needle->given.length;
+    for (int i = 0; i < 3; i++) {
+        needle_point p = needle_at(tick->model->needle, &tick->state->needle, arc);
+        double step = beyond_plane(&p, centre, normal);
+        if (!isfinite(step)) break; /* the needle is parallel to the plate */
+        arc = fmin(fmax(arc - step, 0.0), length);
+    }
+    return arc;
+}
+
+/* The tip has crossed the front face. */
+static void pass_front(const tick_context *tick, const guide *g, guide_state *s, double behind) {
+    double arc = crossing(tick, tick->model->needle->given.length - behind, g->origin, g->normal);
+    vec3 at = needle_at(tick->model->needle, &tick->state->needle, arc).position;
+    int hole = guide_hole_at(g, at);
+    s->passage = hole == BESIDE_PLATE ? GUIDE_BESIDE : hole == NO_HOLE ? GUIDE_MISSED : GUIDE_IN_HOLE;
+    if (s->passage != GUIDE_IN_HOLE) return;
+    s->hole = hole;
+    s->faces[0].arc = arc;
+    s->faces[1].arc = tick->model->needle->given.length;
+}
+
+/* Does the needle lie across the hole that it is in, as no real needle could? */
+static bool lies_across(const tick_context *tick, const guide *g, const guide_state *s) {
+    needle_point p = needle_at(tick->model->needle, &tick->state->needle, s->faces[0].arc);
+    return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
+}
+
+/* The needle's material point on each face that friction does not hold. */
+static void follow_faces(const tick_context *tick, const guide *g, guide_state *s) {
+    for (int f = 0; f < GUIDE_FACES; f++) {
+        guide_contact *face = &s->faces[f];
+        if (at_tip(g, s, f)) face->arc = tick->model->needle->given.length;
+        else if (!face->touching) face->arc = crossing(tick, face->arc, guide_hole(g, s->hole, plane_of(s, f)), g->normal);
+    }
+}
+
+void guides_follow(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    vec3 base = state->needle.joints[0], tip = state->needle.joints[model->needle->given.segments];
+    for (int i = 0; i < model->guide_count; i++) {
+        const guide *g = &model->guides[i];
+        guide_state *s = &state->guides[i];
+        double behind = v3_dot(v3_sub(tip, g->origin), g->normal);
+        bool from_front = s->passage != GUIDE_AHEAD || v3_dot(v3_sub(base, g->origin), g->normal) < 0.0;
+        if (!(behind > 0.0 && from_front)) {
+            *s = (guide_state){.passage = GUIDE_AHEAD};
+            continue;
+        }
+        if (s->passage == GUIDE_AHEAD) pass_front(tick, g, s, behind);
+        if (s->passage == GUIDE_IN_HOLE && lies_across(tick, g, s)) *s = (guide_state){.passage = GUIDE_MISSED};
+        if (s->passage == GUIDE_MISSED) tick->output->events |= EVENT_MISSED_GUIDE;
+        if (s->passage != GUIDE_IN_HOLE) continue;
+        s->depth = fmin(behind, g->thickness);
+        follow_faces(tick, g, s);
+    }
+}
+
+void guides_slide(const insertion_model *model, insertion_state *state) {
+    for (int i = 0; i < model->guide_count; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            guide_contact *face = &state->guides[i].faces[f];
+            face->arc = fmin(fmax(face->arc - face->slip, 0.0), model->needle->given.length);
+            face->slip = 0.0;
+        }
+}
+
+bool guides_hold(const insertion_model *model, const insertion_state *state) {
+    for (int i = 0; i < model->guide_count; i++)
+        if (state->guides[i].passage == GUIDE_IN_HOLE) return true;
+    return false;
+}
+
+void guides_release(insertion_state *state) {
+    for (int i = 0; i < MAX_GUIDES; i++)
+        for (int f = 0; f < GUIDE_FACES; f++) {
+            guide_contact *face = &state->guides[i].faces[f];
+            face->force = v3(0, 0, 0);
+            face->slip = 0.0;
+            face->touching = false;
+        }
+}
+
+/* ---- points of contact ------------------------------------------------------------------------------------------------- */
+
+void guides_list(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_workspace *w = tick->scratch;
+    w->guided = 0;
+    for (int i = 0; i < model->guide_count; i++) {
+        const guide_state *s = &tick->state->guides[i];
+        int faces = s->passage != GUIDE_IN_HOLE ? 0 : model->guides[i].thickness > 0.0 ? 2 : 1;
+        for (int f = 0; f < faces; f++)
+            w->points[w->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f};
+    }
+}
+
+/* Oblique where the needle is not normal to the plate. */
+static crossing_map map_of(const guide *g, const needle_point *at) {
+    crossing_map j;
+    vec3 along = needle_along(at);
+    for (int i = 0; i < 2; i++) {
+        vec3 side = v3(at->frame.m[0][i], at->frame.m[1][i], at->frame.m[2][i]);
+        vec3 moved = v3_axpy(-v3_dot(side, g->normal) / v3_dot(along, g->normal), along, side);
+        for (int a = 0; a < 2; a++) j.m[a][i] = v3_dot(g->across[a], moved);
+    }
+    double determinant = j.m[0][0] * j.m[1][1] - j.m[0][1] * j.m[1][0];
+    j.inverse[0][0] = j.m[1][1] / determinant, j.inverse[0][1] = -j.m[0][1] / determinant;
+    j.inverse[1][0] = -j.m[1][0] / determinant, j.inverse[1][1] = j.m[0][0] / determinant;
+    return j;
+}
+
+/* Compliance of the needle against a force across it where a face holds it, m/N, no less than it has: the tissue may hold it as well. */
+static double needle_compliance(const tick_context *tick, double arc) {
+    return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
+}
+
+/* The edge is a spring of stiffness k against the part of the offset d beyond the clearance c:
+
+       f = k (|d| - c) d / |d|
+
+   It is linearised not where the needle is after a pass, which may be far off the edge or on another side of it, but at the point of the edge
+   that the needle rests on if the force stays in proportion to its deflection, of compliance r: along n, the direction of d + r f, with
+   the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
+static void find_touch(const tick_context *tick, int point) {
+    insertion_workspace *w = tick->scratch;
+    contact_point *p = &w->points[point];
+    hole_edge *edge = &w->edges[point];
+    const guide *g = guide_of(tick, point);
+    const guide_state *s = state_of(tick, point);
+    const guide_contact *face = &s->faces[p->face];
+    p->arc = face->arc;
+    p->at = needle_at(tick->model->needle, &tick->state->needle, p->arc);
+    vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face));
+    p->target = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position);
+    vec3 offset = v3_sub(p->target, centre), given = m3_apply_transposed(&p->at.frame, face->force);
+    double c = g->clearance, f[2], n[2];
+    edge->map = map_of(g, &p->at);
+    for (int a = 0; a < 2; a++) {
+        edge->offset[a] = v3_dot(offset, g->across[a]);
+        f[a] = edge->map.inverse[0][a] * given.x + edge->map.inverse[1][a] * given.y;
+    }
+    double force = hypot(f[0], f[1]), r = needle_compliance(tick, p->arc);
+    if (r * force > c) r = c / force;
+    for (int a = 0; a < 2; a++) n[a] = edge->offset[a] + r * f[a];
+    double reach = hypot(n[0], n[1]);
+    edge->touched = reach > c || c == 0.0;
+    edge->pulled = edge->touched ? 0.0 : force;
+    edge->pressed = edge->touched ? (reach - c) / (r + 1.0 / g->stiffness) : 0.0;
+    for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
+    edge->error = hypot(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
+}
+
+/* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
+   because of it. */
+static void keep_one_face(const tick_context *tick, int front) {
+    hole_edge *edge = &tick->scratch->edges[front];
+    if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
+    hole_edge *kept = &edge[edge[0].pulled > edge[1].pulled];
+    double distance = hypot(kept->offset[0], kept->offset[1]);
+    if (distance == 0.0) return;
+    kept->touched = true;
+    for (int a = 0; a < 2; a++) kept->normal[a] = kept->offset[a] / distance;
+}
+
+static void find_yield(const tick_context *tick, int point) {
+    contact_point *p = &tick->scratch->points[point];
+    hole_edge *edge = &tick->scratch->edges[point];
+    const guide *g = guide_of(tick, point);
+    if (!edge->touched) return;
+    double c = g->clearance, k = g->stiffness, *n = edge->normal, back[2];
+    double radial = 1.0 / k, around = 1.0 / fmax(c > 0.0 ? edge->pressed / (c + edge->pressed / k) : k, LEAST_STIFFNESS);
+    double plane[2][2] = {{radial * n[0] * n[0] + around * n[1] * n[1], (radial - around) * n[0] * n[1]},
+                          {(radial - around) * n[0] * n[1], radial * n[1] * n[1] + around * n[0] * n[0]}};
+    const double (*j)[2] = (const double (*)[2])edge->map.inverse;
+    for (int i = 0, entry = 0; i < 2; i++) {
+        back[i] = j[i][0] * (edge->offset[0] - c * n[0]) + j[i][1] * (edge->offset[1] - c * n[1]);
+        for (int q = i; q < 2; q++, entry++) {
+            edge->lateral[entry] = 0.0;
+            for (int a = 0; a < 2; a++)
+                for (int b = 0; b < 2; b++) edge->lateral[entry] += j[i][a] * plane[a][b] * j[q][b];
+        }
+    }
+    p->target = v3_sub(p->target, m3_apply(&p->at.frame, v3(back[0], back[1], 0.0)));
+}
+
+void guides_locate(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->guided; i++) find_touch(tick, i);
+    for (int i = 0; i + 1 < w->guided; i++)
+        if (w->points[i].guide == w->points[i + 1].guide) keep_one_face(tick, i);
+    for (int i = 0; i < w->guided; i++) find_yield(tick, i);
+}
+
+void guides_bound(const tick_context *tick, int point) {
+    const insertion_workspace *w = tick->scratch;
+    contact_problem *p = &tick->scratch->problem;
+    const contact_point *at = &w->points[point];
+    const guide *g = guide_of(tick, point);
+    const guide_contact *face = contact_of(tick, point);
+    bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
+    vec3 along = needle_along(&at->at), pressing = v3_axpy(-v3_dot(face->force, along), along, face->force);
+    double friction = holds ? g->friction * v3_norm(pressing) : 0.0;
+    p->upper[point] = friction;
+    p->lower[point] = -friction;
+    p->viscosity[point][0] = p->viscosity[point][1] = 0.0;
+    p->state[point] = face->friction;
+}
+
+/* An unknown without any coupling: its force is zero. */
+static void decouple(contact_problem *p, int index) {
+    int all = 2 * p->count + p->axial_count;
+    for (int j = 0; j < index; j++) p->compliance[index][j] = 0.0;
+    for (int i = index + 1; i < all; i++) p->compliance[i][index] = 0.0;
+    p->compliance[index][index] = 1.0;
+}
+
+void guides_add_compliance(const tick_context *tick, int point) {
+    contact_problem *p = &tick->scratch->problem;
+    const hole_edge *edge = &tick->scratch->edges[point];
+    int x = unknown(p->count, point, 0), along = unknown(p->count, point, 2);
+    if (edge->touched) {
+        p->compliance[x][x] += edge->lateral[0];
+        p->compliance[x + 1][x] += edge->lateral[1];
+        p->compliance[x + 1][x + 1] += edge->lateral[2];
+        p->compliance[along][along] += 1.0 / guide_of(tick, point)->stiffness;
+    } else {
+        decouple(p, x);
+        decouple(p, x + 1);
+        decouple(p, along);
+    }
+}
+
+void guides_close_gap(const tick_context *tick, int point) {
+    contact_problem *p = &tick->scratch->problem;
+    if (tick->scratch->edges[point].touched) return;
+    for (int a = 0; a < 3; a++) p->gap[unknown(p->count, point, a)] = 0.0;
+}
+
+void guides_take(const tick_context *tick, int point) {
+    const contact_problem *p = &tick->scratch->problem;
+    guide_contact *face = contact_of(tick, point);
+    face->touching = tick->scratch->edges[point].touched;
+    face->slip = p->slip[point];
+    face->friction = p->state[point];
+}
+
+bool guides_agree(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    for (int i = 0; i < w->guided; i++)
+        if (w->edges[i].error > TOLERANCE) return false;
+    return true;
+}

@@ -1,0 +1,38 @@
+/* The guides that the needle passes through, as points of contact: see README.md, "Guides". */
+#ifndef TROCAR_GUIDES_H
+#define TROCAR_GUIDES_H
+
+#include "insertion/tick.h"
+
+/* Puts the needle through the holes that it lies in, or past the plates that it misses, after the tip has moved. RT */
+void guides_follow(const tick_context *tick);
+
+/* The shaft slides through the holes by the slip of the last solve. RT */
+void guides_slide(const insertion_model *model, insertion_state *state);
+
+/* Is the needle in a hole? Then it may be bent in the air. RT */
+bool guides_hold(const insertion_model *model, const insertion_state *state);
+
+/* Lists the points of contact with guides, which come before all others. RT */
+void guides_list(const tick_context *tick);
+
+/* Where these points are on the needle, and where the edges of the holes would have them without force; how the edges yield. RT */
+void guides_locate(const tick_context *tick);
+
+/* Bounds of its force along the needle: Coulomb friction, of the normal force in the last pass. RT */
+void guides_bound(const tick_context *tick, int point);
+
+/* Adds its compliance to the contact problem, and takes it out of the problem while the needle does not touch the hole. RT */
+void guides_add_compliance(const tick_context *tick, int point);
+void guides_close_gap(const tick_context *tick, int point);
+
+/* Takes its slip from the solution. RT */
+void guides_take(const tick_context *tick, int point);
+
+/* Is the needle where the holes' edges bear the forces of the last pass? RT */
+bool guides_agree(const tick_context *tick);
+
+/* No force. RT */
+void guides_release(insertion_state *state);
+
+#endif

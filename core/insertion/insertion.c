@@ -114,7 +114,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
 }
 
 /* No tissue is touched. */
-static void leave_tissue(const tick_context *tick) {
+static void lose_contact(const tick_context *tick) {
     tick->state->tip_lead = 0.0;
     creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
@@ -127,7 +127,7 @@ static void solve(const tick_context *tick) {
     tick->scratch->point_count = 0;
     bool in_tissue = tick->scratch->tip || contact_is_active(tick->state, 0);
     guides_follow(tick);
-    if (!in_tissue) leave_tissue(tick);
+    if (!in_tissue) lose_contact(tick);
     if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
     else tick->state->base_shift = v3(0, 0, 0);
 }

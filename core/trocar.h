@@ -173,7 +173,7 @@ TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
 
-/* Entries of "regions", "membranes", "guides" or "fixed"; -1 for another key. */
+/* Entries of "regions", "membranes", "guides", "fixed" or "relaxation"; -1 for another key. */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
 /* A tetrahedral mesh in memory. Tetrahedra of either orientation are taken. */
@@ -371,6 +371,10 @@ TROCAR_API int trocar_sim_hole(const trocar_sim *sim, int needle, int guide);
 
 /* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
 TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);
+
+/* Turn of the tip about the needle's axis less that of the base, rad: friction in the tissue twists the needle, so that the tip of one that is
+   turned forward lags, which is negative. RT */
+TROCAR_API double trocar_sim_tip_lead(const trocar_sim *sim, int needle);
 
 /* Elastic energy of the bent needle, J. RT */
 TROCAR_API double trocar_sim_needle_energy(const trocar_sim *sim, int needle);

@@ -367,6 +367,105 @@ static void random_insertions_stay_stable(void **unused) {
     lockstep_free(l);
 }
 
+/* ---- tissue that relaxes, and a needle that turns ------------------------------------------------------------------------------ */
+
+static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
+
+/* The shaft fits its hole without clearance, and touches both faces. */
+static simulation_config snug_scene(bool relaxing) {
+    simulation_config c = lockstep_config();
+    c.guide_count = 1;
+    c.guides[0] = template_over_skin(&c);
+    c.guides[0].hole_diameter = c.needle.outer_diameter;
+    c.relaxation_count = relaxing ? 3 : 0;
+    memcpy(c.relaxation, SERIES, sizeof SERIES);
+    return c;
+}
+
+/* 60 mm deep, without force. */
+static lockstep *engaged(const simulation_config *config) {
+    pose start = lockstep_start();
+    start.position.z += 0.061;
+    lockstep *l = lockstep_create(config, start);
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    assert_true(contacts_active(&l->state) > 5 && l->state.guides[0].passage == GUIDE_IN_HOLE);
+    return l;
+}
+
+static vec3 force_on_guide(const lockstep *l) { return v3_add(l->state.guides[0].faces[0].force, l->state.guides[0].faces[1].force); }
+static vec3 force_on_tissue(const lockstep *l) { return v3_scale(-1.0, v3_add(l->wrench.force, force_on_guide(l))); }
+
+/* A rigid needle that sticks: a step of its base is one of the tissue's strain, and one of the plate's. Only the tissue relaxes. */
+static void check_held_step(vec3 way, double on_guide) {
+    simulation_config relaxing = snug_scene(true), elastic = snug_scene(false);
+    simulation_config *both[] = {&relaxing, &elastic};
+    for (int k = 0; k < 2; k++) {
+        both[k]->needle.youngs_modulus = 2e18;
+        for (int i = 0; i < both[k]->region_count; i++) {
+            region_material *m = &both[k]->regions[i].material;
+            m->cutting_force = m->friction_static = m->friction_kinetic = 1e4;
+        }
+    }
+    lockstep *l = engaged(&relaxing), *plain = engaged(&elastic);
+    l->base.position = plain->base.position = v3_add(l->base.position, way);
+    lockstep_tick(plain, plain->base, 1e-3);
+    double at_once = v3_norm(force_on_tissue(plain)), worst = 0.0, moved = 0.0;
+    vec3 guided = force_on_guide(plain);
+    assert_true(at_once > 0.05);
+    assert_true(fabs(v3_norm(guided) - on_guide) < 1e-3 * on_guide + 1e-4);
+    for (int i = 1; i <= 5000; i++) {
+        lockstep_tick(l, l->base, 1e-3);
+        worst = fmax(worst, fabs(v3_norm(force_on_tissue(l)) / at_once - relaxation_at(3, SERIES, i * 1e-3)));
+        moved = fmax(moved, v3_norm(v3_sub(force_on_guide(l), guided)));
+    }
+    print_message("held step: %.3f N on the tissue %.2g off, %.3f N on the guide changes by %.2g N\n", at_once, worst, v3_norm(guided), moved);
+    assert_true(worst < 1e-3 && moved < 1e-3);
+    assert_int_equal(l->state.memory.count, contacts_active(&l->state) + 1);
+    lockstep_free(plain);
+    lockstep_free(l);
+}
+
+static void a_held_step_relaxes_in_a_guide(void **unused) {
+    (void)unused;
+    double edges = 2.0 * guide_defaults().stiffness;
+    check_held_step(v3(2e-4, 1e-4, 0), edges * hypot(2e-4, 1e-4));
+    check_held_step(v3(0, 0, 2e-4), 0.0);
+}
+
+static void turn(lockstep *l, double angle, double seconds) {
+    int n = (int)(seconds * 1e3 + 0.5);
+    pose from = l->base;
+    for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
+}
+
+/* Only friction in the tissue resists turning: the torque and the lag are those of test_roll.c. Turned in the air, the needle is not twisted. */
+static void a_needle_turns_in_its_hole(void **unused) {
+    (void)unused;
+    const double dry = 20.0;
+    for (int relaxing = 0; relaxing < 2; relaxing++) {
+        simulation_config c = snug_scene(relaxing);
+        for (int i = 0; i < c.region_count; i++) {
+            region_material *m = &c.regions[i].material;
+            m->friction_static = m->friction_kinetic = dry;
+            m->friction_viscous = 0.0;
+        }
+        lockstep *l = engaged(&c);
+        const needle_model *needle = &l->simulation.needle;
+        turn(l, 2.0, 2.0);
+        double f = dry * needle->radius, depth = l->state.tip.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
+        print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
+        assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
+        lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, not out of the hole */
+        assert_true(l->state.tip.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
+        assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.left.count > 0) == (relaxing == 1));
+        turn(l, 20.0, 0.5);
+        assert_true(fabs(l->state.base_turn - 22.0) < 1e-9 && fabs(l->wrench.torque.z) < 1e-12);
+        lockstep_move(l, v3(0, 0, 0.02), 0.5, 1e-3);
+        assert_true(l->state.tip.phase == TIP_INSIDE && fabs(l->state.tip_lead) < 1e-9 && fabs(l->wrench.torque.z) < 1e-9);
+        lockstep_free(l);
+    }
+}
+
 /* ---- saved, several, cost ------------------------------------------------------------------------------------------------------ */
 
 static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
@@ -500,6 +599,8 @@ int main(void) {
         cmocka_unit_test(a_needle_turned_across_is_let_go),
         cmocka_unit_test(forces_are_continuous_at_the_clearance),
         cmocka_unit_test(random_insertions_stay_stable),
+        cmocka_unit_test(a_held_step_relaxes_in_a_guide),
+        cmocka_unit_test(a_needle_turns_in_its_hole),
         cmocka_unit_test(a_restored_insertion_goes_on_to_the_bit),
         cmocka_unit_test(a_template_lets_the_needle_bear_more),
         cmocka_unit_test(ticks_do_not_allocate),

@@ -214,6 +214,53 @@ static void a_bad_region_of_interest_is_refused(void **state) {
     }
 }
 
+static void relaxation_is_read(void **state) {
+    (void)state;
+    scene s;
+    report why;
+    char value[32];
+    load_good(MINIMAL "relaxation: [{weight: 0.25, time: 0.15}, {weight: 0.1, time: 30}]\n", &s);
+    assert_int_equal(s.simulation.relaxation_count, 2);
+    assert_true(s.simulation.relaxation[0].weight == 0.25 && s.simulation.relaxation[0].time == 0.15);
+    assert_true(s.simulation.relaxation[1].weight == 0.1 && s.simulation.relaxation[1].time == 30);
+    assert_int_equal(scene_get(&s, "relaxation[1].time", value, sizeof value, &why), TROCAR_OK);
+    assert_string_equal(value, "3e+01");
+    assert_int_equal(scene_set(&s, "relaxation[2].weight", "0.05", &why), TROCAR_OK); /* a new term */
+    assert_int_equal(scene_check(&s, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "relaxation[2].time: not a time above 0"));
+    assert_int_equal(scene_set(&s, "relaxation[2].time", "2.5", &why), TROCAR_OK);
+    assert_int_equal(scene_check(&s, &why), TROCAR_OK);
+    assert_int_equal(scene_set(&s, "relaxation[4].time", "1", &why), TROCAR_BAD_INPUT);
+    assert_int_equal(scene_set(&s, "relaxation[liver].time", "1", &why), TROCAR_BAD_INPUT);
+    load_good(MINIMAL "relaxation: []\n", &s);
+    assert_int_equal(s.simulation.relaxation_count, 0);
+}
+
+static void a_bad_relaxation_is_refused(void **state) {
+    (void)state;
+    static const char *const cases[][2] = {
+        {"relaxation: [{weight: 0, time: 1}]", ":4: relaxation[0].weight: \"0\": expected a number above 0 and below 1"},
+        {"relaxation: [{weight: -0.5, time: 1}]", ":4: relaxation[0].weight: \"-0.5\": expected a number above 0 and below 1"},
+        {"relaxation: [{weight: 1, time: 1}]", ":4: relaxation[0].weight: \"1\": expected a number above 0 and below 1"},
+        {"relaxation:\n  - {weight: 0.5, time: 1}\n  - {weight: 0.5, time: 2}", ":6: relaxation[1].weight: the weights up to here add up to 1 or more"},
+        {"relaxation: [{weight: 0.5, time: 0}]", ":4: relaxation[0].time: \"0\": expected a number above 0 (s)"},
+        {"relaxation: [{weight: 0.5, time: -1}]", ":4: relaxation[0].time: \"-1\": expected a number above 0 (s)"},
+        {"relaxation: [{weight: 0.5, time: .inf}]", ":4: relaxation[0].time: \".inf\": expected a number above 0 (s)"},
+        {"relaxation:\n  - {weight: 0.3, time: 2}\n  - {weight: 0.3, time: 2}", ":6: relaxation[1].time: the same as that of an earlier term: add the weights"},
+        {"relaxation: [{weight: 0.5}]", ":4: relaxation[0]: missing key \"time\""},
+        {"relaxation: {weight: 0.5, time: 1}", ":4: relaxation: expected a list"},
+        {"relaxation: [{weight: 0.1, time: 1}, {weight: 0.1, time: 2}, {weight: 0.1, time: 3}, {weight: 0.1, time: 4}, {weight: 0.1, time: 5}]",
+         ":4: relaxation: 5 entries: expected at most 4"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[512];
+        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
+        assert_refused(text, cases[i][1]);
+    }
+    assert_refused("mesh: a\nregions:\n  - name: all\n    relaxation: [{weight: 0.5, time: 1}]\nfixed: [b]\n",
+                   ":4: regions[0].relaxation: one series serves all regions");
+}
+
 static void guides_are_read(void **unused) {
     (void)unused;
     scene s;
@@ -461,6 +508,8 @@ int main(void) {
         cmocka_unit_test(inverse_and_region_of_interest_are_read),
         cmocka_unit_test(mesh_unit_is_read),
         cmocka_unit_test(a_bad_region_of_interest_is_refused),
+        cmocka_unit_test(relaxation_is_read),
+        cmocka_unit_test(a_bad_relaxation_is_refused),
         cmocka_unit_test(guides_are_read),
         cmocka_unit_test(impossible_guides_are_refused),
         cmocka_unit_test(unreadable_files_are_named),

@@ -83,7 +83,7 @@ int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count
          : strcmp(list, "guides") == 0  ? c->guide_count
-         : strcmp(list, "fixed") == 0   ? c->fixed_count : -1;
+         : strcmp(list, "fixed") == 0   ? c->fixed_count : strcmp(list, "relaxation") == 0 ? c->relaxation_count : -1;
 }
 
 int trocar_key_count(void) { return scene_key_count(); }

@@ -103,6 +103,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
     sim->needles[needle].given = at;
+    insertion_forget(&sim->needles[needle].state);
     insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
     restore_floating_mode(before);
     return TROCAR_OK;

@@ -191,6 +191,11 @@ trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
     return pose_out(base);
 }
 
+double trocar_sim_tip_lead(const trocar_sim *sim, int needle) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? state->tip_lead : 0.0;
+}
+
 double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     const insertion_state *state = state_of(sim, needle);
     return state ? needle_energy(&sim->model->parts.needle, &state->needle) : 0.0;

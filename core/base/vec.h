@@ -44,6 +44,11 @@ static inline mat3 m3_transposed(const mat3 *a) {
         for (int j = 0; j < 3; j++) t.m[i][j] = a->m[j][i];
     return t;
 }
+static inline mat3 m3_scaled(double s, mat3 a) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) a.m[i][j] *= s;
+    return a;
+}
 static inline double m3_determinant(const mat3 *a) {
     return a->m[0][0] * (a->m[1][1] * a->m[2][2] - a->m[1][2] * a->m[2][1])
          - a->m[0][1] * (a->m[1][0] * a->m[2][2] - a->m[1][2] * a->m[2][0])

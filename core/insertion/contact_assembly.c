@@ -2,9 +2,11 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
 #include "insertion/guides.h"
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
+#include "insertion/roll.h"
 #include "insertion/strata.h"
 
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
@@ -41,7 +43,8 @@ void locate_points(const tick_context *tick) {
         contact_point *p = &w->points[i];
         p->at = needle_at(tick->model->needle, &state->needle, p->arc);
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
-                                         : v3_add(state->contacts[p->handle].track, tick->snapshot->u_free[p->handle]);
+                                         : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
+        if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
     }
 }
 
@@ -65,12 +68,12 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     mat3 own = {{{0}}};
     w->free_at_tip = v3(0, 0, 0);
     for (int c = 0; c < 4; c++) {
-        w->free_at_tip = v3_axpy(weights[c], tick->snapshot->u_free[handles[c]], w->free_at_tip);
+        w->free_at_tip = v3_axpy(weights[c], creep_free(tick, handles[c]), w->free_at_tip);
         mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
-        m3_add_scaled(&own, weights[c], &row);
+        m3_add_scaled(&own, weights[c] * w->creep.yield, &row);
     }
     for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
-    for (int i = w->guided; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle);
+    for (int i = w->guided; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
     w->tip_row[tip] = own;
 }
 
@@ -117,22 +120,26 @@ void keep_shear(const tick_context *tick) {
     for (int i = w->guided; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, contact->traction, &contact->softness);
+        double traction = contact->traction + creep_traction(tick, contact->depth);
+        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, tip->shaft_traction, &tip->shaft_softness);
+    double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
+    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
 
-static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, friction_state last) {
+static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, double slip, const roll_friction *roll, friction_state last) {
     contact_problem *p = &tick->scratch->problem;
-    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid);
-    p->upper[i] = friction.dry;
-    p->lower[i] = -friction.dry;
-    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt;
+    double radius = tick->model->needle->radius;
+    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid + roll_way(slip, roll, radius));
+    shared_bound left = roll_left_to_sliding(friction.dry, slip, roll, radius);
+    p->upper[i] = left.bound;
+    p->lower[i] = -left.bound;
+    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt + left.viscosity;
     p->state[i] = last;
 }
 
@@ -147,7 +154,7 @@ static void bound_tip(const tick_context *tick) {
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt;
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid + fabs(tip->shaft_slip), tip->shaft_friction);
+    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }
 
 void bound_contacts(const tick_context *tick) {
@@ -155,7 +162,7 @@ void bound_contacts(const tick_context *tick) {
     for (int i = 0; i < w->guided; i++) guides_bound(tick, i);
     for (int i = w->guided; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
-        bound_friction(tick, i, w->points[i].share, contact->slid + fabs(contact->slip), contact->friction);
+        bound_friction(tick, i, w->points[i].share, contact->slid, contact->slip, &contact->roll, contact->friction);
     }
     if (w->tip) bound_tip(tick);
 }
@@ -213,7 +220,7 @@ void assemble_compliance(const tick_context *tick) {
             const contact_point *at = &w->points[i], *other = &w->points[j];
             mat3 sum = {{{0}}};
             if (at->kind == POINT_TIP) sum = w->tip_row[j];
-            else if (j >= w->guided) sum = compliance_between(tick->snapshot, at->handle, other->handle);
+            else if (j >= w->guided) sum = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
             mat3 needle = needle_block(&w->tangent, &at->at, &other->at);
             m3_add_scaled(&sum, 1.0, &needle);
             for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
@@ -243,4 +250,5 @@ void assemble_gaps(const tick_context *tick) {
     for (int i = 0; i < w->guided; i++) guides_close_gap(tick, i);
     int shaft = unknown(p->count, p->count, 2);
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
+    creep_shift_gaps(tick);
 }

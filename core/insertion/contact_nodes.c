@@ -116,7 +116,7 @@ void leave_contact(const tick_context *tick) {
     if (slot >= 0)
         state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .log_lateral = logarithm.lateral, .log_axial = logarithm.axial, .arc = tick->model->needle->given.length, .track = tip_place(tip),
                                                 .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
-                                                .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction};
+                                                .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction, .roll = tip->roll};
     tip->next_contact = INFINITY;
 }
 
@@ -133,6 +133,7 @@ void take_up_contact(const tick_context *tick) {
     tip->direction = contact->direction;
     tip->depth = contact->depth;
     tip->shaft_slid = contact->slid;
+    tip->roll = contact->roll;
     tip->next_contact = NAN;
     leave_strata(state);
     tick->output->events |= EVENT_REMOVED;

@@ -1,7 +1,9 @@
 #include "insertion/equilibrium.h"
 
 #include "insertion/contact_assembly.h"
+#include "insertion/creep.h"
 #include "insertion/guides.h"
+#include "insertion/roll.h"
 #include "insertion/tip_damper.h"
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
@@ -56,11 +58,13 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     list_points(tick);
     w->problem.count = w->point_count;
     w->problem.axial_count = w->point_count + w->tip;
+    creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
-    locate_points(tick);
     find_local_compliance(tick);
+    creep_recall(tick);
+    locate_points(tick);
     load_needle(tick);
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
@@ -116,6 +120,7 @@ void equilibrium_release(insertion_state *state) {
     state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
     state->base_shift = v3(0, 0, 0);
+    roll_release(state);
 }
 
 /* The needle is left out of the solve from the next tick on, until it is drawn back. */
@@ -260,5 +265,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     else if (r.found && !r.diverging) judge_stability(tick, r.converged);
     else give_up(tick);
     if (w->tip && !state->buckled) spring_back(tick);
+    roll_solve(tick);
+    creep_remember(tick);
     if (w->tip) follow_pressing(&state->tip, &w->points[w->point_count - 1].at, tick->dt);
 }

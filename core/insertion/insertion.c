@@ -2,11 +2,13 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
 #include "insertion/equilibrium.h"
 #include "insertion/guides.h"
 #include "insertion/known_tissue.h"
 #include "insertion/outside.h"
 #include "insertion/prefetch.h"
+#include "insertion/roll.h"
 #include "insertion/strata.h"
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
@@ -16,7 +18,10 @@ static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within whi
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
+    if (model->creep.count > 0) creep_leave_all(model, &state->memory, NULL);
+    tissue_memory memory = state->memory;
     memset(state, 0, sizeof *state);
+    state->memory = memory;
     state->request.serial = serial;
     state->next_id = next_id;
     state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
@@ -25,29 +30,34 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     prefetch_request(model, state);
 }
 
+void insertion_forget(insertion_state *state) { creep_forget(&state->memory); }
+
 /* ---- move: the base, and the shaft past its contacts --------------------------------------------------------------- */
 
-static double slid_on(double slid, double slip, friction_state friction) { return friction == STICK ? 0.0 : slid + fabs(slip); }
+static double slid_on(double slid, double slip, friction_state friction, const roll_friction *roll, double radius) {
+    return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_way(slip, roll, radius);
+}
 
 /* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet by their neighbour's. */
-static void slide_shaft(insertion_state *state) {
+static void slide_shaft(insertion_state *state, double radius) {
     int k = 0;
     double neighbour = 0.0;
     for (; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         neighbour = contact->slip;
         contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
-        contact->slid = slid_on(contact->slid, contact->slip, contact->friction);
+        contact->slid = slid_on(contact->slid, contact->slip, contact->friction, &contact->roll, radius);
     }
     if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;
     for (; k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].arc -= neighbour;
-    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction);
+    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction, &state->tip.roll, radius);
 }
 
 /* Moves the base; the spring that holds it stays as it has yielded. */
 static void hold_base(const tick_context *tick) {
     pose base = tick->base.pose;
     base.position = v3_add(base.position, tick->state->base_shift);
+    roll_turn_base(tick->state, base.orientation);
     needle_hold(tick->model->needle, base, &tick->state->needle);
 }
 
@@ -80,7 +90,7 @@ static bool has_returned(const tick_context *tick) {
 /* Slides the shaft by the slip of the last solve and moves the base. Returns the tissue's deformation around the tip before that. */
 static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
-    slide_shaft(state);
+    slide_shaft(state, tick->model->needle->radius);
     vec3 gradient = track_gradient(tick);
     hold_base(tick);
     return gradient;
@@ -99,8 +109,14 @@ static void cross(const tick_context *tick, vec3 gradient) {
     tip->stretch += tip->depth - before - slid;
     int passed = contacts_passed(state);
     bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
-    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : shaft_ahead(tick->model, state, passed - 1, tick->dt);
+    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : creep_shaft_ahead(tick, passed - 1);
     if (tip->depth == 0.0) tip_glide_on_surface(tick);
+}
+
+/* No tissue is touched. */
+static void lose_contact(const tick_context *tick) {
+    tick->state->tip_lead = 0.0;
+    creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
 
 /* Brings needle and tissue into equilibrium, with the newest snapshot. */
@@ -109,8 +125,10 @@ static void solve(const tick_context *tick) {
     accept_snapshot(tick);
     tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     tick->scratch->point_count = 0;
+    bool in_tissue = tick->scratch->tip || contact_is_active(tick->state, 0);
     guides_follow(tick);
-    if (tick->scratch->tip || contact_is_active(tick->state, 0) || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
+    if (!in_tissue) lose_contact(tick);
+    if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
     else tick->state->base_shift = v3(0, 0, 0);
 }
 
@@ -126,6 +144,8 @@ static void answer(const tick_context *tick) {
         output->force = v3_add(output->force, on_needle);
         output->torque = v3_add(output->torque, v3_cross(lever, on_needle));
     }
+    double torque = roll_torque(tick);
+    if (torque != 0.0) output->torque = v3_axpy(-torque, q_axis(state->needle.base.orientation), output->torque);
     output->depth = state->tip.phase == TIP_FREE ? 0.0 : state->tip.depth;
     output->contacts = contacts_active(state);
 }
@@ -134,12 +154,16 @@ static void answer(const tick_context *tick) {
 
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
+    creep_begin(tick);
     guides_slide(tick->model, state);
     if (state->buckled) {
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
         tick->output->contacts = contacts_active(state);
-        if (!returned) return;
+        if (!returned) {
+            creep_fade(tick);
+            return;
+        }
     } else if (state->tip.phase == TIP_FREE) {
         move_freely(tick);
     } else {
@@ -180,15 +204,16 @@ static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 /* A sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
-    double sum = sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
+    double sum = state->base_turn + state->tip_lead + tip->roll.turned + tip->roll.torque + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness
                + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point;
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
         sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + c->log_lateral + c->log_axial + c->surplus_lateral
-             + c->surplus_axial + c->softness + c->traction;
+             + c->surplus_axial + c->softness + c->traction + c->roll.turned + c->roll.torque;
     }
+    sum += creep_sum(&state->memory);
     for (int i = 0; i < MAX_GUIDES; i++)
         for (int f = 0; f < GUIDE_FACES; f++) {
             const guide_contact *face = &state->guides[i].faces[f];
@@ -198,6 +223,7 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 }
 
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output) {
+    creep_forget(&state->memory);
     insertion_reset(model, base, state);
     *output = (tick_output){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }
@@ -210,11 +236,18 @@ void insertion_refinement(const insertion_state *state, refinement *out) {
 
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added) {
     const needle_tip *tip = &state->tip;
-    for (int k = 0; contact_is_active(state, k); k++) added[k] = state->contacts[state->refined.order[k]].force;
+    for (int k = 0; contact_is_active(state, k); k++)
+        added[k] = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
+    for (int i = 0; i < state->memory.left.count; i++)
+        for (int c = 0; c < 4; c++) {
+            const left_load *left = &state->memory.left.loads[i];
+            vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
+            *corner = v3_axpy(left->weights[c], creep_left_load(model, left), *corner);
+        }
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
     for (int c = 0; c < 4; c++) {
         vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], tip_load(tip), *corner);
+        *corner = v3_axpy(tip->known_weights[c], v3_add(tip_load(tip), creep_tip_load(model, &state->memory)), *corner);
     }
 }
 
@@ -224,11 +257,17 @@ void insertion_add_loads(const insertion_model *model, const insertion_state *st
         int slot = state->refined.order[k];
         const added_node *node = &state->refined.nodes[slot];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = node->tet, .force = state->contacts[slot].force};
+        *load = (tissue_load){.tet = node->tet, .force = v3_add(state->contacts[slot].force, creep_load(model, &state->memory, k))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
+    }
+    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
+        const left_load *left = &state->memory.left.loads[i];
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
+        memcpy(load->weights, left->weights, sizeof load->weights);
     }
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
     tissue_load *load = &loads->loads[loads->count++];
-    *load = (tissue_load){.tet = tip->known_tet, .force = tip_load(tip)};
+    *load = (tissue_load){.tet = tip->known_tet, .force = v3_add(tip_load(tip), creep_tip_load(model, &state->memory))};
     memcpy(load->weights, tip->known_weights, sizeof load->weights);
 }

@@ -4,8 +4,12 @@
 
 #include "insertion/tick.h"
 
-/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. RT */
+/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. What tissue that relaxes
+   remembers stays in it. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
+
+/* The tissue forgets what it remembers, as if it had never been touched. RT */
+void insertion_forget(insertion_state *state);
 
 /* One tick. Its time does not depend on the mesh, except for the search for the skin, O(log n), while the tip is outside or on it. No
    allocation, no lock, no library call. RT */
@@ -21,7 +25,8 @@ void insertion_start_over(const insertion_model *model, pose base, insertion_sta
 void insertion_refinement(const insertion_state *state, refinement *out);
 
 /* Adds the forces on the tissue to `nominal` (node_count) and writes those on the active contact nodes to `added`, in the same order; N, world
-   frame. The tip's is spread over its element's corners. */
+   frame. The tip's is spread over its element's corners. Where the tissue creeps, these are the forces that would displace it as far if
+   it were elastic. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 /* Appends the same forces as loads on the nominal mesh, for the other needles in the tissue. RT */

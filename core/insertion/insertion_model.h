@@ -4,6 +4,7 @@
 
 #include "insertion/guide.h"
 #include "needle/needle.h"
+#include "tissue/relaxation.h"
 #include "tissue/tissue.h"
 
 /* A named surface that resists the tip until it is punctured. */
@@ -36,6 +37,7 @@ typedef struct {
     const guide *guides;
     int guide_count;
     insertion_settings settings;
+    creep_series creep;          /* of all regions alike */
     double *node_lateral;        /* node_count, filled by local_create: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
     double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
     double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc in the depth, times its radius */

@@ -2,9 +2,8 @@
 #ifndef TROCAR_INSERTION_STATE_H
 #define TROCAR_INSERTION_STATE_H
 
-#include "insertion/contact.h"
+#include "insertion/tissue_memory.h"
 #include "needle/needle.h"
-#include "remesh/snapshot.h"
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
@@ -13,6 +12,14 @@ typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: out on t
 /* Planned: its node is asked for, the tip is not there yet. Waiting: the tip has left it, its row of the inverse has not come. Active: it
    takes part in the solve, and `friction` says whether it sticks. They are in this order along the track, active ones first. */
 typedef enum { CONTACT_PLANNED, CONTACT_WAITING, CONTACT_ACTIVE } contact_status;
+
+/* How the shaft turns about its axis in the tissue. */
+typedef struct {
+    double anchor;           /* rad, turn of the shaft at which the tissue around it is at rest; NAN: as it comes to be in the solve */
+    double turned;           /* rad, by which the shaft slid round in the last step */
+    double torque;           /* N m, on the tissue about the needle's axis */
+    friction_state friction;
+} roll_friction;
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
@@ -31,6 +38,7 @@ typedef struct {
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
     double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
+    roll_friction roll;
 } shaft_contact;
 
 /* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
@@ -46,6 +54,7 @@ typedef struct {
     double shaft_slid;       /* m, and friction: as in shaft_contact */
     friction_state shaft_friction;
     double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
+    roll_friction roll;      /* of that shaft */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
@@ -109,6 +118,8 @@ enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 typedef struct {
     vec3 base_shift;             /* m, by which the spring that holds the base has yielded */
     needle_state needle;
+    double base_turn;            /* rad, of the base about the needle's axis, all turns counted */
+    double tip_lead;             /* rad, of the tip's roll before the base's; negative: it lags */
     needle_tip tip;
     vec3 entry;                  /* m, nominal point where the track starts */
     stratum strata[MAX_STRATA];  /* regions along the track, from the skin to the tip */
@@ -121,6 +132,7 @@ typedef struct {
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */
+    tissue_memory memory;        /* of tissue that relaxes; stays in the tissue after a reset */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 
 /* Handles of the last point under the tip that the snapshot covered; false: there is none. */
@@ -12,16 +13,16 @@ static bool tip_handles(const tick_context *tick, int handles[4]) {
 
 vec3 displacement_of(const tick_context *tick, int handle) {
     const insertion_state *state = tick->state;
-    vec3 u = tick->snapshot->u_free[handle];
+    vec3 u = creep_free(tick, handle);
     for (int k = 0; contact_is_active(state, k); k++) {
         int slot = state->refined.order[k];
         mat3 c = compliance_between(tick->snapshot, handle, slot);
-        u = v3_add(u, m3_apply(&c, state->contacts[slot].force));
+        u = v3_add(u, m3_apply(&c, v3_add(state->contacts[slot].force, creep_load(tick->model, &state->memory, k))));
     }
     int corners[4];
     if (tip_handles(tick, corners)) {
         mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known_weights, handle);
-        u = v3_add(u, m3_apply_transposed(&c, tip_load(&state->tip)));
+        u = v3_add(u, m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory))));
     }
     return u;
 }
@@ -43,7 +44,7 @@ static void activate_contact(const tick_context *tick, int k) {
     }
     contact->surplus_lateral = field->surplus_lateral;
     contact->surplus_axial = field->surplus_axial;
-    double ahead = shaft_ahead(model, state, k, tick->dt) + contact->slip; /* it keeps sliding in this tick, as the tip did */
+    double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
     contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));

@@ -9,7 +9,8 @@ static const double OVERLAP = 2e-3; /* m, by which bodies that were meshed separ
 
 vec3 needle_direction(const tick_context *tick) {
     quat frame = tick->state->needle.frames[tick->model->needle->given.segments - 1];
-    return q_rotate(frame, v3(0, -tick->model->needle->given.bevel_slope, 1.0));
+    double slope = tick->model->needle->given.bevel_slope, lead = tick->state->tip_lead;
+    return q_rotate(frame, v3(slope * sin(lead), -slope * cos(lead), 1.0));
 }
 
 /* How far the needle's end is beyond the point of the shaft at which the tip left the tissue, m. */
@@ -50,6 +51,7 @@ void enter_next(const tick_context *tick, const entrance *at, double gap) {
     tip->blocked_by = at->blocked_by;
     tip->entering = true;
     tip->next_contact = NAN;
+    tip->roll = (roll_friction){.anchor = NAN};
     enter_stratum(tick);
     tick->output->events |= EVENT_TOUCHED;
 }

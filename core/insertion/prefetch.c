@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "insertion/creep.h"
+
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
 static const line_tolerance SAME_LINE = {1e-9, 1e-9};
 static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin: from here on the line must be the very one, so that an insertion does
@@ -135,6 +137,12 @@ static void copy_contacts(const refinement *from, refinement *to) {
     }
 }
 
+static void copy_left(const left_loads *from, left_loads *to) {
+    to->time = from->time;
+    to->count = from->count;
+    memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
+}
+
 static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
     for (int i = 0; i < wanted->count; i++)
         if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
@@ -171,10 +179,13 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     bool same = same_contacts(&request->wanted, &state->refined);
     vec3 tip, direction;
     find_line(model, state, &tip, &direction);
-    if (same && window_suffices(request, &wanted) && same_line(request, tip, direction)) return;
+    bool suffices = same && window_suffices(request, &wanted) && same_line(request, tip, direction);
+    if (suffices && !creep_left_is_news(&state->memory)) return;
     request->serial++;
     request->tip = tip;
     request->direction = direction;
+    copy_left(&state->memory.left, &request->left);
+    state->memory.left_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
     copy_pieces(&wanted, request);
     request->window_count = wanted.count;

@@ -51,12 +51,12 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
     return sum;
 }
 
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt) {
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt, shaft_creep creep) {
     int slot = state->refined.order[k];
     const shaft_contact *contact = &state->contacts[slot];
     const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[slot].tet]];
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
     shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
-    return local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * (dry + material->friction_viscous * contact->slip / dt);
+    return local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * (creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered);
 }

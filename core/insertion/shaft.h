@@ -24,7 +24,8 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid);
 
 /* How far the shaft at active contact number k, which slides, is ahead of the tissue, which follows it elastically up to the friction
-   limit, m. RT */
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt);
+   limit, m. Tissue that creeps follows it by `yield` times that, and by what the traction that it remembers (N/m) adds. RT */
+typedef struct { double yield, remembered; } shaft_creep;
+double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt, shaft_creep creep);
 
 #endif

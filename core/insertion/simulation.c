@@ -151,7 +151,8 @@ static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count,
                                      .guides = s->guides, .guide_count = s->config.guide_count, .settings = s->config.insertion};
-    return local_create(&s->insertion, why);
+    trocar_status status = creep_from_relaxation(s->config.relaxation_count, s->config.relaxation, &s->insertion.creep, why);
+    return status == TROCAR_OK ? local_create(&s->insertion, why) : status;
 }
 
 static trocar_status take_mesh(simulation *s, report *why) {

@@ -21,6 +21,7 @@ typedef struct {
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension held at zero displacement */
     int guide_count;    guide_config guides[MAX_GUIDES];
+    int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* of all regions; none: elastic */
     needle_parameters needle;
     int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
     insertion_settings insertion;

@@ -64,6 +64,21 @@ typedef struct {
     shaft_share share;
 } contact_point;
 
+/* Of relaxing tissue, in one step: its displacement under the forces f is (yield C) (f + remembered). Elastic: yield 1, the rest 0. */
+typedef struct {
+    double yield;
+    double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
+    double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
+    vec3 load[MAX_POINTS], across[MAX_POINTS]; /* N, remembered at points in tissue; world frame */
+    double along[MAX_POINTS];                /* N */
+    double face;                             /* N, remembered of the force on the tip's end face */
+    double tip_moved;                        /* m, since the last step */
+    vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
+    share_memory before[MAX_SHARES];         /* shares of the last step; */
+    int before_count;                        /* so many, */
+    bool before_tip;                         /* with the tip's */
+} creep_step;
+
 /* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face of a
    guide, in the directions of the grid. A force on the needle is J^T times that in the plane of the face: across the needle. */
 typedef struct {
@@ -102,6 +117,7 @@ typedef struct {
     needle_state start;                      /* shape before the first pass, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */
     double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    creep_step creep;
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;
 } insertion_workspace;

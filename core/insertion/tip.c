@@ -19,7 +19,8 @@ bool tip_touch(const tick_context *tick, vec3 from, vec3 to) {
     if (!hit.hit) return false;
     state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
                               .known_tet = -1, .blocked_by = obstacle(tick->model, hit.tet, hit.face, hit.tet), .entering = true,
-                              .next_contact = NAN};
+                              .next_contact = NAN, .roll = {.anchor = NAN}};
+    state->tip_lead = 0.0;
     state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(tick);

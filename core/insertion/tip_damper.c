@@ -1,6 +1,7 @@
 #include "insertion/tip_damper.h"
 
 #include "insertion/contact_assembly.h"
+#include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 
 double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
@@ -27,9 +28,10 @@ void damp_tip(const tick_context *tick) {
     w->tip_yield = v3_dot(along, own) + w->axial[t] * facing * facing;
     double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;
+    double dent = tick->state->tip.dent - creep_dent(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
         for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
-        p->gap[i] -= held * a[i] * tick->state->tip.dent;
+        p->gap[i] -= held * a[i] * dent;
     }
 }
 
@@ -38,7 +40,7 @@ void spring_back(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2);
-    double u = 0.0;
+    double u = creep_dent(tick);
     for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
     double dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
     state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);

@@ -4,10 +4,10 @@
 
 enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
 
-/* Nominal nodes, each once, and their displacement. */
+/* Nominal nodes, each once, and their displacements: one for each set of loads. */
 typedef struct {
     int count, nodes[MAX_NODES];
-    vec3 displacement[MAX_NODES];
+    vec3 displacement[MAX_RELAXATION][MAX_NODES];
 } node_field;
 
 static int place_of(const node_field *field, int node) {
@@ -29,17 +29,33 @@ static void list_nodes(const mesh *m, const remesh_request *request, const compl
         for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
 
-static trocar_status add_load(inverse *inv, const mesh *m, const tissue_load *load, node_field *field, report *why) {
+/* Adds the displacements under forces (N, one for each set) at a point of an element. */
+static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, report *why) {
     double blocks[3 * MAX_NODES][12];
-    trocar_status status = inverse_gather(inv, &(inverse_blocks){field->count, field->nodes, 4, m->tets[load->tet], blocks[0], 12}, why);
+    const int *corners = inverse_tissue(inv)->mesh->tets[tet];
+    trocar_status status = inverse_gather(inv, &(inverse_blocks){field->count, field->nodes, 4, corners, blocks[0], 12}, why);
     if (status != TROCAR_OK) return status;
     for (int k = 0; k < field->count; k++)
         for (int c = 0; c < 4; c++) {
             mat3 block = {{{0}}};
-            m3_add_block(&block, load->weights[c], &blocks[3 * k][3 * c], 12);
-            field->displacement[k] = v3_add(field->displacement[k], m3_apply(&block, load->force));
+            m3_add_block(&block, weights[c], &blocks[3 * k][3 * c], 12);
+            for (int s = 0; s < sets; s++) field->displacement[s][k] = v3_add(field->displacement[s][k], m3_apply(&block, forces[s]));
         }
     return TROCAR_OK;
+}
+
+/* Displacements of the handles (MAX_HANDLES) in one set. */
+static void read_handles(const mesh *m, const remesh_request *request, const compliance_snapshot *snapshot, const node_field *field, int set, vec3 *handles) {
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (snapshot->window[k] >= 0) handles[MAX_CONTACTS + k] = field->displacement[set][place_of(field, snapshot->window[k])];
+    for (int i = 0; i < request->wanted.count; i++) {
+        int slot = request->wanted.order[i];
+        const added_node *node = &request->wanted.nodes[slot];
+        double weights[4];
+        mesh_barycentric(m, node->tet, node->position, weights);
+        for (int c = 0; c < 4; c++)
+            handles[slot] = v3_axpy(weights[c], field->displacement[set][place_of(field, m->tets[node->tet][c])], handles[slot]);
+    }
 }
 
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why) {
@@ -50,19 +66,27 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     node_field field = {.count = 0};
     list_nodes(m, request, snapshot, &field);
     for (int i = 0; i < loads->count; i++) {
-        trocar_status status = add_load(inv, m, &loads->loads[i], &field, why);
+        trocar_status status = add_forces(inv, loads->loads[i].tet, loads->loads[i].weights, 1, &loads->loads[i].force, &field, why);
         if (status != TROCAR_OK) return status;
     }
-    for (int k = 0; k < MAX_WINDOW; k++)
-        if (snapshot->window[k] >= 0) snapshot->u_free[MAX_CONTACTS + k] = field.displacement[place_of(&field, snapshot->window[k])];
-    for (int i = 0; i < request->wanted.count; i++) {
-        int slot = request->wanted.order[i];
-        const added_node *node = &request->wanted.nodes[slot];
-        double weights[4];
-        mesh_barycentric(m, node->tet, node->position, weights);
-        for (int c = 0; c < 4; c++)
-            snapshot->u_free[slot] = v3_axpy(weights[c], field.displacement[place_of(&field, m->tets[node->tet][c])], snapshot->u_free[slot]);
+    read_handles(m, request, snapshot, &field, 0, snapshot->u_free);
+    return TROCAR_OK;
+}
+
+trocar_status left_displacement_find(inverse *inv, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    const mesh *m = inverse_tissue(inv)->mesh;
+    snapshot->left = request->left.count > 0;
+    snapshot->left_time = request->left.time;
+    if (!snapshot->left) return TROCAR_OK;
+    node_field field = {.count = 0};
+    list_nodes(m, request, snapshot, &field);
+    for (int i = 0; i < request->left.count; i++) {
+        const left_load *left = &request->left.loads[i];
+        trocar_status status = add_forces(inv, left->tet, left->weights, MAX_RELAXATION, left->load, &field, why);
+        if (status != TROCAR_OK) return status;
     }
+    memset(snapshot->u_left, 0, sizeof snapshot->u_left);
+    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, snapshot, &field, s, snapshot->u_left[s]);
     return TROCAR_OK;
 }
 

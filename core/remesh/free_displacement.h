@@ -11,6 +11,9 @@
    side; allocates nothing. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why);
 
+/* The same for u_left: the displacement that each term of the request's left loads causes. */
+trocar_status left_displacement_find(inverse *inv, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+
 /* Adds the loads to nodal forces (node_count), N. */
 void loads_spread(const mesh *m, const tissue_loads *loads, vec3 *nominal);
 

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "remesh/free_displacement.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -210,7 +211,7 @@ static trocar_status check_request(const remesh_request *request, report *why) {
     return TROCAR_OK;
 }
 
-static void fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot) {
+static trocar_status fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
@@ -222,6 +223,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
+    return left_displacement_find(r->inverse, request, snapshot, why);
 }
 
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -229,7 +231,7 @@ trocar_status remesher_serve(remesher *r, const remesh_request *request, complia
     if (status == TROCAR_OK) status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status == TROCAR_OK) fill(r, request, snapshot);
+    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
     return status;
 }
 
@@ -237,7 +239,7 @@ bool remesher_must_measure(const remesher *r, const remesh_request *request) { r
 
 trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
     trocar_status status = resolve_pieces(r, request, most, why);
-    if (status == TROCAR_OK) fill(r, request, snapshot);
+    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
     return status;
 }
 

@@ -3,6 +3,7 @@
 #define TROCAR_SNAPSHOT_H
 
 #include "remesh/refinement.h"
+#include "tissue/relaxation.h"
 
 enum {
     MAX_WINDOW = 96,                            /* nominal nodes around the tip, behind it and ahead */
@@ -17,7 +18,23 @@ typedef struct {
     vec3 force;              /* N */
 } tissue_load;
 
-enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1) };
+/* Loads that relaxing tissue still remembers where nothing touches it any more: for each term of its creep, the force that the term
+   follows. They decay with the terms' times. */
+enum { MAX_LEFT = 64 };
+typedef struct {
+    int tet;
+    double weights[4];       /* barycentric */
+    vec3 at;                 /* m, nominal: the same point */
+    vec3 load[MAX_RELAXATION]; /* N */
+} left_load;
+
+typedef struct {
+    double time;             /* s, by the clock of the insertion: when they were these */
+    int count;
+    left_load loads[MAX_LEFT];
+} left_loads;
+
+enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1 + MAX_LEFT) };
 
 /* What else loads the tissue beside the needle that asks: the other needles. */
 typedef struct {
@@ -51,6 +68,7 @@ typedef struct {
     line_in_tet pieces[MAX_PIECES]; /* of the way around the tip */
     int needed;              /* number at the front of the window that are indispensable; others may be left out if costly (inverse_holds) */
     vec3 tip, direction;     /* m, the needle's line (unit vector, or zero: unknown): remesher_look_ahead follows it */
+    left_loads left;
 } remesh_request;
 
 /* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
@@ -64,6 +82,9 @@ typedef struct {
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
+    bool left;               /* u_left is not zero everywhere */
+    double left_time;        /* s, left_loads.time of the request */
+    vec3 u_left[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at that time under each term's left loads */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
 } compliance_snapshot;
 

@@ -27,11 +27,20 @@ static void check_guide(const guide_config *given, double needle_diameter, int i
     reject(f, key, "%s", wrong);
 }
 
+static void check_relaxation(const simulation_config *c, fault *f) {
+    char key[KEY_ROOM];
+    relaxation_fault wrong = relaxation_check(c->relaxation_count, c->relaxation);
+    if (!wrong.key) return;
+    snprintf(key, sizeof key, "relaxation[%d].%s", wrong.term, wrong.key);
+    reject(f, key, "%s", wrong.words);
+}
+
 static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
     for (int i = 0; i < c->region_count; i++) check_region(&c->regions[i], i, f);
     for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
+    check_relaxation(c, f);
     if (n->inner_diameter >= n->outer_diameter)
         reject(f, "needle.inner_diameter", "%g m is not below the outer diameter of %g m", n->inner_diameter, n->outer_diameter);
     if (n->outer_diameter >= n->length)
@@ -133,10 +142,12 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_row(pattern)) return NULL;
     long index = strtol(name, &end, 10);
+    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* it has no name to add it by */
+    if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)
-        if (strcmp(name_of(s, list, i), name) == 0) return entry_of(s, list, i);
-    if (!append || *count_of(s, list) == LIST_TABLE[list].most) return NULL;
+        if (name_of(s, list, i) && strcmp(name_of(s, list, i), name) == 0) return entry_of(s, list, i);
+    if (!append || list == RELAXATION || *count_of(s, list) == LIST_TABLE[list].most) return NULL;
     void *entry = append_entry(s, list);
     memcpy(entry, name, sizeof name);
     return entry;

@@ -55,7 +55,9 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
             take_list(s, list, value, f);
             return;
         }
-    if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
+    if (strcmp(row_key, "regions[].relaxation") == 0)
+        reject(f, key, "one series serves all regions, for only then one inverse of the stiffness holds at all times; move it to the top level");
+    else if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
     else reject_unknown(f, key, at, name);
 }
 

@@ -10,6 +10,7 @@ static const range FORCE = {0, INFINITY, "a number of at least 0, or .inf"};
 static const range STIFFNESS = {DBL_MIN, INFINITY, "a number above 0, or .inf"};
 static const range POISSON = {0, 0.49999999, "a number of at least 0 and below 0.5"};
 const range ANY_NUMBER = {-DBL_MAX, DBL_MAX, "a number"};
+static const range WEIGHT = {DBL_MIN, 1 - DBL_EPSILON, "a number above 0 and below 1"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
@@ -56,6 +57,11 @@ const row SCENE_TABLE[] = {
     {"membranes[].name", "", NAME, offsetof(membrane_config, name), .list = MEMBRANES, .required = true, .doc = "a physical surface of the mesh"},
     {"membranes[].puncture_force", "N", NUMBER, offsetof(membrane_config, puncture_force), &FORCE, .list = MEMBRANES, .required = true,
      .doc = "force of the tip at which the membrane breaks; no effect below the cutting_force of the tissue; .inf is bone"},
+
+    {"relaxation[].weight", "", NUMBER, offsetof(relaxation_term, weight), &WEIGHT, .list = RELAXATION, .required = true,
+     .doc = "part of the stress under a held strain that decays; together below 1; the same in all regions"},
+    {"relaxation[].time", "s", NUMBER, offsetof(relaxation_term, time), &POSITIVE, .list = RELAXATION, .required = true,
+     .doc = "in which it falls to 1/e; no two alike"},
 
     {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
 
@@ -123,13 +129,14 @@ const list_row LIST_TABLE[LISTS] = {
     [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS},
     [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES},
     [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES},
+    [RELAXATION] = {"relaxation", OF(simulation.relaxation), OF(simulation.relaxation_count), sizeof(relaxation_term), 0, MAX_RELAXATION},
 };
 
 void *entry_of(scene *s, list_kind list, int index) {
     return (char *)s + LIST_TABLE[list].entries + (size_t)index * LIST_TABLE[list].stride;
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
-const char *name_of(const scene *s, list_kind list, int index) { return entry_of((scene *)s, list, index); } /* its first member */
+const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); } /* its first member */
 _Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 
 int *names_count(scene *s, const row *r, int *least, int *most) {

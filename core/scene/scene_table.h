@@ -7,7 +7,7 @@
 enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* bytes of a key and of a message about it */
 
 typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT } value_kind;
-typedef enum { NO_LIST, REGIONS, MEMBRANES, GUIDES, LISTS } list_kind;
+typedef enum { NO_LIST, REGIONS, MEMBRANES, GUIDES, RELAXATION, LISTS } list_kind;
 typedef struct { double low, high; const char *words; } range;
 typedef const char *(*word_of)(int index); /* NULL past the last one */
 
@@ -49,7 +49,7 @@ extern const list_row LIST_TABLE[LISTS];
 
 void *entry_of(scene *s, list_kind list, int index);
 int *count_of(scene *s, list_kind list);
-const char *name_of(const scene *s, list_kind list, int index);
+const char *name_of(const scene *s, list_kind list, int index); /* NULL: the list's entries have no names */
 
 /* A new entry with default values. There must be room for it. */
 void *append_entry(scene *s, list_kind list);

@@ -138,6 +138,8 @@ static void keys_are_set_and_told(void **state) {
 static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
+    OK(trocar_scene_set(scene, "relaxation[0].weight", "0.5", &why));
+    OK(trocar_scene_set(scene, "relaxation[0].time", "2", &why));
     assert_true(trocar_key_count() > 40);
     OK(trocar_scene_set(scene, "guides[plate].rows", "1", &why));
     for (int i = 0; i < trocar_key_count(); i++) {
@@ -316,6 +318,8 @@ static void what_is_seen_fits_the_force(void **state) {
     for (int i = 0; i < CUBE_NODES; i++)
         if (trocar_model_nodes(model)[3 * i + 2] > 0.0399) assert_true(field[i][2] == 0.0);
     assert_true(trocar_sim_needle_energy(sim, 0) > 0.0);
+    assert_true(fabs(trocar_sim_tip_lead(sim, 0)) < 0.01); /* tilted, not turned */
+    assert_true(trocar_sim_tip_lead(sim, 1) == 0.0);       /* there is none */
     assert_int_equal(trocar_sim_contacts(sim, 0, contacts, 1), count);
     assert_int_equal(trocar_sim_contacts(sim, 1, contacts, 1), 0);
     trocar_sim_free(sim);

@@ -325,6 +325,11 @@ class Sim:
         return field
 
     @property
+    def tip_lead(self) -> float:
+        """Turn of the tip about the needle's axis less that of the base, rad. Negative: the tip lags behind a base turned forward."""
+        return lib.trocar_sim_tip_lead(self._handle, 0)
+
+    @property
     def needle_energy(self) -> float:
         """Elastic energy of the bent needle, J."""
         return lib.trocar_sim_needle_energy(self._handle, 0)

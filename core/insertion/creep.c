@@ -1,0 +1,395 @@
+#include "insertion/creep.h"
+
+#include <string.h>
+
+static const double TOGETHER = 1e-3;   /* m, left loads closer to each other are taken together */
+static const double NOTICEABLE = 1e-3; /* N of new left loads that are worth a request */
+static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
+static const double ALL_OF_IT = 1e-9;  /* part of a share that rounding may leave over */
+
+static const vec3 ZERO = {0, 0, 0};
+
+/* Sum of the terms of a memory, each with its compliance and a factor. */
+static vec3 sum_of_terms(const creep_series *creep, const vec3 *terms, const double *factor) {
+    vec3 sum = ZERO;
+    for (int k = 0; k < creep->count; k++) sum = v3_axpy(creep->compliance[k] * (factor ? factor[k] : 1.0), terms[k], sum);
+    return sum;
+}
+
+/* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
+
+static double sum_along(const creep_series *creep, const double *terms, const double *factor) {
+    double sum = 0.0;
+    for (int k = 0; k < creep->count; k++) sum += creep->compliance[k] * factor[k] * terms[k];
+    return sum;
+}
+
+static double size_of_terms(const creep_series *creep, const vec3 *terms) {
+    double size = 0.0;
+    for (int k = 0; k < creep->count; k++) size += creep->compliance[k] * v3_norm(terms[k]);
+    return size;
+}
+
+/* The left load closest to x; -1: there is none. */
+static int closest_left(const left_loads *left, vec3 x, double *distance) {
+    int closest = -1;
+    *distance = INFINITY;
+    for (int i = 0; i < left->count; i++) {
+        double away = v3_norm(v3_sub(left->loads[i].at, x));
+        if (away < *distance) *distance = away, closest = i;
+    }
+    return closest;
+}
+
+/* Leaves the part of a share's load in the tissue, where it acts, as it has decayed at the end of the step. NULL: between two steps. */
+static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
+    const creep_series *creep = &model->creep;
+    left_loads *left = &memory->left;
+    double distance, size = part * size_of_terms(creep, share->load);
+    if (size == 0.0) return;
+    int i = closest_left(left, share->at, &distance);
+    if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
+        i = left->count++;
+        left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
+        mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
+    }
+    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(part * (decay ? decay[k] : 1.0), share->load[k], left->loads[i].load[k]);
+    memory->left_added += size;
+    memory->left_growing = true;
+}
+
+static void fade_left(const creep_series *creep, const double *decay, left_loads *left) {
+    int kept = 0;
+    for (int i = 0; i < left->count; i++) {
+        left_load *load = &left->loads[i];
+        for (int k = 0; k < creep->count; k++) load->load[k] = v3_scale(decay[k], load->load[k]);
+        if (size_of_terms(creep, load->load) > NEGLIGIBLE) left->loads[kept++] = *load;
+    }
+    left->count = kept;
+}
+
+bool creep_left_is_news(const tissue_memory *memory) {
+    return memory->left_added > NOTICEABLE || (memory->left_added > 0.0 && !memory->left_growing);
+}
+
+/* ---- one step ---------------------------------------------------------------------------------------------------------- */
+
+void creep_begin(const tick_context *tick) {
+    const creep_series *creep = &tick->model->creep;
+    tissue_memory *memory = &tick->state->memory;
+    creep_step *step = &tick->scratch->creep;
+    step->yield = 1.0;
+    if (creep->count == 0) return;
+    memory->time += tick->dt;
+    memory->left_growing = false;
+    for (int k = 0; k < creep->count; k++) {
+        step->decay[k] = exp(-tick->dt / creep->time[k]);
+        step->left[k] = exp(-(memory->time - tick->snapshot->left_time) / creep->time[k]);
+        step->yield += creep->compliance[k] * (1.0 - step->decay[k]);
+    }
+    fade_left(creep, step->decay, &memory->left);
+    memory->left.time = memory->time;
+}
+
+/* What tissue remembers at a point of this step; that is no guide's. */
+static share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->guided]; }
+
+/* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
+static share_memory empty_share(const tick_context *tick, const contact_point *p) {
+    const insertion_state *state = tick->state;
+    if (p->kind == POINT_TIP)
+        return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.tet, .at = state->tip.nominal};
+    const added_node *node = &state->refined.nodes[p->handle];
+    return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
+}
+
+static void add_part(const creep_series *creep, double part, const share_memory *from, share_memory *to) {
+    for (int k = 0; k < creep->count; k++) {
+        to->load[k] = v3_axpy(part, from->load[k], to->load[k]);
+        to->across[k] = v3_axpy(part, from->across[k], to->across[k]);
+        to->along[k] += part * from->along[k];
+        to->twist[k] += part * from->twist[k];
+    }
+}
+
+/* How far the tip has moved since the last step, m. */
+static double tip_way_since(const tick_context *tick) {
+    const tissue_memory *memory = &tick->state->memory;
+    return memory->tip && tick->scratch->tip ? v3_norm(v3_sub(tick->state->tip.nominal, memory->shares[memory->count - 1].at)) : 0.0;
+}
+
+/* A tip that glides along the surface has no track. What it comes from remembers, and what it comes to does not, within a diameter. */
+static void glide(const tick_context *tick) {
+    tissue_memory *memory = &tick->state->memory;
+    share_memory *share = &memory->shares[0];
+    double part = -expm1(-0.5 * tick->scratch->creep.tip_moved / tick->model->needle->radius);
+    leave(tick->model, memory, share, part, tick->scratch->creep.decay);
+    for (int k = 0; k < tick->model->creep.count; k++) {
+        share->load[k] = v3_scale(1.0 - part, share->load[k]);
+        share->across[k] = v3_scale(1.0 - part, share->across[k]);
+        share->along[k] *= 1.0 - part;
+    }
+}
+
+/* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
+   being spread evenly over its length. */
+void creep_share_out(const tick_context *tick) {
+    const creep_series *creep = &tick->model->creep;
+    const insertion_workspace *w = tick->scratch;
+    tissue_memory *memory = &tick->state->memory;
+    share_memory *before = tick->scratch->creep.before;
+    int count = memory->count, first = 0;
+    if (creep->count == 0) return;
+    tick->scratch->creep.tip_moved = tip_way_since(tick);
+    if (w->tip && count == 1 && tick->state->tip.depth == 0.0 && tick->scratch->creep.tip_moved > 0.0) glide(tick);
+    memcpy(before, memory->shares, (size_t)count * sizeof *before);
+    tick->scratch->creep.before_count = count;
+    tick->scratch->creep.before_tip = memory->tip;
+    memory->count = w->point_count - w->guided;
+    memory->tip = w->tip;
+    for (int k = 0; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points[w->guided + k]);
+    for (int i = 0; i < count; i++) {
+        double length = before[i].to - before[i].from, rest = 1.0;
+        while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
+        for (int k = first; k < memory->count && memory->shares[k].from < before[i].to; k++) {
+            share_memory *now = &memory->shares[k];
+            double part = (fmin(now->to, before[i].to) - fmax(now->from, before[i].from)) / length;
+            add_part(creep, part, &before[i], now);
+            rest -= part;
+        }
+        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, tick->scratch->creep.decay);
+    }
+}
+
+void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
+    for (int i = 0; i < memory->count; i++) leave(model, memory, &memory->shares[i], 1.0, decay);
+    memory->count = 0;
+    memory->tip = false;
+    memset(memory->face, 0, sizeof memory->face);
+}
+
+void creep_forget(tissue_memory *memory) {
+    memory->count = memory->left.count = 0;
+    memory->tip = false;
+    memset(memory->face, 0, sizeof memory->face);
+    memory->since = memory->time;
+}
+
+/* ---- displacements ----------------------------------------------------------------------------------------------------- */
+
+/* Around the end face, displacements reach as far as a diameter: a tip that moves on comes into tissue that remembers less. A remembered
+   dent that is deeper than this fades over its depth: otherwise tissue that springs back over a tip that cuts would do more work than
+   cutting takes. */
+static void fade_face(const tick_context *tick, double yielding) {
+    const creep_series *creep = &tick->model->creep;
+    double *face = tick->state->memory.face, dent = 0.0, moved = tick->scratch->creep.tip_moved;
+    if (moved == 0.0) return;
+    for (int k = 0; k < creep->count; k++) dent += yielding * creep->compliance[k] * fabs(face[k]);
+    double fading = exp(-moved / (2.0 * tick->model->needle->radius + dent));
+    for (int k = 0; k < creep->count; k++) face[k] *= fading;
+}
+
+/* The shaft next to the tip is shorter by a radius than the share that bears the tip's sideways forces: it bears this part of what a shaft
+   as long as the share would bear, which is what `along` holds. */
+static double shaft_part(const tick_context *tick) {
+    const share_memory *share = &tick->state->memory.shares[tick->state->memory.count - 1];
+    return 1.0 - tick->model->needle->radius / (share->to - share->from);
+}
+
+/* Displacement of the tissue at each point by the remembered loads. */
+static void find_moved(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    creep_step *step = &w->creep;
+    for (int i = w->guided; i < w->point_count; i++) step->moved[i] = ZERO;
+    for (int i = w->guided; i < w->point_count; i++)
+        for (int j = w->guided; j <= i; j++) {
+            bool tip = w->points[i].kind == POINT_TIP;
+            mat3 c = tip ? w->tip_row[j] : compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle);
+            double yield = tip ? 1.0 : step->yield; /* tip_row has it already */
+            step->moved[i] = v3_axpy(yield, m3_apply(&c, step->load[j]), step->moved[i]);
+            if (j < i) step->moved[j] = v3_axpy(yield, m3_apply_transposed(&c, step->load[i]), step->moved[j]);
+        }
+}
+
+/* Traction along the needle, N/m, that a share's memory amounts to. */
+static double traction_of(const tick_context *tick, const share_memory *share) {
+    return sum_along(&tick->model->creep, share->along, tick->scratch->creep.decay) / (share->to - share->from);
+}
+
+static double traction_at(const tick_context *tick, int count, const share_memory *shares, double depth) {
+    int i = 0;
+    while (i + 1 < count && shares[i].to < depth) i++;
+    return count > 0 ? traction_of(tick, &shares[i]) : 0.0;
+}
+
+double creep_traction(const tick_context *tick, double depth) {
+    return traction_at(tick, tick->state->memory.count, tick->state->memory.shares, depth);
+}
+
+/* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
+   keep_shear. */
+static void keep_remembered_shear(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    const creep_step *step = &w->creep;
+    for (int i = w->guided; i < w->point_count; i++) {
+        contact_point *p = &w->points[i];
+        bool tip = p->kind == POINT_TIP;
+        double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
+        double before = tip && step->before_tip ? traction_of(tick, &step->before[step->before_count - 1])
+                                                : traction_at(tick, step->before_count, step->before, depth);
+        double lead = w->axial[i + tip] * (p->share.to - p->share.from) * (traction_of(tick, share_of(tick, i)) - before);
+        if (tip) state->tip.stretch += lead;
+        else p->arc = state->contacts[p->handle].arc += lead;
+    }
+}
+
+void creep_recall(const tick_context *tick) {
+    const creep_series *creep = &tick->model->creep;
+    insertion_workspace *w = tick->scratch;
+    creep_step *step = &w->creep;
+    if (creep->count == 0) return;
+    int tip = w->point_count - 1;
+    if (w->tip) fade_face(tick, w->axial[tip]);
+    keep_remembered_shear(tick);
+    for (int i = w->guided; i < w->point_count; i++) {
+        const share_memory *share = share_of(tick, i);
+        step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->load, step->decay));
+        step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->across, step->decay));
+        step->along[i] = sum_along(creep, share->along, step->decay) / step->yield;
+        w->lateral[i] *= step->yield;
+        w->axial[i] *= step->yield;
+    }
+    step->face = 0.0;
+    if (w->tip) {
+        step->face = sum_along(creep, tick->state->memory.face, step->decay) / step->yield;
+        step->along[tip] *= shaft_part(tick);
+        w->axial[tip + 1] *= step->yield;
+        w->held_axial *= step->yield;
+    }
+    find_moved(tick);
+}
+
+/* Local compliance times what is remembered, as in add_local_compliance. What makes the tip's hold loose near the surface is no tissue, and
+   does not creep. */
+void creep_shift_gaps(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    contact_problem *p = &w->problem;
+    if (tick->model->creep.count == 0) return;
+    for (int i = w->guided; i < p->count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        const mat3 *frame = &w->points[i].at.frame;
+        vec3 track = tip ? tick->state->tip.direction : tick->state->contacts[w->points[i].handle].direction;
+        vec3 along = m3_apply_transposed(frame, track), force = m3_apply_transposed(frame, w->creep.across[i]);
+        force.z = w->creep.along[i];
+        double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
+        vec3 moved = v3_axpy(w->lateral[i], v3_axpy(-part, along, force), v3_scale(held * part, along));
+        p->gap[unknown(p->count, i, 0)] -= moved.x;
+        p->gap[unknown(p->count, i, 1)] -= moved.y;
+        p->gap[unknown(p->count, i, 2) + tip] -= moved.z + (shaft - held) * along.z * along.z * force.z;
+        if (tip) p->gap[unknown(p->count, i, 2)] -= w->axial[i] * w->creep.face;
+    }
+}
+
+double creep_dent(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    if (tick->model->creep.count == 0) return 0.0;
+    int tip = w->point_count - 1;
+    vec3 along = tick->state->tip.direction;
+    double facing = v3_dot(needle_along(&w->points[tip].at), along);
+    return v3_dot(along, w->creep.moved[tip]) + w->axial[tip] * facing * w->creep.face;
+}
+
+vec3 creep_free(const tick_context *tick, int handle) {
+    const compliance_snapshot *snapshot = tick->snapshot;
+    vec3 u = snapshot->u_free[handle];
+    if (!snapshot->left || snapshot->left_time <= tick->state->memory.since) return u;
+    for (int k = 0; k < tick->model->creep.count; k++)
+        u = v3_axpy(tick->model->creep.compliance[k] * tick->scratch->creep.left[k], snapshot->u_left[k][handle], u);
+    return u;
+}
+
+/* ---- memory ------------------------------------------------------------------------------------------------------------ */
+
+static void follow(const creep_series *creep, const double *decay, vec3 force, vec3 *terms) {
+    for (int k = 0; k < creep->count; k++) terms[k] = v3_axpy(decay[k], terms[k], v3_scale(1.0 - decay[k], force));
+}
+
+static void follow_along(const creep_series *creep, const double *decay, double force, double *terms) {
+    for (int k = 0; k < creep->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
+}
+
+void creep_remember(const tick_context *tick) {
+    const creep_series *creep = &tick->model->creep;
+    insertion_state *state = tick->state;
+    const insertion_workspace *w = tick->scratch;
+    const double *decay = w->creep.decay;
+    if (creep->count == 0) return;
+    for (int i = w->guided; i < w->point_count; i++) {
+        share_memory *share = share_of(tick, i);
+        bool tip = w->points[i].kind == POINT_TIP;
+        vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        double along = v3_dot(force, needle), shaft = along, face = 0.0;
+        if (tip) { /* these two exactly, for the shaft may be short */
+            face = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2)];
+            shaft = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2) + 1] / shaft_part(tick);
+        }
+        follow(creep, decay, tip ? tip_load(&state->tip) : force, share->load);
+        follow(creep, decay, v3_axpy(-along, needle, force), share->across);
+        follow_along(creep, decay, shaft, share->along);
+        const roll_friction *roll = tip ? &state->tip.roll : &state->contacts[w->points[i].handle].roll;
+        follow_along(creep, decay, tip ? roll->torque / shaft_part(tick) : roll->torque, share->twist);
+        if (tip) follow_along(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
+    }
+}
+
+double creep_twist(const tick_context *tick, int i) {
+    const creep_series *creep = &tick->model->creep;
+    if (creep->count == 0) return 0.0;
+    double twist = sum_along(creep, share_of(tick, i)->twist, tick->scratch->creep.decay) / tick->scratch->creep.yield;
+    return tick->scratch->points[i].kind == POINT_TIP ? twist * shaft_part(tick) : twist;
+}
+
+void creep_fade(const tick_context *tick) {
+    const creep_series *creep = &tick->model->creep;
+    tissue_memory *memory = &tick->state->memory;
+    const double *decay = tick->scratch->creep.decay;
+    if (creep->count == 0) return;
+    for (int i = 0; i < memory->count; i++) {
+        follow(creep, decay, ZERO, memory->shares[i].load);
+        follow(creep, decay, ZERO, memory->shares[i].across);
+        follow_along(creep, decay, 0.0, memory->shares[i].along);
+        follow_along(creep, decay, 0.0, memory->shares[i].twist);
+    }
+    follow_along(creep, decay, 0.0, memory->face);
+}
+
+vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i) {
+    return i < memory->count ? sum_of_terms(&model->creep, memory->shares[i].load, NULL) : ZERO;
+}
+
+vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
+    return memory->tip ? creep_load(model, memory, memory->count - 1) : ZERO;
+}
+
+vec3 creep_left_load(const insertion_model *model, const left_load *left) { return sum_of_terms(&model->creep, left->load, NULL); }
+
+double creep_shaft_ahead(const tick_context *tick, int k) {
+    const shaft_contact *contact = &tick->state->contacts[tick->state->refined.order[k]];
+    shaft_creep creep = {tick->scratch->creep.yield, creep_traction(tick, contact->depth)};
+    return shaft_ahead(tick->model, tick->state, k, tick->dt, creep);
+}
+
+double creep_sum(const tissue_memory *memory) {
+    vec3 sum = ZERO;
+    double along = memory->time;
+    for (int k = 0; k < MAX_RELAXATION; k++) {
+        for (int i = 0; i < memory->count; i++) {
+            sum = v3_add(sum, v3_add(memory->shares[i].load[k], memory->shares[i].across[k]));
+            along += memory->shares[i].along[k] + memory->shares[i].twist[k];
+        }
+        for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);
+        along += memory->face[k];
+    }
+    return sum.x + sum.y + sum.z + along;
+}

@@ -1,0 +1,64 @@
+/* Creep: tissue that relaxes under a held strain yields further under a held force. The tick remembers, for each share of the track, a
+   low-pass filtered force per term of the creep. Without a series of relaxation, nothing here changes anything. See README.md,
+   "Relaxation". */
+#ifndef TROCAR_CREEP_H
+#define TROCAR_CREEP_H
+
+#include "insertion/tick.h"
+
+/* Begins a step: the clock, and the loads that nothing holds. RT */
+void creep_begin(const tick_context *tick);
+
+/* Divides what is remembered among the shares of this step's points; what lies beyond the tip is left in the tissue. RT */
+void creep_share_out(const tick_context *tick);
+
+/* Nothing touches the tissue: all that is remembered is left in it. `decay`: of the step; NULL: between two steps. RT */
+void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay);
+
+/* The tissue has never been touched. RT */
+void creep_forget(tissue_memory *memory);
+
+/* Recalls what this step's displacements start from: displacement of the tissue at each point, and forces that shear it. Local
+   compliances are those of a step from here on. After find_tip_rows and find_local_compliance. RT */
+void creep_recall(const tick_context *tick);
+
+/* Takes the sheared tissue's displacement off the gaps. RT */
+void creep_shift_gaps(const tick_context *tick);
+
+/* Displacement of the tissue at the tip along the track by what is remembered, m. RT */
+double creep_dent(const tick_context *tick);
+
+/* Remembers this step's forces. RT */
+void creep_remember(const tick_context *tick);
+
+/* Torque (N m, before creep_remember) that what is remembered at point i, no guide's, amounts to in this step. RT */
+double creep_twist(const tick_context *tick, int i);
+
+/* A step without forces. RT */
+void creep_fade(const tick_context *tick);
+
+/* The load on the tissue, beside the present force, that the memory of share number i amounts to, N. RT */
+vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i);
+
+/* The same of the tip; zero if it has none. RT */
+vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
+
+/* The same of a left load. RT */
+vec3 creep_left_load(const insertion_model *model, const left_load *left);
+
+/* Traction along the shaft, N/m, that what is remembered at this depth amounts to. RT */
+double creep_traction(const tick_context *tick, double depth);
+
+/* shaft_ahead, with this step's creep. RT */
+double creep_shaft_ahead(const tick_context *tick, int k);
+
+/* A number that is finite only if all that is remembered is. RT */
+double creep_sum(const tissue_memory *memory);
+
+/* Displacement of a handle that the needle's present contacts do not cause, m. RT */
+vec3 creep_free(const tick_context *tick, int handle);
+
+/* Is there enough new among the left loads to tell the worker? RT */
+bool creep_left_is_news(const tissue_memory *memory);
+
+#endif

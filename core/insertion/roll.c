@@ -1,0 +1,181 @@
+#include "insertion/roll.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "insertion/creep.h"
+
+/* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
+
+double roll_way(double slip, const roll_friction *roll, double radius) {
+    return roll->turned == 0.0 ? fabs(slip) : hypot(slip, radius * roll->turned);
+}
+
+/* Friction opposes the slip of the shaft's surface: of the bound F, sliding by a while turning by w meets f(a) = F a / sqrt(a^2 + w^2). This
+   is its tangent at the last a. */
+static shared_bound tangent(double dry, double a, double w) {
+    double s = hypot(a, w), along = fabs(a) / s, across = w / s;
+    return (shared_bound){dry * along * along * along, dry * across * across / s};
+}
+
+/* Where nothing slides, the forces both ways stay within the bound together. */
+static double rest_of(double dry, double other) { return sqrt(fmax(dry * dry - other * other, 0.0)); }
+
+shared_bound roll_left_to_sliding(double dry, double slip, const roll_friction *roll, double radius) {
+    if (roll->turned != 0.0) return tangent(dry, slip, radius * fabs(roll->turned));
+    return (shared_bound){roll->torque != 0.0 && slip == 0.0 ? rest_of(dry, roll->torque / radius) : dry, 0.0};
+}
+
+shared_bound roll_left_to_turning(double dry, double slip, double along, const roll_friction *roll, double radius) {
+    shared_bound left = {rest_of(dry, along), 0.0};
+    if (slip != 0.0 || roll->turned != 0.0) left = tangent(dry, radius * roll->turned, fabs(slip));
+    return (shared_bound){left.bound * radius, left.viscosity * radius * radius};
+}
+
+/* ---- the twisted shaft ------------------------------------------------------------------------------------------------- */
+
+void roll_turn_base(insertion_state *state, quat orientation) {
+    quat before = state->needle.base.orientation;
+    if (memcmp(&before, &orientation, sizeof before) == 0) return;
+    vec3 turn = q_log(q_multiply(orientation, q_conjugate(before)));
+    state->base_turn += v3_dot(turn, q_axis(before));
+}
+
+/* Of a point in tissue: guides hold no shaft against turning. */
+static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? &state->tip.roll : &state->contacts[p->handle].roll;
+}
+
+static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points[tick->scratch->guided]; }
+
+double roll_torque(const tick_context *tick) {
+    double sum = 0.0;
+    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) sum += roll_of(tick->state, &tick->scratch->points[i])->torque;
+    return sum;
+}
+
+void roll_release(insertion_state *state) {
+    for (int k = 0; contact_is_active(state, k); k++) state->contacts[state->refined.order[k]].roll = (roll_friction){.anchor = NAN};
+    state->tip.roll = (roll_friction){.anchor = NAN};
+    state->tip_lead = 0.0;
+}
+
+/* One point of the chain: torque on the tissue = stiffness * angle + offset, and what decides whether it sticks. */
+typedef struct {
+    double arc;                  /* m from the base */
+    double yielding;             /* rad / N m, of the tissue around its share */
+    double remembered;           /* N m, of relaxing tissue */
+    shared_bound bound;
+    double stiffness, offset, angle;
+} roll_point;
+
+/* The tissue's rotation around a shaft is local: the torque m' per length turns it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the
+   inverse of the local compliance along the needle. */
+static roll_point point_at(const tick_context *tick, const contact_point *p) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    bool tip = p->kind == POINT_TIP;
+    const shaft_contact *contact = tip ? NULL : &state->contacts[p->handle];
+    const roll_friction *roll = roll_of(state, p);
+    double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft_slip : contact->slip;
+    double slid = tip ? state->tip.shaft_slid : contact->slid;
+    shaft_resistance shaft = shaft_resistance_of(model, state, p->share, slid + roll_way(slip, roll, radius));
+    double along = length * (tip ? state->tip.shaft_traction : contact->traction);
+    roll_point point = {.arc = p->arc, .yielding = tick->scratch->creep.yield / fmax(2.0 * radius * radius * shaft.axial, 1e-12),
+                        .bound = roll_left_to_turning(shaft.dry, slip, along, roll, radius)};
+    point.bound.viscosity += shaft.viscous * radius * radius / tick->dt;
+    return point;
+}
+
+/* The torque's law while the point sticks, or slides by what the angle exceeds the tissue's. */
+static void take_law(roll_point *p, const roll_friction *roll) {
+    if (roll->friction == STICK) {
+        p->stiffness = 1.0 / p->yielding;
+        p->offset = -roll->anchor / p->yielding - p->remembered;
+        return;
+    }
+    double share = 1.0 + p->bound.viscosity * p->yielding;
+    p->stiffness = p->bound.viscosity / share;
+    p->offset = (roll->friction * p->bound.bound - p->bound.viscosity * (roll->anchor + p->yielding * p->remembered)) / share;
+}
+
+/* Angles of a twisted shaft under these laws, rad: a chain from the base on, by elimination from there. */
+static void solve_chain(int n, double torsion, double base, roll_point *p) {
+    static const double LEAST = 1e-6; /* m between two points */
+    double diagonal[MAX_SHARES], right[MAX_SHARES], before = torsion / fmax(p[0].arc, LEAST);
+    for (int i = 0; i < n; i++) {
+        double after = i + 1 < n ? torsion / fmax(p[i + 1].arc - p[i].arc, LEAST) : 0.0;
+        diagonal[i] = before + after + p[i].stiffness;
+        right[i] = (i == 0 ? before * base : 0.0) - p[i].offset;
+        if (i > 0) {
+            diagonal[i] -= before * before / diagonal[i - 1];
+            right[i] += before * right[i - 1] / diagonal[i - 1];
+        }
+        before = after;
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        double after = i + 1 < n ? torsion / fmax(p[i + 1].arc - p[i].arc, LEAST) * p[i + 1].angle : 0.0;
+        p[i].angle = (right[i] + after) / diagonal[i];
+    }
+}
+
+static double torque_of(const roll_point *p) { return p->stiffness * p->angle + p->offset; }
+static double slip_of(const roll_point *p, const roll_friction *roll) { return p->angle - roll->anchor - p->yielding * (torque_of(p) + p->remembered); }
+
+static friction_state consistent(const roll_point *p, const roll_friction *roll) {
+    double torque = torque_of(p), margin = 1e-12 * (1e-6 + fabs(torque));
+    if (roll->friction != STICK) return roll->friction * slip_of(p, roll) < 0.0 ? STICK : roll->friction;
+    return torque > p->bound.bound + margin ? SLIP_FORWARD : torque < -p->bound.bound - margin ? SLIP_BACKWARD : STICK;
+}
+
+/* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
+static void search(const tick_context *tick, int n, roll_point *points) {
+    const contact_point *at = tissue_points(tick);
+    const int together = 10;
+    for (int round = 0; round < together + 4 * n; round++) {
+        bool done = true;
+        for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &at[i]));
+        solve_chain(n, tick->model->needle->torsion, tick->state->base_turn, points);
+        for (int i = 0; i < n; i++) {
+            roll_friction *roll = roll_of(tick->state, &at[i]);
+            friction_state next = consistent(&points[i], roll);
+            if (next == roll->friction || (!done && round >= together)) continue;
+            roll->friction = next;
+            done = false;
+        }
+        if (done) return;
+    }
+}
+
+/* A point that is new is where the tissue is at rest. */
+static bool anchor_points(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    bool twisted = state->tip_lead != 0.0;
+    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) {
+        roll_friction *roll = roll_of(state, &tick->scratch->points[i]);
+        if (isnan(roll->anchor)) *roll = (roll_friction){.anchor = state->base_turn + state->tip_lead};
+        twisted = twisted || roll->anchor != state->base_turn || roll->torque != 0.0;
+    }
+    return twisted;
+}
+
+void roll_solve(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    roll_point points[MAX_SHARES];
+    const contact_point *at = tissue_points(tick);
+    int n = w->point_count - w->guided;
+    if (state->buckled || n == 0 || !anchor_points(tick)) return;
+    for (int i = 0; i < n; i++) {
+        points[i] = point_at(tick, &at[i]);
+        points[i].remembered = creep_twist(tick, w->guided + i);
+    }
+    search(tick, n, points);
+    for (int i = 0; i < n; i++) {
+        roll_friction *roll = roll_of(state, &at[i]);
+        roll->torque = torque_of(&points[i]);
+        roll->turned = roll->friction == STICK ? 0.0 : slip_of(&points[i], roll);
+        roll->anchor += roll->turned;
+    }
+    state->tip_lead = points[n - 1].angle - state->base_turn;
+}

@@ -1,0 +1,33 @@
+/* What relaxing tissue remembers of the forces on it: plain data, empty for elastic tissue. See README.md, "Relaxation". */
+#ifndef TROCAR_TISSUE_MEMORY_H
+#define TROCAR_TISSUE_MEMORY_H
+
+#include "insertion/contact.h"
+#include "remesh/snapshot.h"
+
+enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* the tip's as well */
+
+/* Of one share of the track: that of an active contact, or of the tip. A term's memory is the force, low-pass filtered with its time. */
+typedef struct {
+    double from, to;             /* m of depth */
+    int tet;                     /* nominal element in which its load acts, */
+    vec3 at;                     /* m, nominal: and where */
+    vec3 load[MAX_RELAXATION];   /* N, world frame: of all forces on the tissue */
+    vec3 across[MAX_RELAXATION]; /* N, of those across the needle */
+    double twist[MAX_RELAXATION]; /* N m, of the torques about the needle's axis */
+    double along[MAX_RELAXATION]; /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
+} share_memory;
+
+typedef struct {
+    double time;                 /* s, of all steps so far */
+    double since;                /* s, when all was forgotten last: what the worker was told before does not count */
+    int count;
+    bool tip;                    /* the last of these is the tip's */
+    share_memory shares[MAX_SHARES]; /* of the last solve, from base to tip */
+    double face[MAX_RELAXATION]; /* N, of the force on the tip's end face */
+    left_loads left;             /* loads that nothing holds any more, at `time` */
+    double left_added;           /* N, added to them since they were last sent to the worker */
+    bool left_growing;           /* some was added in this step */
+} tissue_memory;
+
+#endif

@@ -1,0 +1,62 @@
+#include "tissue/relaxation.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+relaxation_fault relaxation_check(int count, const relaxation_term *terms) {
+    double sum = 0.0;
+    for (int i = 0; i < count; i++) {
+        sum += terms[i].weight;
+        if (!(terms[i].weight > 0.0)) return (relaxation_fault){i, "weight", "not above 0: the stress would grow under a held strain"};
+        if (!(terms[i].time > 0.0) || isinf(terms[i].time)) return (relaxation_fault){i, "time", "not a time above 0 s: the stress would not decay"};
+        if (!(sum < 1.0)) return (relaxation_fault){i, "weight", "the weights up to here add up to 1 or more: no elastic stress would be left; lower them"};
+        for (int k = 0; k < i; k++)
+            if (terms[k].time == terms[i].time) return (relaxation_fault){i, "time", "the same as that of an earlier term: add the weights and give one term"};
+    }
+    return (relaxation_fault){0, NULL, NULL};
+}
+
+double relaxation_at(int count, const relaxation_term *terms, double t) {
+    double stress = 1.0;
+    for (int i = 0; i < count; i++) stress += terms[i].weight * expm1(-t / terms[i].time);
+    return stress;
+}
+
+/* s times the Laplace transform of the relaxation function, at s = -rate. */
+static double modulus_at(int count, const relaxation_term *terms, double rate) {
+    double sum = 1.0;
+    for (int i = 0; i < count; i++) sum += terms[i].weight / (rate * terms[i].time - 1.0);
+    return sum;
+}
+
+/* The rate of creep between two neighbouring rates of relaxation (the lower one may be 0): the modulus falls from positive to negative
+   infinity in between, or from its value in the long term. */
+static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
+    for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
+        if (modulus_at(count, terms, middle) > 0.0) low = middle;
+        else high = middle;
+    }
+    return low;
+}
+
+/* J, the creep function, and G, the relaxation function, satisfy s^2 G~(s) J~(s) = 1. With M(s) = s G~(s), a rational function with
+   simple poles at -1 / relaxation times, J has its times where M is zero, one between any two poles, and its compliances from the residues
+   of 1 / (s M(s)) there: -1 / (s M'(s)). */
+trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why) {
+    relaxation_term sorted[MAX_RELAXATION];
+    relaxation_fault wrong = relaxation_check(count, terms);
+    if (wrong.key) return fail(why, TROCAR_BAD_INPUT, "relaxation[%d].%s: %s", wrong.term, wrong.key, wrong.words);
+    for (int i = 0; i < count; i++) { /* longest first: their rates ascend */
+        int k = i;
+        for (; k > 0 && sorted[k - 1].time < terms[i].time; k--) sorted[k] = sorted[k - 1];
+        sorted[k] = terms[i];
+    }
+    *creep = (creep_series){.count = count};
+    for (int i = 0; i < count; i++) {
+        double rate = creep_rate(count, sorted, i > 0 ? 1.0 / sorted[i - 1].time : 0.0, 1.0 / sorted[i].time), slope = 0.0;
+        for (int k = 0; k < count; k++) slope += sorted[k].weight * sorted[k].time / pow(rate * sorted[k].time - 1.0, 2);
+        creep->time[count - 1 - i] = 1.0 / rate;
+        creep->compliance[count - 1 - i] = 1.0 / (rate * slope);
+    }
+    return TROCAR_OK;
+}

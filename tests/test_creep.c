@@ -1,0 +1,300 @@
+/* Tissue that relaxes: a held needle, and what is left of a load that was removed, against the exact solutions. */
+#include "insertion/creep.h"
+#include "lockstep.h"
+#include "verification/random_hand.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
+
+/* A rigid needle, so that a step of its base is a step of the tissue's strain. */
+static simulation_config scene_with(bool relaxing) {
+    simulation_config c = lockstep_config();
+    c.needle.youngs_modulus = 2e18;
+    for (int i = 0; i < c.region_count; i++) { /* it sticks */
+        region_material *m = &c.regions[i].material;
+        m->cutting_force = m->friction_static = m->friction_kinetic = 1e4;
+    }
+    c.relaxation_count = relaxing ? 3 : 0;
+    memcpy(c.relaxation, SERIES, sizeof SERIES);
+    return c;
+}
+
+/* 60 mm deep, without force. */
+static lockstep *engaged(const simulation_config *config) {
+    pose start = lockstep_start();
+    start.position.z += 0.061;
+    lockstep *l = lockstep_create(config, start);
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    assert_true(contacts_active(&l->state) > 5);
+    return l;
+}
+
+static void check_held_step(double rate, double tolerance, vec3 way) {
+    simulation_config relaxing = scene_with(true), elastic = scene_with(false);
+    lockstep *l = engaged(&relaxing), *plain = engaged(&elastic);
+    l->base.position = plain->base.position = v3_add(l->base.position, way);
+    lockstep_tick(plain, plain->base, 1.0 / rate);
+    double at_once = v3_norm(plain->wrench.force), worst = 0.0;
+    assert_true(at_once > 0.05);
+    for (int i = 1; i <= (int)(10.0 * rate); i++) {
+        lockstep_tick(l, l->base, 1.0 / rate);
+        double error = v3_norm(l->wrench.force) / at_once - relaxation_at(3, SERIES, i / rate);
+        worst = fmax(worst, fabs(error));
+    }
+    printf("held step at %g Hz: %.2g off\n", rate, worst);
+    assert_true(worst < tolerance);
+    lockstep_free(plain);
+    lockstep_free(l);
+}
+
+static void held_step_relaxes_as_given(void **unused) {
+    (void)unused;
+    check_held_step(1000, 1e-3, v3(2e-4, 1e-4, 0));
+    check_held_step(250, 1e-2, v3(2e-4, 1e-4, 0));
+    check_held_step(1000, 1e-3, v3(0, 0, 2e-4));
+}
+
+/* ---- a load that was removed ------------------------------------------------------------------------------------------------- */
+
+enum { TICKS_HELD = 600, TICKS_AFTER = 2000, MOST_POINTS = 40 };
+
+/* Creep under a held force of 1, by quadrature of its convolution with the relaxation function. */
+static double *creep_by_quadrature(double step, int steps) {
+    double *j = calloc((size_t)steps + 1, sizeof *j);
+    j[0] = 1.0;
+    for (int n = 1; n <= steps; n++) {
+        double sum = relaxation_at(3, SERIES, n * step);
+        for (int i = 1; i < n; i++) sum += (j[i] - j[i - 1]) * relaxation_at(3, SERIES, (n - i + 0.5) * step);
+        j[n] = j[n - 1] + (1.0 - sum) / relaxation_at(3, SERIES, 0.5 * step);
+    }
+    return j;
+}
+
+/* The forces of a held needle, tick by tick, and where they act. */
+typedef struct {
+    int count, ticks;
+    insertion_state state;       /* with the points */
+    vec3 force[TICKS_HELD + 1][MOST_POINTS];
+} load_history;
+
+static void record(const lockstep *l, load_history *h) {
+    h->state = l->state;
+    h->ticks++;
+    h->count = contacts_active(&l->state) + 1;
+    for (int i = 0; i + 1 < h->count; i++) h->force[h->ticks][i] = l->state.contacts[l->state.refined.order[i]].force;
+    h->force[h->ticks][h->count - 1] = tip_load(&l->state.tip);
+}
+
+/* Nodal forces on the nominal mesh that would displace elastic tissue as the history does relaxing tissue, `later` ticks after the needle
+   has gone: each change of force counts by the creep since then. */
+static void recover(const lockstep *l, const load_history *h, const double *creep, int later, vec3 *nominal) {
+    for (int i = 0; i < h->count; i++) {
+        vec3 sum = v3(0, 0, 0);
+        for (int n = 1; n <= h->ticks; n++) sum = v3_axpy(creep[h->ticks - n + 1 + later], v3_sub(h->force[n][i], h->force[n - 1][i]), sum);
+        sum = v3_axpy(-creep[later], h->force[h->ticks][i], sum);
+        const added_node *node = &h->state.refined.nodes[h->state.refined.order[i]];
+        bool tip = i + 1 == h->count;
+        int tet = tip ? h->state.tip.known_tet : node->tet;
+        double weights[4];
+        if (tip) memcpy(weights, h->state.tip.known_weights, sizeof weights);
+        else mesh_barycentric(&l->simulation.mesh, tet, node->position, weights);
+        for (int c = 0; c < 4; c++) {
+            vec3 *corner = &nominal[l->simulation.mesh.tets[tet][c]];
+            *corner = v3_axpy(weights[c], sum, *corner);
+        }
+    }
+}
+
+/* The needle is taken out at once by a reset. */
+static void removed_load_recovers(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    lockstep *l = engaged(&c);
+    load_history *h = calloc(1, sizeof *h);
+    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    vec3 *expected = calloc(nodes, sizeof *expected), *found = calloc(nodes, sizeof *found), added[MAX_CONTACTS];
+    double *creep = creep_by_quadrature(1e-3, TICKS_HELD + TICKS_AFTER + 1);
+    l->base.position = v3_add(l->base.position, v3(1e-3, 0.5e-3, 0));
+    for (int i = 0; i < TICKS_HELD; i++) {
+        lockstep_tick(l, l->base, 1e-3);
+        record(l, h);
+    }
+    pose out = lockstep_start();
+    insertion_reset(&l->simulation.insertion, out, &l->state);
+    double worst = 0.0, window = 0.0, largest = 0.0;
+    for (int later = 1; later <= TICKS_AFTER; later++) {
+        lockstep_tick(l, out, 1e-3);
+        if (later % 250 != 0 && later != 20) continue;
+        memset(expected, 0, nodes * sizeof *expected);
+        recover(l, h, creep, later, expected);
+        inverse_apply(l->simulation.inverse, expected, expected);
+        simulation_displacement(&l->simulation, &l->state, found, added);
+        double size = 0.0, off = 0.0;
+        for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
+        worst = fmax(worst, off / size);
+        largest = fmax(largest, size);
+        for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
+            int node = l->snapshot->window[k];
+            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
+                .scratch = l->simulation.workspace}, MAX_CONTACTS + k), expected[node])) / size);
+        }
+    }
+    printf("removed load: up to %.3g mm, %.2g off, at the handles %.2g\n", 1e3 * largest, worst, window);
+    assert_true(largest > 1e-5);
+    assert_true(worst < 1e-2 && window < 1e-2);
+    free(creep), free(expected), free(found), free(h);
+    lockstep_free(l);
+}
+
+/* ---- a needle that moves ------------------------------------------------------------------------------------------------- */
+
+static void tick_along(lockstep *l, const hand_leg *leg, pose from, int i) {
+    lockstep_tick(l, hand_pose(leg, from, NEEDLE_LENGTH - l->wrench.depth, i * 1e-3), 1e-3);
+}
+
+/* Whatever the needle does, all that the tissue remembers together is the filtered sum of all forces on it. */
+static void nothing_remembered_is_lost(void **unused) {
+    (void)unused;
+    random_hand hand = random_hand_create(5);
+    simulation_config c = lockstep_config();
+    c.needle.bevel_slope = hand.bevel_slope;
+    c.relaxation_count = 3;
+    memcpy(c.relaxation, SERIES, sizeof SERIES);
+    lockstep *l = lockstep_create(&c, hand.start);
+    const creep_series *creep = &l->simulation.insertion.creep;
+    vec3 expected[3] = {{0, 0, 0}};
+    double largest = 0.0, worst = 0.0;
+    for (int leg = 0; leg < hand.leg_count; leg++) {
+        pose from = l->base;
+        for (int i = 1; i <= (int)(hand.legs[leg].seconds * 1e3); i++) {
+            tick_along(l, &hand.legs[leg], from, i);
+            const insertion_state *s = &l->state;
+            vec3 sum = s->tip.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
+            for (int k = 0; contact_is_active(s, k); k++) sum = v3_add(sum, s->contacts[s->refined.order[k]].force);
+            for (int k = 0; k < creep->count; k++) {
+                double decay = exp(-1e-3 / creep->time[k]);
+                expected[k] = v3_add(v3_scale(decay, expected[k]), v3_scale(1.0 - decay, sum));
+                vec3 found = v3(0, 0, 0);
+                for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].load[k]);
+                for (int n = 0; n < s->memory.left.count; n++) found = v3_add(found, s->memory.left.loads[n].load[k]);
+                worst = fmax(worst, v3_norm(v3_sub(found, expected[k])));
+                largest = fmax(largest, v3_norm(expected[k]));
+            }
+        }
+    }
+    printf("remembered: up to %.3g N, %.2g N off\n", largest, worst);
+    assert_true(largest > 0.05);
+    assert_true(worst < 1e-6); /* left loads below 1e-9 N are forgotten */
+    lockstep_free(l);
+}
+
+/* Also with loads that were left behind, and after a reset. */
+static void restored_memory_continues_bit_identically(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    c.needle = lockstep_config().needle;
+    c.needle.bevel_slope = 0.05;
+    memcpy(c.regions, lockstep_config().regions, sizeof c.regions);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
+    lockstep_move(l, v3(0.001, 0, -0.020), 0.2, 1e-3);
+    assert_true(l->state.memory.left.count > 5);
+    checkpoint *saved = malloc(sizeof *saved);
+    tick_output first[3][20];
+    for (int run = 0; run < 3; run++) {
+        report why;
+        if (run == 0) simulation_save(&l->state, l->snapshot, saved);
+        if (run == 1) lockstep_move(l, v3(0, 0.002, 0.030), 0.5, 1e-3); /* a detour */
+        if (run == 2) {
+            lockstep *other = lockstep_create(&c, lockstep_start());
+            lockstep_free(l);
+            l = other;
+        }
+        if (run > 0) assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+        l->base = l->state.needle.base;
+        for (int i = 0; i < 20; i++) {
+            lockstep_move(l, v3(0, 0, i < 7 ? 0.005 : -0.005), 0.1, 1e-3);
+            if (i == 14) insertion_reset(&l->simulation.insertion, l->base, &l->state);
+            first[run][i] = l->wrench;
+        }
+    }
+    assert_true(v3_norm(first[0][10].force) > 0.05);
+    for (int run = 1; run < 3; run++)
+        for (int i = 0; i < 20; i++) {
+            assert_memory_equal(&first[0][i].force, &first[run][i].force, sizeof(vec3));
+            assert_memory_equal(&first[0][i].torque, &first[run][i].torque, sizeof(vec3));
+        }
+    free(saved);
+    lockstep_free(l);
+}
+
+/* A needle that comes back where tissue still remembers another one feels what the exact solution says. */
+static void needle_feels_what_was_left(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    lockstep *l = engaged(&c);
+    pose start = l->base;
+    lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
+    lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
+    insertion_reset(&l->simulation.insertion, start, &l->state); /* in again at once, beside the tissue's place at rest */
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    double at_once = l->wrench.force.x;
+    assert_true(at_once > 1e-3); /* pushed to where the tissue was held */
+    lockstep_move(l, v3(0, 0, 0), 5.0, 1e-3);
+    assert_true(l->wrench.force.x > 0.0 && l->wrench.force.x < 0.5 * at_once);
+    lockstep_free(l);
+}
+
+/* insertion_forget: no force is left, also from an older answer of the worker. */
+static void forgotten_loads_are_not_felt(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(true);
+    lockstep *l = engaged(&c), *untouched = engaged(&c);
+    pose start = l->base;
+    lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
+    lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    l->base = start;
+    lockstep_move(l, v3(0, 0, 0), 0.1, 1e-3);
+    assert_true(l->snapshot->left && l->wrench.force.x > 1e-3);
+    insertion_forget(&l->state);
+    insertion_reset(&l->simulation.insertion, start, &l->state);
+    insertion_forget(&untouched->state);
+    insertion_reset(&untouched->simulation.insertion, start, &untouched->state);
+    for (int i = 0; i < 20; i++) {
+        lockstep_tick(l, start, 1e-3);
+        lockstep_tick(untouched, start, 1e-3);
+        assert_true(v3_norm(v3_sub(l->wrench.force, untouched->wrench.force)) < 1e-12);
+    }
+    lockstep_free(untouched);
+    lockstep_free(l);
+}
+
+static void elastic_tissue_remembers_nothing(void **unused) {
+    (void)unused;
+    static const tissue_memory nothing;
+    simulation_config c = lockstep_config();
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.050), 0.5, 1e-3);
+    lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
+    assert_memory_equal(&l->state.memory, &nothing, sizeof nothing);
+    assert_false(l->snapshot->left);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(held_step_relaxes_as_given),
+        cmocka_unit_test(removed_load_recovers),
+        cmocka_unit_test(nothing_remembered_is_lost),
+        cmocka_unit_test(restored_memory_continues_bit_identically),
+        cmocka_unit_test(needle_feels_what_was_left),
+        cmocka_unit_test(forgotten_loads_are_not_felt),
+        cmocka_unit_test(elastic_tissue_remembers_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,174 @@
+/* Friction against turning: lag and torque against closed forms, and the bound shared with sliding. */
+#include "insertion/next_body.h"
+#include "insertion/roll.h"
+#include "lockstep.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static const double DRY = 20.0; /* N/m, the same in all regions, static and kinetic */
+
+static simulation_config scene_with(double dry, double viscous) {
+    simulation_config c = lockstep_config();
+    for (int i = 0; i < c.region_count; i++) {
+        region_material *m = &c.regions[i].material;
+        m->friction_static = m->friction_kinetic = dry;
+        m->friction_viscous = viscous;
+    }
+    return c;
+}
+
+/* 60 mm deep, without force. */
+static lockstep *engaged(const simulation_config *config) {
+    pose start = lockstep_start();
+    start.position.z += 0.061;
+    lockstep *l = lockstep_create(config, start);
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    assert_true(contacts_active(&l->state) > 5);
+    return l;
+}
+
+static void turn(lockstep *l, double angle, double seconds) {
+    int n = (int)(seconds * 1e3 + 0.5);
+    pose from = l->base;
+    for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
+}
+
+/* Turned far, all of the shaft slides round: the torque per length f = dry r twists it by f l^2 / 2 G J over the length l in the tissue, and
+   evenly before it. */
+static void check_lag(double sign) {
+    simulation_config c = scene_with(DRY, 0.0);
+    lockstep *l = engaged(&c);
+    const needle_model *needle = &l->simulation.needle;
+    turn(l, sign * 2.0, 2.0);
+    double f = DRY * needle->radius, depth = l->state.tip.depth, before = needle->given.length - depth;
+    double lag = f * (0.5 * depth * depth + depth * before) / needle->torsion;
+    printf("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, l->wrench.torque.z, f * depth);
+    assert_true(fabs(-sign * l->state.tip_lead / lag - 1.0) < 0.01);
+    assert_true(fabs(-sign * l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
+    /* and back by as much and more: the same the other way */
+    turn(l, -sign * 4.0, 4.0);
+    assert_true(fabs(sign * l->state.tip_lead / lag - 1.0) < 0.01);
+    lockstep_free(l);
+}
+
+static void tip_lags_by_the_twist_of_friction(void **unused) {
+    (void)unused;
+    check_lag(1.0);
+    check_lag(-1.0);
+}
+
+/* Drawn out at a constant speed while it turns: friction on the shaft has the direction of its surface's slip. */
+static double friction_while(double speed, double rate, double *torque) {
+    simulation_config c = scene_with(DRY, 0.0);
+    lockstep *l = engaged(&c);
+    const int ticks = 1500;
+    pose from = l->base;
+    double per_metre = 0.0;
+    for (int i = 1; i <= ticks; i++) {
+        double t = i * 1e-3;
+        lockstep_tick(l, (pose){v3_axpy(-speed * t, v3(0, 0, 1), from.position), q_exp(v3(0, 0, rate * t))}, 1e-3);
+        per_metre = l->wrench.force.z / l->state.tip.depth;
+        *torque = l->wrench.torque.z / l->state.tip.depth;
+    }
+    lockstep_free(l);
+    return per_metre;
+}
+
+static void turning_eases_sliding(void **unused) {
+    (void)unused;
+    static const double rates[] = {0.0, 3.0, 10.0, 30.0}; /* rad/s */
+    for (size_t i = 0; i < sizeof rates / sizeof *rates; i++) {
+        double speed = 0.01, radius = 0.5 * 1.27e-3, torque, whole = hypot(speed, radius * rates[i]);
+        double force = friction_while(speed, rates[i], &torque);
+        printf("%g rad/s: %.4f N/m, expected %.4f; %.4g N, expected %.4g\n", rates[i], force, DRY * speed / whole, -torque, DRY * radius * radius * rates[i] / whole);
+        assert_true(fabs(force / (DRY * speed / whole) - 1.0) < 0.01);
+        if (rates[i] > 0.0) assert_true(fabs(-torque / (DRY * radius * radius * rates[i] / whole) - 1.0) < 0.01);
+    }
+}
+
+/* Ten turns there and back: all of the shaft has slid both ways, and the limit of the way back is left, in the torque and in the tip's lag,
+   as the needle stands where it stood. A small turn back leaves the forces of a stuck shaft. */
+static void ten_turns_leave_what_friction_holds(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(DRY, 0.0);
+    lockstep *l = engaged(&c);
+    double f = DRY * l->simulation.needle.radius, depth = l->state.tip.depth;
+    turn(l, 20.0 * M_PI, 8.0);
+    assert_true(fabs(l->state.base_turn - 20.0 * M_PI) < 1e-9);
+    assert_true(fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
+    turn(l, -20.0 * M_PI, 8.0);
+    assert_true(fabs(l->state.base_turn) < 1e-9);
+    assert_true(fabs(l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
+    double lag = f * (0.5 * depth * depth + depth * (l->simulation.needle.given.length - depth)) / l->simulation.needle.torsion;
+    assert_true(fabs(l->state.tip_lead / lag - 1.0) < 0.01);
+    /* held still, nothing changes */
+    double before = l->wrench.torque.z;
+    for (int i = 0; i < 100; i++) lockstep_tick(l, l->base, 1e-3);
+    assert_true(fabs(l->wrench.torque.z - before) < 1e-12);
+    /* from one limit to the other over the angle of twice the limit's twist of shaft and tissue, and not before */
+    turn(l, 0.5 * lag, 0.1);
+    assert_true(l->wrench.torque.z < before && l->wrench.torque.z > -0.9 * before);
+    lockstep_free(l);
+}
+
+/* A stuck shaft, softer tissue around it than the shaft is in torsion: the torque is that of a rod in an elastic foundation with
+   k = 4 pi mu r^2 per length (Winkler), M = sqrt(GJ k) tanh(sqrt(k / GJ) l) angle. */
+static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(1e4, 0.0);
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 30e3;
+    c.insertion.contact_spacing = 1e-3;
+    lockstep *l = engaged(&c);
+    const needle_model *needle = &l->simulation.needle;
+    double mu = 30e3 / 2.9, k = 4.0 * M_PI * mu * needle->radius * needle->radius, depth = l->state.tip.depth, angle = 0.01;
+    double rod = sqrt(needle->torsion * k) * tanh(sqrt(k / needle->torsion) * depth), before = (needle->given.length - depth) / needle->torsion;
+    double expected = angle / (1.0 / rod + before);
+    turn(l, angle, 0.05);
+    printf("stuck: %.6g, expected %.6g\n", -l->wrench.torque.z, expected);
+    assert_true(fabs(-l->wrench.torque.z / expected - 1.0) < 0.01);
+    lockstep_free(l);
+}
+
+/* The bevel cuts toward where the tip's roll says, not the base's. */
+static void bevel_follows_the_tip(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(3e3, 0.0);
+    c.needle.bevel_slope = 0.1;
+    c.needle.outer_diameter = 0.5e-3; /* thin and soft: most of the turn twists the shaft before the tissue */
+    c.needle.inner_diameter = 0.0;
+    c.needle.youngs_modulus = 20e9;
+    lockstep *l = engaged(&c);
+    turn(l, 0.5 * M_PI, 0.2);
+    double roll = 0.5 * M_PI + l->state.tip_lead;
+    assert_true(roll > 0.0 && roll < 1.0);
+    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state};
+    vec3 cut = needle_direction(&tick);
+    assert_true(v3_norm(v3_sub(cut, v3(0.1 * sin(roll), -0.1 * cos(roll), 1.0))) < 1e-3);
+    lockstep_free(l);
+}
+
+static void without_turning_there_is_no_torque(void **unused) {
+    (void)unused;
+    simulation_config c = scene_with(DRY, 100.0);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.05), 0.5, 1e-3);
+    lockstep_move(l, v3(0.002, 0, 0), 0.1, 1e-3);
+    assert_true(l->state.tip_lead == 0.0 && l->state.base_turn == 0.0);
+    for (int k = 0; contact_is_active(&l->state, k); k++) assert_true(l->state.contacts[l->state.refined.order[k]].roll.torque == 0.0);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tip_lags_by_the_twist_of_friction),
+        cmocka_unit_test(turning_eases_sliding),
+        cmocka_unit_test(ten_turns_leave_what_friction_holds),
+        cmocka_unit_test(stuck_shaft_is_a_rod_in_a_foundation),
+        cmocka_unit_test(bevel_follows_the_tip),
+        cmocka_unit_test(without_turning_there_is_no_torque),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

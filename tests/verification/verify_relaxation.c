@@ -1,0 +1,197 @@
+/* Tissue that relaxes: energy balance of random insertions, independence of tick rate and mesh. Held steps and removed loads:
+   tests/test_creep.c. */
+#include "figure8.h"
+#include "insertion/creep.h"
+#include "random_hand.h"
+#include "remesh/refined_field.h"
+#include "rows.h"
+
+static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
+enum { TERMS = 3, SAMPLE = 50 }; /* ticks between two looks at the energy */
+static const double TICK = 1e-3;
+
+static simulation_config relaxing_config(bool relaxing) {
+    simulation_config c = lockstep_config();
+    c.relaxation_count = relaxing ? TERMS : 0;
+    memcpy(c.relaxation, SERIES, sizeof SERIES);
+    return c;
+}
+
+/* ---- energy ------------------------------------------------------------------------------------------------------------------
+
+   A tissue that creeps is a spring in series with elements of a spring and a damper each, term k's spring being 1 / j_k times as stiff and
+   bearing the force q_k that the term remembers. So it stores 1/2 f C f + sum over k of 1/2 j_k q_k C q_k, and the local compliance
+   likewise. What the hand has done and the tissue and the needle do not store was dissipated: by friction, cutting, the damper at the tip,
+   and creep. */
+
+typedef struct {
+    vec3 *nominal, *displaced;
+} nodal;
+
+/* Energy of loads on the nominal mesh, J; `added` on the contact nodes in order. Overwrites both. */
+static double energy_of(lockstep *l, nodal n, vec3 *added) {
+    vec3 moved[MAX_CONTACTS];
+    refinement refined;
+    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    insertion_refinement(&l->state, &refined);
+    refined_displacement(l->simulation.inverse, &refined, (refined_vectors){n.nominal, added}, l->simulation.field_scratch, (refined_vectors){n.displaced, moved});
+    double sum = 0.0;
+    for (size_t i = 0; i < nodes; i++) sum += v3_dot(n.nominal[i], n.displaced[i]);
+    for (int i = 0; i < refined.count; i++) sum += v3_dot(added[i], moved[i]);
+    return 0.5 * sum;
+}
+
+static void spread(const mesh *m, int tet, const double weights[4], vec3 force, vec3 *nominal) {
+    for (int c = 0; c < 4; c++) nominal[m->tets[tet][c]] = v3_axpy(weights[c], force, nominal[m->tets[tet][c]]);
+}
+
+/* Forces of the needle (term -1) or those that a term remembers. */
+static void put_loads(const lockstep *l, int term, vec3 *nominal, vec3 *added) {
+    const insertion_state *s = &l->state;
+    const mesh *m = &l->simulation.mesh;
+    memset(nominal, 0, (size_t)m->node_count * sizeof *nominal);
+    for (int k = 0; contact_is_active(s, k); k++)
+        added[k] = term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].load[term] : v3(0, 0, 0);
+    if (s->tip.phase == TIP_INSIDE && s->tip.known_tet >= 0)
+        spread(m, s->tip.known_tet, s->tip.known_weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].load[term] : v3(0, 0, 0), nominal);
+    for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
+}
+
+/* Energy of the local compliances under forces across the needle and along it, J. */
+static double local_energy(const lockstep *l, int term) {
+    const insertion_workspace *w = l->simulation.workspace;
+    const tissue_memory *memory = &l->state.memory;
+    double sum = 0.0;
+    for (int i = 0; i < w->point_count && i < memory->count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        const share_memory *share = &memory->shares[i];
+        vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
+        if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
+        double part = tip ? 1.0 - l->simulation.needle.radius / (share->to - share->from) : 1.0;
+        vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
+        double shaft = term < 0 ? along - face : part * share->along[term];
+        if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
+        sum += w->lateral[i] * v3_dot(across, across) + w->axial[i + tip] * shaft * shaft;
+        if (tip && term >= 0) face = memory->face[term];
+        if (tip) sum += w->axial[i] * face * face;
+    }
+    return 0.5 * sum / w->creep.yield;
+}
+
+static double stored(lockstep *l, nodal n) {
+    vec3 added[MAX_CONTACTS];
+    const creep_series *creep = &l->simulation.insertion.creep;
+    double sum = needle_energy(&l->simulation.needle, &l->state.needle);
+    for (int term = -1; term < creep->count; term++) {
+        double factor = term < 0 ? 1.0 : creep->compliance[term];
+        put_loads(l, term, n.nominal, added);
+        sum += factor * (energy_of(l, n, added) + local_energy(l, term));
+    }
+    return sum;
+}
+
+typedef struct {
+    double most_work;        /* J */
+    double least;            /* J, dissipated between two looks */
+    double dissipated;       /* J, in the end */
+} energy_record;
+
+static energy_record insert(unsigned seed, bool relaxing) {
+    random_hand hand = random_hand_create(seed);
+    simulation_config c = relaxing_config(relaxing);
+    c.needle.bevel_slope = hand.bevel_slope;
+    lockstep *l = lockstep_create(&c, hand.start);
+    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
+    energy_record r = {.least = INFINITY};
+    double work = 0.0;
+    int ticks = 0;
+    for (int k = 0; k < hand.leg_count; k++) {
+        pose from = l->base;
+        for (int i = 1; i <= (int)(hand.legs[k].seconds / TICK); i++) {
+            pose before = l->base;
+            tick_output then = l->wrench;
+            lockstep_tick(l, hand_pose(&hand.legs[k], from, NEEDLE_LENGTH - l->wrench.depth, i * TICK), TICK);
+            vec3 shift = v3_sub(l->base.position, before.position), turn = q_log(q_multiply(l->base.orientation, q_conjugate(before.orientation)));
+            work -= 0.5 * (v3_dot(v3_add(then.force, l->wrench.force), shift) + v3_dot(v3_add(then.torque, l->wrench.torque), turn));
+            if (++ticks % SAMPLE != 0) continue;
+            double lost = work - stored(l, n);
+            r.least = fmin(r.least, lost - r.dissipated);
+            r.dissipated = lost;
+            r.most_work = fmax(r.most_work, work);
+        }
+    }
+    free(n.nominal), free(n.displaced);
+    lockstep_free(l);
+    return r;
+}
+
+static void check_energy(rows *r) {
+    int count = r->short_form ? 1 : 200;
+    double worst[2] = {INFINITY, INFINITY};
+    char check[160];
+    for (int i = 0; i < count; i++)
+        for (int relaxing = 0; relaxing < 2; relaxing++) {
+            if (!relaxing && (i >= 20 || r->short_form)) continue; /* for comparison */
+            energy_record e = insert((unsigned)i + 1, relaxing);
+            worst[relaxing] = fmin(worst[relaxing], e.least / e.most_work);
+            if (getenv("TELL")) printf("%d %d least %g of %g, in all %g\n", i + 1, relaxing, e.least, e.most_work, e.dissipated);
+        }
+    snprintf(check, sizeof check, "%d random insertion%s: smallest dissipation in 50 ms", count, count > 1 ? "s" : "");
+    rows_add(r, (row){.check = check, .reference = "not negative", .value = worst[1], .expected = NAN, .error = fmax(0.0, -worst[1]), .limit = 0.01,
+                      .note = "relative to the largest work of the hand"});
+    if (r->short_form) return;
+    rows_measured(r, (row){.check = "20 of them, elastic: smallest dissipation in 50 ms", .reference = "not negative", .value = worst[0], .expected = NAN,
+                           .error = fmax(0.0, -worst[0]), .note = "relative to the largest work of the hand"});
+}
+
+/* ---- tick rate and mesh ------------------------------------------------------------------------------------------------------ */
+
+static void check_rates(rows *r) {
+    simulation_config c = relaxing_config(true);
+    figure8_record *reference = figure8_run(&c, 4000, 1);
+    for (double rate = 250; rate < 4000; rate *= 2) {
+        if (r->short_form && rate != 250) continue;
+        char check[96];
+        figure8_record *run = figure8_run(&c, rate, 1);
+        snprintf(check, sizeof check, "figure 8 at %g Hz: force", rate);
+        rows_error(r, check, "4 kHz, over the peak", figure8_difference(run, reference, 0, 3, FIGURE8_SLOWEST_PERIOD), 0.01);
+        free(run);
+    }
+    free(reference);
+}
+
+/* Forces along the needle and sideways after an insertion and a push, and what is left of them after being held. */
+typedef struct { double along, sideways, along_held, sideways_held; } held_forces;
+
+static held_forces push_and_hold(const char *path) {
+    simulation_config c = relaxing_config(true);
+    snprintf(c.mesh_path, sizeof c.mesh_path, "%s", path);
+    lockstep *l = lockstep_create(&c, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.066), 1.5, TICK);
+    double along = -l->wrench.force.z;
+    lockstep_move(l, v3(0, 0, 0), 1.0, TICK);
+    double along_held = -l->wrench.force.z;
+    lockstep_move(l, v3(0.005, 0, 0), 0.2, TICK);
+    double sideways = -l->wrench.force.x;
+    lockstep_move(l, v3(0, 0, 0), 1.0, TICK);
+    held_forces f = {along, sideways, along_held, -l->wrench.force.x};
+    lockstep_free(l);
+    return f;
+}
+
+static void check_meshes(rows *r) {
+    held_forces first = push_and_hold(MESHES "/prostate-570.msh"), other = push_and_hold(MESHES "/prostate.msh");
+    rows_compare(r, "pushed in 66 mm, then held for 1 s: what is left of the force", "another mesh of the body, 588 nodes", first.along_held / first.along, other.along_held / other.along, 0.02, NULL);
+    rows_compare(r, "pushed sideways, then held for 1 s: what is left of the force", "another mesh of the body, 588 nodes", first.sideways_held / first.sideways, other.sideways_held / other.sideways, 0.02, NULL);
+    rows_compare(r, "pushed sideways: force", "another mesh of the body, 588 nodes", first.sideways, other.sideways, 0.07, "N");
+}
+
+int main(int argc, char **argv) {
+    rows r = rows_begin(argc, argv, "Relaxation: energy, independence of rate and mesh");
+    check_energy(&r);
+    check_rates(&r);
+    check_meshes(&r);
+    return rows_end(&r);
+}

@@ -7,6 +7,8 @@
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
+static const double LEAST_WAY = 1e-12; /* m in one step: a shaft whose surface slides by less rests; the direction of its slip is rounding */
+
 double roll_way(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : hypot(slip, radius * roll->turned);
 }
@@ -22,13 +24,14 @@ static shared_bound tangent(double dry, double a, double w) {
 static double rest_of(double dry, double other) { return sqrt(fmax(dry * dry - other * other, 0.0)); }
 
 shared_bound roll_left_to_sliding(double dry, double slip, const roll_friction *roll, double radius) {
-    if (roll->turned != 0.0) return tangent(dry, slip, radius * fabs(roll->turned));
-    return (shared_bound){roll->torque != 0.0 && slip == 0.0 ? rest_of(dry, roll->torque / radius) : dry, 0.0};
+    bool slides = roll_way(slip, roll, radius) > LEAST_WAY;
+    if (roll->turned != 0.0 && slides) return tangent(dry, slip, radius * fabs(roll->turned));
+    return (shared_bound){roll->torque != 0.0 && !slides ? rest_of(dry, roll->torque / radius) : dry, 0.0};
 }
 
 shared_bound roll_left_to_turning(double dry, double slip, double along, const roll_friction *roll, double radius) {
     shared_bound left = {rest_of(dry, along), 0.0};
-    if (slip != 0.0 || roll->turned != 0.0) left = tangent(dry, radius * roll->turned, fabs(slip));
+    if (roll_way(slip, roll, radius) > LEAST_WAY) left = tangent(dry, radius * roll->turned, fabs(slip));
     return (shared_bound){left.bound * radius, left.viscosity * radius * radius};
 }
 

@@ -25,6 +25,13 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
+/* An instrumented worker is too slow to judge: it measures what the mesh resolves for several ticks. */
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+static const bool INSTRUMENTED = true;
+#else
+static const bool INSTRUMENTED = false;
+#endif
+
 /* Each requested contact node is answered once or counted as unanswered; each active one was answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
@@ -37,6 +44,7 @@ static void crossings_are_counted_and_answered(void **unused) {
     assert_int_equal(r->ticks, 3300);
     assert_int_equal(r->tick.count, 3300);
     check_counts(r);
+    if (INSTRUMENTED) return;
     assert_true(r->crossings > 5 && r->contacts > 5);
     assert_true(r->unanswered <= 1); /* the last one may have been requested in the last tick */
     assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all were active before the tip left their elements */
@@ -52,8 +60,9 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, "dense");
     assert_int_equal(r->ticks, 3500);
     assert_in_range(r->crossings, in.crossings * 3 / 4, in.crossings * 3 / 2);
-    assert_int_equal(r->late_crossings, 0);
     check_counts(r);
+    if (INSTRUMENTED) return;
+    assert_int_equal(r->late_crossings, 0);
     assert_true(r->contacts >= r->most_contacts);
 }
 
@@ -65,6 +74,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
     assert_true(none.late_crossings > 0 || none.late_ticks > none.ticks / 2);
     const scale_timing *some = measured(ASIDE, NULL, 2.0, 1e-5, "sparse");
     check_counts(some);
+    if (INSTRUMENTED) return;
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
 }
 
@@ -73,6 +83,7 @@ static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
     const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, "dense");
     check_counts(r);
+    if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
     assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max); /* the worker may be measuring a line meanwhile, until some time in a tick */

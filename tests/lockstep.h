@@ -61,6 +61,15 @@ static inline void lockstep_tick(lockstep *l, pose base, double dt) {
     }
 }
 
+/* Created with the needle 60 mm deep, at rest without force, all its contacts known. */
+static inline lockstep *lockstep_engaged(const simulation_config *config) {
+    pose start = lockstep_start();
+    start.position.z += 0.061;
+    lockstep *l = lockstep_create(config, start);
+    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    return l;
+}
+
 /* Moves the base by `way` in `seconds` at constant speed. */
 static inline void lockstep_move(lockstep *l, vec3 way, double seconds, double dt) {
     pose from = l->base;

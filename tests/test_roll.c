@@ -20,12 +20,8 @@ static simulation_config scene_with(double dry, double viscous) {
     return c;
 }
 
-/* 60 mm deep, without force. */
 static lockstep *engaged(const simulation_config *config) {
-    pose start = lockstep_start();
-    start.position.z += 0.061;
-    lockstep *l = lockstep_create(config, start);
-    for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
+    lockstep *l = lockstep_engaged(config);
     assert_true(contacts_active(&l->state) > 5);
     return l;
 }

@@ -63,6 +63,12 @@ struct trocar_picture {
     vec3 *force, *displacement; /* and of its nodes */
 };
 
+static inline void put(vec3 v, double out[3]) {
+    out[0] = v.x;
+    out[1] = v.y;
+    out[2] = v.z;
+}
+
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 
 /* What trocar_sim_contacts and the like say of a state. RT */

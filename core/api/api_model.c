@@ -96,12 +96,6 @@ trocar_material trocar_model_material(const trocar_model *model, int region) {
                              .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous};
 }
 
-static void put(vec3 v, double out[3]) {
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
-}
-
 int trocar_model_guide_count(const trocar_model *model) { return model->parts.config.guide_count; }
 
 trocar_guide trocar_model_guide(const trocar_model *model, int index) {

@@ -201,9 +201,10 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
 }
 
 /* Hands the next snapshot to the tick if it could be filled. Worker's side. */
-static trocar_status publish(trocar_sim *sim, needle_track *needle, trocar_status status, const posted_request *posted, report *why) {
+static trocar_status publish(trocar_sim *sim, needle_track *needle, trocar_status status, const remesh_request *request, const tissue_loads *others,
+                             report *why) {
     if (status == TROCAR_OK)
-        status = free_displacement_find(sim->model->parts.inverse, &posted->request, &posted->others, triple_buffer_slot(&needle->snapshots), why);
+        status = free_displacement_find(sim->model->parts.inverse, request, others, triple_buffer_slot(&needle->snapshots), why);
     if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     return status;
 }
@@ -221,10 +222,8 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     bool same = snapshot->serial == track->state.request.serial, alone = track->others.count == 0 && !snapshot->loaded;
     if (same && alone) return TROCAR_OK;
     floating_mode before = flush_denormals();
-    compliance_snapshot *next = triple_buffer_slot(&track->snapshots);
-    status = remesher_answer(track->remesher, &track->state.request, next, why);
-    if (status == TROCAR_OK) status = free_displacement_find(sim->model->parts.inverse, &track->state.request, &track->others, next, why);
-    if (status == TROCAR_OK) triple_buffer_publish(&track->snapshots);
+    status = remesher_answer(track->remesher, &track->state.request, triple_buffer_slot(&track->snapshots), why);
+    status = publish(sim, track, status, &track->state.request, &track->others, why);
     restore_floating_mode(before);
     return status;
 }
@@ -238,11 +237,11 @@ static trocar_status answer_request(trocar_sim *sim, needle_track *needle, troca
     floating_mode before = flush_denormals();
     const remesh_request *request = &posted->request;
     trocar_status status = remesher_serve(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
-    status = publish(sim, needle, status, posted, why);
+    status = publish(sim, needle, status, request, &posted->others, why);
     if (status == TROCAR_OK && sim->clock) work->latency = sim->clock() - posted->asked;
     while (status == TROCAR_OK && remesher_must_measure(needle->remesher, request) && !triple_buffer_waits(&needle->requests)) {
         status = remesher_measure(needle->remesher, request, 1, triple_buffer_slot(&needle->snapshots), why);
-        status = publish(sim, needle, status, posted, why);
+        status = publish(sim, needle, status, request, &posted->others, why);
     }
     restore_floating_mode(before);
     work->more = 1;

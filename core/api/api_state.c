@@ -65,12 +65,6 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
 
 /* ---- what there is to see -------------------------------------------------------------------------------------------------- */
 
-static void put(vec3 v, double out[3]) {
-    out[0] = v.x;
-    out[1] = v.y;
-    out[2] = v.z;
-}
-
 static trocar_contact_status status_of(const insertion_state *state, friction_state friction) {
     if (state->buckled) return TROCAR_CONTACT_DETACHED;
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;

@@ -204,13 +204,6 @@ bool remesher_look_ahead(remesher *r) {
 
 /* ---- a request ------------------------------------------------------------------------------------------------------- */
 
-static trocar_status check_request(const remesh_request *request, report *why) {
-    if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
-        return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
-                    request->window_count, MAX_CONTACTS, MAX_WINDOW);
-    return TROCAR_OK;
-}
-
 static trocar_status fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
@@ -226,25 +219,29 @@ static trocar_status fill(remesher *r, const remesh_request *request, compliance
     return left_displacement_find(r->inverse, request, snapshot, why);
 }
 
-trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    trocar_status status = check_request(request, why);
-    if (status == TROCAR_OK) status = move_window(r, request, why);
+static trocar_status update(remesher *r, const remesh_request *request, report *why) {
+    if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
+        return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
+                    request->window_count, MAX_CONTACTS, MAX_WINDOW);
+    trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
-    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
-    return status;
+    return status == TROCAR_OK && r->operations->gather ? r->operations->gather(r, why) : status;
+}
+
+trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+    trocar_status status = update(r, request, why);
+    return status == TROCAR_OK ? fill(r, request, snapshot, why) : status;
 }
 
 bool remesher_must_measure(const remesher *r, const remesh_request *request) { return lines_are_new(r, request); }
 
 trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
     trocar_status status = resolve_pieces(r, request, most, why);
-    if (status == TROCAR_OK) status = fill(r, request, snapshot, why);
-    return status;
+    return status == TROCAR_OK ? fill(r, request, snapshot, why) : status;
 }
 
 trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    trocar_status status = remesher_serve(r, request, snapshot, why);
+    trocar_status status = update(r, request, why);
     return status == TROCAR_OK ? remesher_measure(r, request, MAX_PIECES, snapshot, why) : status;
 }
 

@@ -15,6 +15,12 @@ const banner = (text) => `!document.getElementById('banner').hidden && document.
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
 const tip = (page) => page.evaluate('trocar.stage.needles[0].tip?.z')
 
+/** Takes the needle if the page has lost it: on a busy machine the server or the page may be silent for too long. */
+async function hold(page) {
+  if (!await page.evaluate('trocar.status.drives')) await page.click('#take')
+  await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
+}
+
 let view = await start('clients/view/trocar-view'), server, first, second
 try {
   first = await open()
@@ -66,9 +72,12 @@ try {
     await first.click('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
-    const [tick, base] = await first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
+    const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
+    const [taken] = await shownBase() // this picture may be of a moment at which the needle was still driven
+    await until(first, `trocar.shown.tick > ${taken} + 1000`)
+    const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)
-    assert(Math.abs(await first.evaluate('trocar.shown.needles[0].joints[2]') - base) < 1e-6, 'the base rests')
+    assert(Math.abs((await shownBase())[1] - base) < 1e-6, 'the base rests')
   })
 
   await check('numbers and plots follow', async () => {
@@ -79,6 +88,7 @@ try {
   })
 
   await check('pause and scrub show the past, and live returns', async () => {
+    await hold(first)
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needles[0].tip.z < ${now} - 0.005`)
@@ -99,6 +109,7 @@ try {
 
   await check('a second browser sees the same and cannot take the needle', async () => {
     second = await open({ width: 700, height: 900 })
+    await hold(first)
     await until(second, 'trocar.shown !== null && trocar.status.driven')
     assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
     assert(await second.isDisabled('#take'))
@@ -119,6 +130,7 @@ try {
   })
 
   await check('a gamepad and the lever on the page also drive the needle', async () => {
+    await hold(first)
     const back = await tip(first)
     await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
     await until(first, `trocar.stage.needles[0].tip.z < ${back} - 0.005`) // the left trigger pulls
@@ -150,6 +162,7 @@ try {
   })
 
   await check('further pictures and cuts take no more graphics memory than the first', async () => {
+    await hold(first)
     await first.selectOption('#cut-axis', 'x')
     await until(first, '!trocar.stage.dirty')
     await first.evaluate(() => {
@@ -180,6 +193,7 @@ try {
   await first.setViewportSize({ width: 1000, height: 640 })
 
   await check('Reset must be held down', async () => {
+    await hold(first)
     const deep = await tip(first), [reset] = [first.locator('#reset')]
     await reset.click()
     await first.waitForTimeout(1000)

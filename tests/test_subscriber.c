@@ -74,6 +74,22 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
+/* Tracks come less often than pictures: the newest ones are in each. */
+static void picture_shows_the_newest_tracks(void **state) {
+    fixture *f = *state;
+    uint32_t points[2];
+    for (int i = 0; i < 2; i++) {
+        trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+        if (i == 0) viewer_messages_make_tracks(&f->sight, 0, 70);
+        if (i == 0) trocar_tracks_t_publish(f->lcm, "TROCAR_TRACKS", &f->sight.tracks);
+        trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+        handle_all(f);
+        memcpy(&points[i], f->timeline.pictures[0].data + 8 + 32 + 36, sizeof points[i]);
+    }
+    assert_true(points[0] > 10); /* of a needle that was in the tissue from the start */
+    assert_true(points[0] == (uint32_t)f->sight.tracks.point_count && points[1] == points[0]);
+}
+
 static void a_server_is_alive_while_it_sends(void **state) {
     fixture *f = *state;
     pose base;
@@ -185,7 +201,7 @@ static void a_picture_shows_the_needles_that_were_held(void **state) {
 /* As the network might deliver them: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
-    static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};
+    static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};
     uint32_t random = 3;
     unsigned char noise[600];
     for (int i = 0; i < 2000; i++) {
@@ -193,7 +209,7 @@ static void damaged_messages_are_counted(void **state) {
             random = 1664525u * random + 1013904223u;
             noise[k] = (unsigned char)(random >> 24);
         }
-        lcm_publish(f->lcm, channels[i % 5], noise, random % sizeof noise);
+        lcm_publish(f->lcm, channels[i % 6], noise, random % sizeof noise);
         handle_all(f);
     }
     assert_int_equal(f->feed.refused, 2000);
@@ -204,6 +220,7 @@ static void damaged_messages_are_counted(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(picture_needs_both_messages_of_its_tick, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(picture_shows_the_newest_tracks, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(change_of_server_is_detected, open_fixture, close_fixture),

@@ -5,6 +5,7 @@
 #include "random_hand.h"
 #include "remesh/refined_field.h"
 #include "rows.h"
+#include "twist.h"
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 enum { TERMS = 3, SAMPLE = 50 }; /* ticks between two looks at the energy */
@@ -57,20 +58,25 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal, vec3 *added) {
     for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
 }
 
-/* Energy of the local compliances under forces across the needle and along it, J. */
+/* Part of the tip's share that its shaft takes up; the rest is one radius ahead of it. */
+static double shaft_part(const lockstep *l, const contact_point *p) {
+    double length = p->share.to - p->share.from, radius = l->simulation.needle.radius;
+    return p->kind == POINT_TIP ? length / (length + radius) : 1.0;
+}
+
+/* Energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
 static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->simulation.workspace;
     const tissue_memory *memory = &l->state.memory;
     double sum = 0.0;
-    for (int i = 0; i < w->point_count && i < memory->count; i++) {
+    for (int i = w->guided; i < w->point_count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
-        const share_memory *share = &memory->shares[i];
+        const share_memory *share = &memory->shares[i - w->guided];
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
         if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
-        double part = tip ? 1.0 - l->simulation.needle.radius / (share->to - share->from) : 1.0;
         vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
-        double shaft = term < 0 ? along - face : part * share->along[term];
+        double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->along[term];
         if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
         sum += w->lateral[i] * v3_dot(across, across) + w->axial[i + tip] * shaft * shaft;
         if (tip && term >= 0) face = memory->face[term];
@@ -79,14 +85,26 @@ static double local_energy(const lockstep *l, int term) {
     return 0.5 * sum / w->creep.yield;
 }
 
+/* Energy of the tissue that the shaft has turned, under the torques that a term remembers, J. */
+static double twist_energy(const lockstep *l, int term) {
+    const insertion_workspace *w = l->simulation.workspace;
+    double sum = 0.0;
+    for (int i = w->guided; i < w->point_count; i++) {
+        const share_memory *share = &l->state.memory.shares[i - w->guided];
+        sum += twist_yielding(l, &w->points[i]) * pow(shaft_part(l, &w->points[i]) * share->twist[term], 2);
+    }
+    return 0.5 * sum;
+}
+
 static double stored(lockstep *l, nodal n) {
     vec3 added[MAX_CONTACTS];
     const creep_series *creep = &l->simulation.insertion.creep;
-    double sum = needle_energy(&l->simulation.needle, &l->state.needle);
+    double sum = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l);
     for (int term = -1; term < creep->count; term++) {
         double factor = term < 0 ? 1.0 : creep->compliance[term];
         put_loads(l, term, n.nominal, added);
         sum += factor * (energy_of(l, n, added) + local_energy(l, term));
+        if (term >= 0) sum += factor * twist_energy(l, term);
     }
     return sum;
 }

@@ -2,6 +2,8 @@
    tests/test_creep.c. */
 #include "figure8.h"
 #include "insertion/creep.h"
+#include "insertion/local_compliance.h"
+#include "insertion/strata.h"
 #include "random_hand.h"
 #include "remesh/refined_field.h"
 #include "rows.h"
@@ -64,11 +66,23 @@ static double shaft_part(const lockstep *l, const contact_point *p) {
     return p->kind == POINT_TIP ? length / (length + radius) : 1.0;
 }
 
+/* Near the surface, the tissue under the end face is softer while the face presses harder (local_at_tip): a force F on it stores the
+   integral of F over the displacement, which is this much more than 1/2 F times the displacement. */
+static double softening_energy(const lockstep *l, double face) {
+    const needle_tip *tip = &l->state.tip;
+    enum { STEPS = 20 };
+    double depth = tip->depth - tip_entry_depth(&l->state), sum = 0.0, step = fmax(face, 0.0) / STEPS, point = tip->resolved.point;
+    double now = local_at_tip(&l->simulation.insertion, tip->tet, tip->nominal, depth, fmax(face, 0.0), point);
+    for (double force = 0.5 * step; force < face; force += step)
+        sum += step * force * (now - local_at_tip(&l->simulation.insertion, tip->tet, tip->nominal, depth, force, point));
+    return sum;
+}
+
 /* Energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
 static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->simulation.workspace;
     const tissue_memory *memory = &l->state.memory;
-    double sum = 0.0;
+    double sum = 0.0, softening = 0.0;
     for (int i = w->guided; i < w->point_count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const share_memory *share = &memory->shares[i - w->guided];
@@ -79,10 +93,11 @@ static double local_energy(const lockstep *l, int term) {
         double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->along[term];
         if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
         sum += w->lateral[i] * v3_dot(across, across) + w->axial[i + tip] * shaft * shaft;
+        if (tip && term < 0) softening = softening_energy(l, face);
         if (tip && term >= 0) face = memory->face[term];
         if (tip) sum += w->axial[i] * face * face;
     }
-    return 0.5 * sum / w->creep.yield;
+    return 0.5 * sum / w->creep.yield + softening;
 }
 
 /* Energy of the tissue that the shaft has turned, under the torques that a term remembers, J. */
@@ -116,7 +131,7 @@ typedef struct {
 } energy_record;
 
 static energy_record insert(unsigned seed, bool relaxing) {
-    random_hand hand = random_hand_create(seed);
+    random_hand hand = random_hand_brief(seed);
     simulation_config c = relaxing_config(relaxing);
     c.needle.bevel_slope = hand.bevel_slope;
     lockstep *l = lockstep_create(&c, hand.start);
@@ -146,22 +161,24 @@ static energy_record insert(unsigned seed, bool relaxing) {
 }
 
 static void check_energy(rows *r) {
-    int count = r->short_form ? 1 : 200;
+    enum { INSERTIONS = 200, ELASTIC = 20, OF_SHORT_FORM = 36 }; /* the short form makes every 36th of them */
     double worst[2] = {INFINITY, INFINITY};
+    int count[2] = {0};
     char check[160];
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < INSERTIONS; i++)
         for (int relaxing = 0; relaxing < 2; relaxing++) {
-            if (!relaxing && (i >= 20 || r->short_form)) continue; /* for comparison */
+            if (r->short_form ? !relaxing || i % OF_SHORT_FORM != 1 : !relaxing && i >= ELASTIC) continue;
             energy_record e = insert((unsigned)i + 1, relaxing);
             worst[relaxing] = fmin(worst[relaxing], e.least / e.most_work);
-            if (getenv("TELL")) printf("%d %d least %g of %g, in all %g\n", i + 1, relaxing, e.least, e.most_work, e.dissipated);
+            count[relaxing]++;
         }
-    snprintf(check, sizeof check, "%d random insertion%s: smallest dissipation in 50 ms", count, count > 1 ? "s" : "");
-    rows_add(r, (row){.check = check, .reference = "not negative", .value = worst[1], .expected = NAN, .error = fmax(0.0, -worst[1]), .limit = 0.01,
-                      .note = "relative to the largest work of the hand"});
-    if (r->short_form) return;
-    rows_measured(r, (row){.check = "20 of them, elastic: smallest dissipation in 50 ms", .reference = "not negative", .value = worst[0], .expected = NAN,
-                           .error = fmax(0.0, -worst[0]), .note = "relative to the largest work of the hand"});
+    for (int relaxing = 1; relaxing >= 0 && count[relaxing] > 0; relaxing--) {
+        snprintf(check, sizeof check, "%d random insertions%s: smallest dissipation in 50 ms", count[relaxing], relaxing ? "" : " into elastic tissue");
+        row dissipated = {.check = check, .reference = "not negative", .value = worst[relaxing], .expected = NAN, .error = fmax(0.0, -worst[relaxing]), .limit = 1e-6,
+                          .note = "relative to the largest work of the hand"};
+        if (relaxing) rows_add(r, dissipated);
+        else rows_measured(r, dissipated);
+    }
 }
 
 /* ---- tick rate and mesh ------------------------------------------------------------------------------------------------------ */

@@ -223,7 +223,8 @@ _Static_assert(sizeof(picture_head) == 32, "decode.js reads 32 bytes");
 typedef struct {
     double pose_ms;
     float orientation[4];
-    uint32_t needle, joints, contacts, unused;
+    uint32_t needle, joints, contacts;
+    float tip_lead;
 } needle_head;
 _Static_assert(sizeof(needle_head) == 40, "decode.js reads 40 bytes");
 
@@ -238,7 +239,8 @@ static float displacement_scale(const trocar_deformation_t *d) {
 static void append_needle(byte_buffer *b, const trocar_contacts_t *c) {
     const double *q = c->orientation;
     needle_head head = {.pose_ms = 1e-3 * (double)c->pose_utime, .orientation = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]},
-                        .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count};
+                        .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count,
+                        .tip_lead = (float)c->tip_lead};
     bytes_append(b, &head, sizeof head);
     for (int j = 0; j < c->joint_count; j++) {
         float x[3] = {(float)c->centreline[j][0], (float)c->centreline[j][1], (float)c->centreline[j][2]};

@@ -56,11 +56,12 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind. */
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll less the base's. */
 function decodeNeedle(body, at, joints, contacts) {
   const head = new DataView(body, at, 40)
   return {
     poseTime: head.getFloat64(0, true), orientation: [0, 1, 2, 3].map((i) => head.getFloat32(8 + 4 * i, true)),
+    tipLead: head.getFloat32(36, true),
     joints: new Float32Array(body, at + 40, 3 * joints),
     contacts: new Float32Array(body, at + 40 + 12 * joints, CONTACT_NUMBERS * contacts),
   }

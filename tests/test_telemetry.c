@@ -217,7 +217,7 @@ static void the_tip_lags_behind_a_turned_base(void **state) {
     show_turned_needle(f, 1.0);
     receive(f);
     assert_non_null(f->contacts);
-    assert_true(f->contacts->tip_lead < -1e-4);
+    assert_true(f->contacts->tip_lead < -1e-5);
     assert_true(f->contacts->tip_lead == trocar_sim_tip_lead(f->host.sim, 0));
 }
 

@@ -1,5 +1,7 @@
 /* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
    hyperelastic elements: tests/verification/verify_large_deflection.py. */
+#include "allocations.h"
+#include "insertion/insertion.h"
 #include "insertion/stiffening.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
@@ -248,6 +250,59 @@ static void relaxing_spring_relaxes(void **unused) {
     lockstep_free(b);
 }
 
+enum { TICKS = 400, RUNS = 5 };
+
+/* Processor time of ticks that move the needle in and out by 1 mm, s, at most 50 mm/s. */
+static void time_ticks(lockstep *l, double *times, double *passes) {
+    pose start = l->base;
+    for (int i = 0; i < TICKS; i++) {
+        struct timespec before, after;
+        pose base = start;
+        base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
+        tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
+                             .base = {.pose = base}, .dt = 1e-3, .output = &l->wrench};
+        int64_t counted = allocations_now();
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
+        insertion_tick(&tick);
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &after);
+        if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now() - counted, 0);
+        times[i] = after.tv_sec - before.tv_sec + 1e-9 * (after.tv_nsec - before.tv_nsec);
+        *passes += (double)l->wrench.passes / (RUNS * TICKS);
+    }
+}
+
+static int by_size(const void *a, const void *b) { return (*(const double *)a > *(const double *)b) - (*(const double *)a < *(const double *)b); }
+
+/* Linear and stiffening tissue in turns. The cost is printed and not judged: machines are under load. */
+static void tick_allocates_nothing(void **unused) {
+    (void)unused;
+    static double times[2][RUNS * TICKS];
+    double passes[2] = {0};
+    lockstep *l[2];
+    checkpoint *saved[2];
+    for (int k = 0; k < 2; k++) {
+        simulation_config c = stiffened(2.0 * k);
+        l[k] = lockstep_create(&c, lockstep_start());
+        lockstep_move(l[k], v3(0, 0, 0.075), 1.0, 1e-3);
+        saved[k] = malloc(sizeof *saved[k]);
+        simulation_save(&l[k]->state, l[k]->snapshot, saved[k]);
+    }
+    for (int run = 0; run < RUNS; run++)
+        for (int k = 0; k < 2; k++) {
+            report why;
+            assert_int_equal(simulation_restore(&l[k]->simulation, saved[k], &l[k]->state, l[k]->snapshot, &why), TROCAR_OK);
+            time_ticks(l[k], &times[k][run * TICKS], &passes[k]);
+        }
+    for (int k = 0; k < 2; k++) qsort(times[k], RUNS * TICKS, sizeof **times, by_size);
+    double linear = times[0][RUNS * TICKS / 2], stiff = times[1][RUNS * TICKS / 2];
+    printf("tick with %d contacts: median %.1f us in %.3f passes; stiffening %.1f us in %.3f passes: %.3f times\n", contacts_active(&l[0]->state), 1e6 * linear,
+           passes[0], 1e6 * stiff, passes[1], stiff / linear);
+    for (int k = 0; k < 2; k++) {
+        free(saved[k]);
+        lockstep_free(l[k]);
+    }
+}
+
 static void restored_simulation_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = stiffened(2.0);
@@ -351,6 +406,7 @@ int main(void) {
         cmocka_unit_test(passes_stay_few),
         cmocka_unit_test(nothing_is_gained_from_the_tissue),
         cmocka_unit_test(relaxing_spring_relaxes),
+        cmocka_unit_test(tick_allocates_nothing),
         cmocka_unit_test(restored_simulation_continues_bit_identically),
         cmocka_unit_test(indentation_follows_liver),
         cmocka_unit_test(faster_needle_punctures_earlier),

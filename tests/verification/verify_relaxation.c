@@ -11,7 +11,7 @@
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 enum { TERMS = 3, SAMPLE = 50 }; /* ticks between two looks at the energy */
-static const double TICK = 1e-3;
+static const double TICK = 1e-3, STIFFENING = 2.0;
 
 static simulation_config relaxing_config(bool relaxing) {
     simulation_config c = lockstep_config();
@@ -83,7 +83,7 @@ static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->simulation.workspace;
     const tissue_memory *memory = &l->state.memory;
     double sum = 0.0, softening = 0.0;
-    for (int i = w->guided; i < w->point_count; i++) {
+    for (int i = w->guided; i < w->point_count && (term < 0 || i - w->guided < memory->count); i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const share_memory *share = &memory->shares[i - w->guided];
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
@@ -111,10 +111,34 @@ static double twist_energy(const lockstep *l, int term) {
     return 0.5 * sum;
 }
 
+/* Energy that a stiffening spring stores on top of a linear one, J: the integral of the force over the displacement. */
+static double stiffening_energy(const stiffening_law *law, double force) {
+    double energy = force * stiffening_at(law, force).shift;
+    for (int i = 0; i < 100; i++) energy -= stiffening_at(law, force * (i + 0.5) / 100).shift * force / 100;
+    return energy;
+}
+
+/* Of all local compliances; elastic tissue. */
+static double stiffened_energy(const lockstep *l) {
+    const insertion_workspace *w = l->simulation.workspace;
+    const stiffening_step *s = &w->stiffening;
+    double sum = 0.0;
+    if (!l->simulation.insertion.stiffens) return 0.0;
+    for (int i = w->guided; i < w->point_count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        vec3 track = tip ? l->state.tip.direction : l->state.contacts[w->points[i].handle].direction;
+        double end = tip ? l->state.tip.end_force : 0.0;
+        sum += stiffening_energy(&s->along[i], v3_dot(track, v3_axpy(-end, needle, force)));
+        if (tip) sum += stiffening_energy(&s->face, end + v3_dot(l->state.tip.damping, needle));
+    }
+    return sum;
+}
+
 static double stored(lockstep *l, nodal n) {
     vec3 added[MAX_CONTACTS];
     const creep_series *creep = &l->simulation.insertion.creep;
-    double sum = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l);
+    double sum = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l) + stiffened_energy(l);
     for (int term = -1; term < creep->count; term++) {
         double factor = term < 0 ? 1.0 : creep->compliance[term];
         put_loads(l, term, n.nominal, added);
@@ -130,10 +154,11 @@ typedef struct {
     double dissipated;       /* J, in the end */
 } energy_record;
 
-static energy_record insert(unsigned seed, bool relaxing) {
+static energy_record insert(unsigned seed, bool relaxing, double stiffening) {
     random_hand hand = random_hand_brief(seed);
     simulation_config c = relaxing_config(relaxing);
     c.needle.bevel_slope = hand.bevel_slope;
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.stiffening = stiffening;
     lockstep *l = lockstep_create(&c, hand.start);
     size_t nodes = (size_t)l->simulation.mesh.node_count;
     nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
@@ -160,6 +185,19 @@ static energy_record insert(unsigned seed, bool relaxing) {
     return r;
 }
 
+static void check_energy_of_stiffening(rows *r) {
+    char check[160];
+    double worst = INFINITY;
+    int count = r->short_form ? 1 : 50;
+    for (int i = 0; i < count; i++) {
+        energy_record e = insert((unsigned)i + 1, false, STIFFENING);
+        worst = fmin(worst, e.least / e.most_work);
+    }
+    snprintf(check, sizeof check, "elastic tissue that stiffens, S = %g, %d random insertion%s: smallest dissipation in 50 ms", STIFFENING, count, count > 1 ? "s" : "");
+    rows_add(r, (row){.check = check, .reference = "not negative", .value = worst, .expected = NAN, .error = fmax(0.0, -worst), .limit = 0.01,
+                      .note = "relative to the largest work of the hand"});
+}
+
 static void check_energy(rows *r) {
     enum { INSERTIONS = 200, ELASTIC = 20, OF_SHORT_FORM = 36 }; /* the short form makes every 36th of them */
     double worst[2] = {INFINITY, INFINITY};
@@ -168,7 +206,7 @@ static void check_energy(rows *r) {
     for (int i = 0; i < INSERTIONS; i++)
         for (int relaxing = 0; relaxing < 2; relaxing++) {
             if (r->short_form ? !relaxing || i % OF_SHORT_FORM != 1 : !relaxing && i >= ELASTIC) continue;
-            energy_record e = insert((unsigned)i + 1, relaxing);
+            energy_record e = insert((unsigned)i + 1, relaxing, 0.0);
             worst[relaxing] = fmin(worst[relaxing], e.least / e.most_work);
             count[relaxing]++;
         }
@@ -179,6 +217,7 @@ static void check_energy(rows *r) {
         if (relaxing) rows_add(r, dissipated);
         else rows_measured(r, dissipated);
     }
+    check_energy_of_stiffening(r);
 }
 
 /* ---- tick rate and mesh ------------------------------------------------------------------------------------------------------ */

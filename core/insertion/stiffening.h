@@ -1,0 +1,33 @@
+/* Stiffening tissue in the contact problem: what its local compliances lack of linear ones. Nothing changes where no tissue stiffens. See
+   README.md, "Stiffening". */
+#ifndef TROCAR_STIFFENING_H
+#define TROCAR_STIFFENING_H
+
+#include "insertion/tick.h"
+
+/* A share of the shaft: compliance of a line force per logarithm, m^2/N, and mean stiffening. */
+typedef struct {
+    double softness, stiffening;
+} stiffened_shaft;
+
+/* How much farther ahead of the tissue the shaft is under this traction (N/m) because its share has come to lie in other regions, beyond
+   what linear tissue makes of it, m. RT */
+double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
+
+/* The laws of this step's points. After find_local_compliance, before creep_recall. RT */
+void stiffening_prepare(const tick_context *tick);
+
+/* Compliance along the shaft at point i under this force, on top of the linear one, m/N; at most 0. RT */
+double stiffening_slope(const tick_context *tick, int i, double force);
+
+/* Linearises about the present forces. RT */
+void stiffening_linearise(const tick_context *tick);
+
+/* Adds what was linearised to the contact problem: to its compliance, and to its gaps. RT */
+void stiffening_add_compliance(const tick_context *tick);
+void stiffening_shift_gaps(const tick_context *tick);
+
+/* Is the displacement with the new forces the one that was linearised? RT */
+bool stiffening_agrees(const tick_context *tick);
+
+#endif

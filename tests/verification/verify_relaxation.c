@@ -220,6 +220,36 @@ static void check_energy(rows *r) {
     check_energy_of_stiffening(r);
 }
 
+/* A needle that sticks is shaken: nothing but creep dissipates. With forces taken at the end of a tick, no tick dissipates less than nothing. */
+static void check_shaken(rows *r) {
+    simulation_config c = relaxing_config(true);
+    for (int i = 0; i < c.region_count; i++) {
+        region_material *m = &c.regions[i].material;
+        m->cutting_force = m->friction_static = m->friction_kinetic = 1e4;
+    }
+    lockstep *l = lockstep_engaged(&c);
+    size_t nodes = (size_t)l->simulation.mesh.node_count;
+    nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
+    energy_record e = {.least = INFINITY};
+    double work = 0.0;
+    pose start = l->base;
+    for (int i = 1; i <= 400; i++) {
+        double t = i * TICK;
+        pose before = l->base;
+        vec3 way = v3(1e-3 * sin(21.0 * t), 0.7e-3 * sin(33.0 * t), 0.3e-3 * sin(27.0 * t));
+        lockstep_tick(l, (pose){v3_add(start.position, way), start.orientation}, TICK);
+        work -= v3_dot(l->wrench.force, v3_sub(l->base.position, before.position));
+        double lost = work - stored(l, n);
+        e.least = fmin(e.least, lost - e.dissipated);
+        e.dissipated = lost;
+        e.most_work = fmax(e.most_work, work);
+    }
+    rows_add(r, (row){.check = "stuck needle shaken: smallest dissipation in a tick", .reference = "not negative", .value = e.least / e.most_work, .expected = NAN,
+                      .error = fmax(0.0, -e.least / e.most_work), .limit = 1e-6, .note = "relative to the largest work of the hand"});
+    free(n.nominal), free(n.displaced);
+    lockstep_free(l);
+}
+
 /* ---- tick rate and mesh ------------------------------------------------------------------------------------------------------ */
 
 static void check_rates(rows *r) {
@@ -265,6 +295,7 @@ static void check_meshes(rows *r) {
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Relaxation: energy, independence of rate and mesh");
     check_energy(&r);
+    check_shaken(&r);
     check_rates(&r);
     check_meshes(&r);
     return rows_end(&r);

@@ -38,7 +38,7 @@ static void assert_same(lateral_axial a, lateral_axial b, double relative) {
 }
 
 static lateral_axial local_at(int tet, vec3 x, double resolved) {
-    lateral_axial line = local_line_compliance_at(&model, tet, x), logarithm = local_logarithm(&model, &(resolved_field){resolved, resolved, 0.0});
+    lateral_axial line = local_line_compliance_at(&model, tet, x), logarithm = local_logarithm(&model, &(resolved_field){.lateral = resolved, .axial = resolved});
     return (lateral_axial){line.lateral * logarithm.lateral, line.axial * logarithm.axial};
 }
 

@@ -112,11 +112,15 @@ void leave_contact(const tick_context *tick) {
         drop_plan(state);
         slot = add_contact(tick, tip->nominal, tip->depth, tip_way(tip, tip->direction));
     }
-    lateral_axial logarithm = tip->resolved_known ? local_logarithm(tick->model, &tip->resolved) : (lateral_axial){0.0, 0.0};
-    if (slot >= 0)
-        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .log_lateral = logarithm.lateral, .log_axial = logarithm.axial, .arc = tick->model->needle->given.length, .track = tip_place(tip),
+    if (slot >= 0) {
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
                                                 .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
                                                 .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction, .roll = tip->roll};
+        if (tip->resolved_known) {
+            state->contacts[slot].log_axial = local_logarithm(tick->model, &tip->resolved).axial;
+            state->contacts[slot].log_lateral = local_logarithm_across(tick->model, &tip->resolved, tip->direction);
+        }
+    }
     tip->next_contact = INFINITY;
 }
 

@@ -75,16 +75,13 @@ static mat3 surplus_of(const remesher *r, int slot) {
 trocar_status resolve_contact(remesher *r, int slot, report *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
-    r->contacts[slot] = (contact_field){.surplus_axial = 0.0};
+    r->contacts[slot] = (contact_field){0};
     if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
     const line_piece *known = find_piece(r, &line);
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
     if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
-    mat3 surplus = surplus_of(r, slot);
-    double along = v3_dot(line.direction, m3_apply(&surplus, line.direction));
-    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,
-                                         .surplus_lateral = 0.5 * (surplus.m[0][0] + surplus.m[1][1] + surplus.m[2][2] - along)};
+    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus = surplus_of(r, slot)};
     return TROCAR_OK;
 }

@@ -62,10 +62,19 @@ trocar_status resolve_pieces(remesher *r, const remesh_request *request, int mos
     return TROCAR_OK;
 }
 
-/* A moved node's is that of a node added at the same place. */
+/* What the mesh yields more because of the node, where contacts bear equal forces. Nodes before it in the same element, between which its
+   displacement is interpolated, yield more under its force as well, and it under theirs. A moved node's is that of a node added at the
+   same place. */
 static mat3 surplus_of(const remesher *r, int slot) {
     const added_node *node = &r->refined.nodes[slot];
-    if (node->moved < 0) return node_surplus(r->tissue, &r->refined, r->refined.count);
+    if (node->moved < 0) {
+        mat3 sum = node_surplus(r->tissue, &r->refined, r->refined.count);
+        for (int c = 0; c < 4; c++) {
+            double weight = node->at.weights[c];
+            if (node->at.corners[c] < 0) m3_add_scaled(&sum, weight * (2.0 + weight), &r->contacts[-1 - node->at.corners[c]].surplus);
+        }
+        return sum;
+    }
     leaf_point at;
     memcpy(at.corners, r->tissue->mesh->tets[node->tet], sizeof at.corners);
     mesh_barycentric(r->tissue->mesh, node->tet, node->position, at.weights);

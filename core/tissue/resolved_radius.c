@@ -8,8 +8,9 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-/* The patch: elements with a node within this distance of the line, and so far along it, in edge lengths of the mesh there. Its boundary
-   nodes nearer to the line than FREE edge lengths are left free: so close to the line, the exact solution has no meaning for a mesh. */
+/* The patch: elements with a node within this distance of the line, and so far along it, in edge lengths of the mesh there; along it, at
+   least in lengths of the way through the element. Its boundary nodes nearer to the line than FREE edge lengths are left free: so close to
+   the line, the exact solution has no meaning for a mesh. */
 static const double RADIUS = 1.6, HALF_LENGTH = 1.2, FREE = 0.45;
 
 struct resolver {
@@ -242,7 +243,8 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
 
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
-    neighbourhood_take(&r->around, tet, x[count / 2], direction, RADIUS, HALF_LENGTH);
+    patch_reach reach = {.radius = RADIUS, .half_length = HALF_LENGTH, .least = HALF_LENGTH * v3_norm(v3_sub(x[count - 1], x[0]))};
+    neighbourhood_take(&r->around, tet, x[count / 2], direction, reach);
     trocar_status status = measure_line(r, tet, count, x, resolved, why);
     if (status == TROCAR_OK) status = measure_point(r, tet, count, x, resolved, why);
     return status;

@@ -12,7 +12,10 @@ plane_tensor plane_sum(double s, plane_tensor a, double t, plane_tensor b) {
 }
 
 /* Half the difference of the principal values. */
-static double spread_of(plane_tensor t) { return hypot(0.5 * (t.xx - t.yy), t.xy); }
+static double spread_of(plane_tensor t) {
+    double half = 0.5 * (t.xx - t.yy);
+    return sqrt(half * half + t.xy * t.xy);
+}
 
 plane_tensor plane_at_least(plane_tensor t, double least) {
     double mean = 0.5 * (t.xx + t.yy), spread = spread_of(t);

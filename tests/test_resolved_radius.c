@@ -139,12 +139,14 @@ static resolved_field measure(block *b, vec3 x, vec3 direction) {
 static resolved_field mean_along(block *b, double x, double y) {
     enum { POINTS = 10 };
     double h = cbrt(sqrt(2.0) * 0.012 * 0.012 * 0.0125), lateral_sum = 0.0, axial_sum = 0.0;
+    mat3 uneven = {{{0}}};
     for (int i = 0; i < POINTS; i++) {
         resolved_field f = measure(b, v3(x, y, 0.0375 + 0.0125 * (i + 0.5) / POINTS), v3(0, 0, -1));
         lateral_sum += log(f.lateral / h);
         axial_sum += log(f.axial / h);
+        m3_add_scaled(&uneven, 1.0 / POINTS, &f.uneven);
     }
-    return (resolved_field){.lateral = exp(lateral_sum / POINTS), .axial = exp(axial_sum / POINTS)};
+    return (resolved_field){.uneven = uneven, .lateral = exp(lateral_sum / POINTS), .axial = exp(axial_sum / POINTS)};
 }
 
 /* Radii in h of the same lines on the whole mesh, with the exact solution on its boundary, by another program. */
@@ -159,6 +161,22 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
         assert_close(log(f.lateral / whole[i].lateral), 0.0, 0.09);
         assert_close(log(f.axial / whole[i].axial), 0.0, 0.09);
     }
+    destroy(&b);
+}
+
+/* In a face of the mesh, the plane y = 0, pushed along it and across it. */
+static void directions_across_differ_as_on_the_whole_mesh(void **state) {
+    (void)state;
+    static const double within = 0.252, across = 0.331;
+    block b;
+    create(&b, 1.0, 20e3);
+    resolved_field f = mean_along(&b, 0.003, 0.0);
+    assert_close(log(f.lateral / within) + f.uneven.m[0][0], 0.0, 0.09);
+    assert_close(log(f.lateral / across) + f.uneven.m[1][1], 0.0, 0.09);
+    assert_close(f.uneven.m[0][0] + f.uneven.m[1][1], 0.0, 1e-12);
+    assert_close(f.uneven.m[2][2], 0.0, 1e-12);
+    resolved_field turned = mean_along(&b, 0.0, 0.003); /* the mesh is symmetric */
+    assert_close(turned.uneven.m[1][1], f.uneven.m[0][0], 0.02);
     destroy(&b);
 }
 
@@ -186,6 +204,7 @@ int main(void) {
         cmocka_unit_test(mindlins_solution_is_in_equilibrium_below_a_free_surface),
         cmocka_unit_test(line_forces_are_in_equilibrium_and_of_unit_size),
         cmocka_unit_test(patches_measure_what_the_whole_mesh_resolves),
+        cmocka_unit_test(directions_across_differ_as_on_the_whole_mesh),
         cmocka_unit_test(radii_scale_with_the_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

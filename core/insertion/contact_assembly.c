@@ -87,7 +87,7 @@ void find_local_compliance(const tick_context *tick) {
     for (int i = w->guided; i < t; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
-        w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus_lateral);
+        w->lateral[i] = plane_principal(local_of_share_across(contact->log_lateral, shaft.lateral, contact->surplus_lateral), contact->direction);
         w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
         w->stiffening.stiffness[i] = shaft.axial;
         w->stiffening.mean[i] = shaft.stiffening;
@@ -99,9 +99,12 @@ void find_local_compliance(const tick_context *tick) {
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
     lateral_axial logarithm = local_logarithm(model, &tip->resolved);
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
-    w->lateral[t] = logarithm.lateral / (shaft.lateral + radius / line.lateral); /* one radius more */
+    double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
+    w->lateral[t] = plane_principal(local_logarithm_across(model, &tip->resolved, tip->direction), tip->direction);
+    w->lateral[t].least /= stiffness;
+    w->lateral[t].more /= stiffness;
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
-    w->loose = w->lateral[t] * (1.0 / fmax(hold, 1e-6) - 1.0);
+    w->loose = logarithm.lateral / stiffness * (1.0 / fmax(hold, 1e-6) - 1.0);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->stiffening.stiffness[t] = shaft.axial;
     w->stiffening.mean[t] = shaft.stiffening;
@@ -213,11 +216,12 @@ static void add_local_compliance(contact_problem *p, const insertion_workspace *
     int first = unknown(p->count, point, 0), face = unknown(p->count, point, 2), axial = face + tip;
     const int row[] = {first, first + 1, axial};
     vec3 share = m3_apply_transposed(&w->points[point].at.frame, track); /* of each force, along the track */
-    const double along[] = {share.x, share.y, share.z};
+    vec3 aside = m3_apply_transposed(&w->points[point].at.frame, w->lateral[point].easy);
+    const double along[] = {share.x, share.y, share.z}, easy[] = {aside.x, aside.y, aside.z}, least = w->lateral[point].least, more = w->lateral[point].more;
     double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
     for (int i = 0; i < 3; i++)
         for (int j = 0; j <= i; j++)
-            p->compliance[row[i]][row[j]] += w->lateral[point] * ((i == j) - along[i] * along[j]) + (j == 2 ? shaft : held) * along[i] * along[j];
+            p->compliance[row[i]][row[j]] += least * ((i == j) - along[i] * along[j]) + more * easy[i] * easy[j] + (j == 2 ? shaft : held) * along[i] * along[j];
     if (tip) p->compliance[face][face] += w->axial[point];
 }
 

@@ -3,6 +3,7 @@
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
+static const double LONGEST_SHARE = 0.8;   /* edge lengths of the mesh: a longer way through an element has more than one contact */
 static const double PLAN_TOLERANCE = 2e-4; /* m, a planned contact node is used if the tip passes this close to it */
 
 double last_contact_depth(const insertion_state *state) {
@@ -66,7 +67,16 @@ void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-void plan_contact(const tick_context *tick, vec3 direction) {
+/* Edge length of the mesh in an element, m. */
+static double size_of(const mesh *m, int tet) {
+    double sum = 0.0;
+    for (int c = 0; c < 4; c++) sum += 0.25 * m->node_size[m->tets[tet][c]];
+    return sum;
+}
+
+/* The way through an element has shares of equal length, each with its contact node in the middle. `another`: the tip is at such a node,
+   with half of its share ahead. */
+static void plan(const tick_context *tick, vec3 direction, bool another) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
@@ -81,10 +91,19 @@ void plan_contact(const tick_context *tick, vec3 direction) {
             add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, direction);
         return;
     }
-    double due = fmax(tip->depth + 0.5 * chord, earliest);
+    double shares = chord / (LONGEST_SHARE * size_of(model->mesh, tip->tet));
+    shares = another ? ceil(shares - 0.5) : fmax(ceil(shares), 1.0);
+    if (shares < 1.0) return;
+    double due = fmax(tip->depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
     if (due >= tip->depth + 0.95 * chord) return;
     tip->next_contact = due;
     add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due, direction);
+}
+
+void plan_contact(const tick_context *tick, vec3 direction) { plan(tick, direction, false); }
+
+void plan_another(const tick_context *tick, vec3 direction) {
+    if (tick->model->settings.placement == PLACE_INSIDE) plan(tick, direction, true);
 }
 
 bool leaves_contact_at_exit(const tick_context *tick, double depth) {
@@ -112,11 +131,15 @@ void leave_contact(const tick_context *tick) {
         drop_plan(state);
         slot = add_contact(tick, tip->nominal, tip->depth, tip_way(tip, tip->direction));
     }
-    lateral_axial logarithm = tip->resolved_known ? local_logarithm(tick->model, &tip->resolved) : (lateral_axial){0.0, 0.0};
-    if (slot >= 0)
-        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .log_lateral = logarithm.lateral, .log_axial = logarithm.axial, .arc = tick->model->needle->given.length, .track = tip_place(tip),
+    if (slot >= 0) {
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
                                                 .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
                                                 .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction, .roll = tip->roll};
+        if (tip->resolved_known) {
+            state->contacts[slot].log_axial = local_logarithm(tick->model, &tip->resolved).axial;
+            state->contacts[slot].log_lateral = local_logarithm_across(tick->model, &tip->resolved, tip->direction);
+        }
+    }
     tip->next_contact = INFINITY;
 }
 

@@ -7,9 +7,12 @@
 /* Depth of the last one that the tip has passed, m; -INFINITY without one. RT */
 double last_contact_depth(const insertion_state *state);
 
-/* On entering an element: its contact node is due half way through it (or where the tip leaves it, as the scene says), but not closer
-   to the last one than the spacing. Requested now, its row of the inverse is there when the tip is. RT */
+/* On entering an element: its contact node is due half way through it (or where the tip leaves it, as the scene says), or, where that is
+   a long way, in the middle of its first share, but not closer to the last one than the spacing. Requested now, its row of the inverse is there when the tip is. RT */
 void plan_contact(const tick_context *tick, vec3 direction);
+
+/* The next one in the same element, which the tip has just left one in, if its way through it is long. RT */
+void plan_another(const tick_context *tick, vec3 direction);
 void drop_plan(insertion_state *state); /* RT */
 
 /* Where the tip goes out of the tissue, it leaves one more contact if the last one is far enough away: planned ahead as well. `left`: m to

@@ -261,7 +261,8 @@ void creep_recall(const tick_context *tick) {
         step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->load, step->decay));
         step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->across, step->decay));
         step->along[i] = sum_along(creep, share->along, step->decay) / step->yield;
-        w->lateral[i] *= step->yield;
+        w->lateral[i].least *= step->yield;
+        w->lateral[i].more *= step->yield;
         w->axial[i] *= step->yield;
     }
     step->face = 0.0;
@@ -287,7 +288,9 @@ void creep_shift_gaps(const tick_context *tick) {
         vec3 along = m3_apply_transposed(frame, track), force = m3_apply_transposed(frame, w->creep.across[i]);
         force.z = w->creep.along[i];
         double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
-        vec3 moved = v3_axpy(w->lateral[i], v3_axpy(-part, along, force), v3_scale(held * part, along));
+        vec3 easy = m3_apply_transposed(frame, w->lateral[i].easy);
+        vec3 moved = v3_axpy(w->lateral[i].least, v3_axpy(-part, along, force), v3_scale(held * part, along));
+        moved = v3_axpy(w->lateral[i].more * v3_dot(easy, force), easy, moved);
         p->gap[unknown(p->count, i, 0)] -= moved.x;
         p->gap[unknown(p->count, i, 1)] -= moved.y;
         p->gap[unknown(p->count, i, 2) + tip] -= moved.z + (shaft - held) * along.z * along.z * force.z;

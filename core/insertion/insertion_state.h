@@ -2,6 +2,7 @@
 #ifndef TROCAR_INSERTION_STATE_H
 #define TROCAR_INSERTION_STATE_H
 
+#include "insertion/plane_tensor.h"
 #include "insertion/tissue_memory.h"
 #include "insertion/track_list.h"
 #include "needle/needle.h"
@@ -33,9 +34,10 @@ typedef struct {
     double slip;             /* m, by which the shaft slid forward past it in the last solve; applied by the next tick */
     double slid;             /* m of sliding since it last stuck */
     friction_state friction;
-    double log_lateral;      /* logarithm of the radius that the mesh resolves over the needle's, for forces sideways; 0: not known yet */
-    double log_axial;        /* the same along the needle */
-    double surplus_lateral, surplus_axial; /* m/N, compliance that its node adds by being in the mesh */
+    double log_axial;        /* logarithm of the radius that the mesh resolves over the needle's, for forces along it; 0: not known yet */
+    plane_tensor log_lateral; /* the same across the track */
+    plane_tensor surplus_lateral; /* m/N, compliance that its node adds by being in the mesh: across, */
+    double surplus_axial;    /* and along the track */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
     double stiffening;       /* mean over its share, of the regions' */
     double traction;         /* N/m, force along the needle over the length of its share */

@@ -37,13 +37,12 @@ static void activate_contact(const tick_context *tick, int k) {
     const contact_field *field = &tick->snapshot->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    if (contact->log_lateral == 0.0) { /* the tip that left it did not know it yet */
-        lateral_axial logarithm = local_logarithm(model, &field->resolved);
-        contact->log_lateral = logarithm.lateral;
-        contact->log_axial = logarithm.axial;
+    if (contact->log_axial == 0.0) { /* the tip that left it did not know it yet */
+        contact->log_axial = local_logarithm(model, &field->resolved).axial;
+        contact->log_lateral = local_logarithm_across(model, &field->resolved, contact->direction);
     }
-    contact->surplus_lateral = field->surplus_lateral;
-    contact->surplus_axial = field->surplus_axial;
+    contact->surplus_lateral = plane_part(&field->surplus, contact->direction);
+    contact->surplus_axial = v3_dot(contact->direction, m3_apply(&field->surplus, contact->direction));
     double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
@@ -96,6 +95,9 @@ bool follow_resolution(const tick_context *tick) {
         double moved = v3_norm(v3_sub(tip->nominal, tip->resolved_at)), fading = exp(-0.5 * moved / tick->model->needle->radius);
         used.lateral = exp(faded(log(now.lateral), log(then.lateral), log(tip->resolved.lateral), fading));
         used.axial = exp(faded(log(now.axial), log(then.axial), log(tip->resolved.axial), fading));
+        used.uneven = m3_scaled(1.0, now.uneven);
+        m3_add_scaled(&used.uneven, fading, &tip->resolved.uneven);
+        m3_add_scaled(&used.uneven, -fading, &then.uneven);
         used.point = faded(now.point, then.point, tip->resolved.point, fading);
     }
     tip->resolved = used;

@@ -99,6 +99,12 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
     return (lateral_axial){fmax(log(resolved->lateral / radius), LEAST_LOGARITHM), fmax(log(resolved->axial / radius), LEAST_LOGARITHM)};
 }
 
+plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction) {
+    plane_tensor uneven = plane_part(&resolved->uneven, direction);
+    double mean = log(resolved->lateral / model->needle->radius);
+    return plane_at_least((plane_tensor){mean + uneven.xx, uneven.xy, mean + uneven.yy}, LEAST_LOGARITHM);
+}
+
 /* 1 / mu */
 static double softness(const insertion_model *model, int tet, const double weights[4]) {
     return 2.0 * M_PI * interpolate(model, tet, weights, model->node_axial);
@@ -112,6 +118,11 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 
 /* Negative where the node adds more than the mesh lacks, down to half of what it adds: the contact as a whole yields all the same. */
 double local_of_share(double logarithm, double stiffness, double surplus) { return fmax(logarithm / stiffness - surplus, -0.5 * surplus); }
+
+plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, plane_tensor surplus) {
+    plane_tensor whole = plane_at_least(plane_sum(1.0 / stiffness, logarithm, -0.5, surplus), 0.0);
+    return plane_sum(1.0, whole, -0.5, surplus);
+}
 
 double local_room(double logarithm, double stiffness, double surplus) { return local_of_share(logarithm, stiffness, surplus) + 0.5 * surplus; }
 

@@ -4,6 +4,7 @@
 #define TROCAR_LOCAL_COMPLIANCE_H
 
 #include "insertion/insertion_model.h"
+#include "insertion/plane_tensor.h"
 #include "tissue/resolved_radius.h"
 
 /* A quantity for forces across the needle, and for those along it. */
@@ -18,11 +19,16 @@ lateral_axial local_line_compliance(const region_material *material); /* RT */
 /* at point x of nominal element `tet` a mean over the materials around, continuous across elements; */
 lateral_axial local_line_compliance_at(const insertion_model *model, int tet, vec3 x); /* RT */
 
-/* and the logarithm, of the radius that the mesh resolves there over the needle's. RT */
-lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved);
+/* and the logarithm, of the radius that the mesh resolves there over the needle's; across it a mean, */
+lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved); /* RT */
 
-/* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
+/* or for each direction across. RT */
+plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
+
+/* Local compliance of a contact along the needle and across it, m/N. stiffness: lengths of its share, each over the line force's
+   compliance there, N/m. RT */
 double local_of_share(double logarithm, double stiffness, double surplus);
+plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, plane_tensor surplus);
 
 /* m/N, by which that of stiffening tissue may be lower, with the same limit. RT */
 double local_room(double logarithm, double stiffness, double surplus);

@@ -124,7 +124,8 @@ typedef struct {
     contact_problem problem;
     vec3 free_at_tip;                        /* m, u_free there */
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
-    double lateral[MAX_POINTS], axial[MAX_AXIAL]; /* local compliance, m/N; the last one along the needle: of the shaft next to the tip */
+    principal_tensor lateral[MAX_POINTS];    /* local compliance, m/N: across the track, */
+    double axial[MAX_AXIAL];                 /* and along the needle; the last one: of the shaft next to the tip */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */

@@ -156,8 +156,10 @@ static void advance(const tick_context *tick, vec3 direction, double distance) {
         if (grazing) graze_on(tick, direction, part);
         if (tip->phase != TIP_INSIDE) return;
         if (grazing && v3_norm(tip->outward) == 0.0) continue; /* back in the tissue: another element, perhaps */
-        if (to_contact <= part) leave_contact(tick);
-        else if (to_face <= part && model->mesh->neighbours[tip->tet][face] < 0 && grazes(tick, face, direction))
+        if (to_contact <= part) {
+            leave_contact(tick);
+            plan_another(tick, direction);
+        } else if (to_face <= part && model->mesh->neighbours[tip->tet][face] < 0 && grazes(tick, face, direction))
             begin_grazing(tick, face, direction);
         else if (to_face <= part) {
             tip->blocked_by = old_tracks_obstacle(tick, tip->tet, face, model->mesh->neighbours[tip->tet][face], tip->nominal);

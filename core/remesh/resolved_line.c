@@ -62,10 +62,19 @@ trocar_status resolve_pieces(remesher *r, const remesh_request *request, int mos
     return TROCAR_OK;
 }
 
-/* A moved node's is that of a node added at the same place. */
+/* What the mesh yields more because of the node, where contacts bear equal forces. Nodes before it in the same element, between which its
+   displacement is interpolated, yield more under its force as well, and it under theirs. A moved node's is that of a node added at the
+   same place. */
 static mat3 surplus_of(const remesher *r, int slot) {
     const added_node *node = &r->refined.nodes[slot];
-    if (node->moved < 0) return node_surplus(r->tissue, &r->refined, r->refined.count);
+    if (node->moved < 0) {
+        mat3 sum = node_surplus(r->tissue, &r->refined, r->refined.count);
+        for (int c = 0; c < 4; c++) {
+            double weight = node->at.weights[c];
+            if (node->at.corners[c] < 0) m3_add_scaled(&sum, weight * (2.0 + weight), &r->contacts[-1 - node->at.corners[c]].surplus);
+        }
+        return sum;
+    }
     leaf_point at;
     memcpy(at.corners, r->tissue->mesh->tets[node->tet], sizeof at.corners);
     mesh_barycentric(r->tissue->mesh, node->tet, node->position, at.weights);
@@ -75,16 +84,13 @@ static mat3 surplus_of(const remesher *r, int slot) {
 trocar_status resolve_contact(remesher *r, int slot, report *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
-    r->contacts[slot] = (contact_field){.surplus_axial = 0.0};
+    r->contacts[slot] = (contact_field){0};
     if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
     const line_piece *known = find_piece(r, &line);
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
     if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
-    mat3 surplus = surplus_of(r, slot);
-    double along = v3_dot(line.direction, m3_apply(&surplus, line.direction));
-    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus_axial = along,
-                                         .surplus_lateral = 0.5 * (surplus.m[0][0] + surplus.m[1][1] + surplus.m[2][2] - along)};
+    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus = surplus_of(r, slot)};
     return TROCAR_OK;
 }

@@ -56,7 +56,9 @@ resolved_field piece_at(const line_piece *piece, vec3 x) {
     const resolved_field *f = piece->at;
     double way = v3_dot(v3_sub(x, piece->start), piece->line.direction);
     double s = piece->length > 0.0 ? fmin(fmax(way / piece->length, 0.0), 1.0) : 0.0, t = 1.0 - s;
-    return (resolved_field){.lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
+    mat3 uneven = m3_scaled(t, f[0].uneven);
+    m3_add_scaled(&uneven, s, &f[2].uneven);
+    return (resolved_field){.uneven = uneven, .lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
                             .axial = exp(t * log(f[0].axial) + s * log(f[2].axial)),
                             .point = t * (t - s) * f[0].point + 4.0 * s * t * f[1].point + s * (s - t) * f[2].point};
 }

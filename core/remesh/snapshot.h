@@ -52,10 +52,10 @@ typedef struct {
 
 enum { MAX_PIECES = 16 };
 
-/* Of a contact node: what the mesh resolves there, and what it yields more because the node was added, m/N. */
+/* Of a contact node: what the mesh resolves there, and what it yields more because the node was added, m/N, symmetric. */
 typedef struct {
     resolved_field resolved;
-    double surplus_lateral, surplus_axial;
+    mat3 surplus;
 } contact_field;
 
 /* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */

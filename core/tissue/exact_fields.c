@@ -25,9 +25,9 @@ vec3 line_traction(int axis, vec3 at, vec3 area, double poisson_ratio) {
     return v3((pressure + 2.0 * exx) * area.x + 2.0 * exy * area.y, 2.0 * exy * area.x + (pressure + 2.0 * eyy) * area.y, pressure * area.z);
 }
 
-double line_lateral_radius(double u, double poisson_ratio) {
-    return exp(-8.0 * M_PI * (1.0 - poisson_ratio) * u / (3.0 - 4.0 * poisson_ratio));
-}
+double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_PI * (1.0 - poisson_ratio) * u / (3.0 - 4.0 * poisson_ratio); }
+
+double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
 vec3 kelvin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio) {
     vec3 d = v3_sub(x, source);

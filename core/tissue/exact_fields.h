@@ -18,6 +18,9 @@ vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 double line_lateral_radius(double u, double poisson_ratio);
 double line_axial_radius(double u);
 
+/* The logarithm of a radius that displacements across differ by. */
+double line_lateral_logarithm(double u, double poisson_ratio);
+
 /* At `x`, by a unit force at `source`, in a body whose free surface is the plane z = 0; source.z >= 0, x.z >= 0.
    Mindlin, Physics 7, 195 (1936). Far below the surface it is Kelvin's. m^-1 */
 vec3 mindlin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio);

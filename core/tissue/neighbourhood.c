@@ -213,7 +213,7 @@ static void assemble(neighbourhood *n) {
 
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
 
-void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, double radius, double half_length) {
+void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, patch_reach reach) {
     const mesh *m = n->tissue->mesh;
     double weights[4];
     n->origin = x;
@@ -222,8 +222,8 @@ void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, doubl
     n->size = 0.0;
     mesh_barycentric(m, tet, x, weights);
     for (int c = 0; c < 4; c++) n->size += fmax(weights[c], 0.0) * m->node_size[m->tets[tet][c]];
-    double reach = n->size;
-    while (!grow(n, tet, radius * reach, half_length * reach)) reach *= 0.9;
+    double radius = reach.radius * n->size, half_length = fmax(reach.half_length * n->size, reach.least);
+    while (!grow(n, tet, radius, half_length)) radius *= 0.9, half_length *= 0.9;
     mark_cut(n);
     trace_line(n);
     assemble(n);

@@ -33,9 +33,15 @@ typedef struct {
 trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *why);
 void neighbourhood_free(neighbourhood *n);
 
-/* Collects the elements within `radius` of the line through `x` of element `tet`, and within `half_length` of `x` along it (in edge lengths
-   of the mesh there), and their stiffness. As many as there is room for. Allocates nothing. */
-void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, double radius, double half_length);
+/* How far it reaches: from the line, and along it in both directions. */
+typedef struct {
+    double radius, half_length; /* in edge lengths of the mesh there */
+    double least;               /* m, of half the length */
+} patch_reach;
+
+/* Collects the elements with a node within reach of `x` of element `tet` and the line through it, and their stiffness. As many as there
+   is room for. Allocates nothing. */
+void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, patch_reach reach);
 
 /* A face of the outer surface where nothing holds it. Where it is held, the body ends no more than it does at the neighbourhood's other
    borders: how far away a support is the nominal mesh knows. */

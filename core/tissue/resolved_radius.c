@@ -8,8 +8,9 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-/* The patch: elements with a node within this distance of the line, and so far along it, in edge lengths of the mesh there. Its boundary
-   nodes nearer to the line than FREE edge lengths are left free: so close to the line, the exact solution has no meaning for a mesh. */
+/* The patch: elements with a node within this distance of the line, and so far along it, in edge lengths of the mesh there; along it, at
+   least in lengths of the way through the element. Its boundary nodes nearer to the line than FREE edge lengths are left free: so close to
+   the line, the exact solution has no meaning for a mesh. */
 static const double RADIUS = 1.6, HALF_LENGTH = 1.2, FREE = 0.45;
 
 struct resolver {
@@ -143,6 +144,16 @@ static void push_line(resolver *r, int axis) {
     solve(r);
 }
 
+/* From displacements across, by forces along the frame's x and y: their mean, and how far they are from it. */
+static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
+    double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
+    double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);
+    mat3 uneven = {{{half, shear, 0}, {shear, -half, 0}, {0, 0, 0}}}, back = m3_transposed(&r->around.frame);
+    uneven = m3_multiply(&uneven, &back);
+    resolved->lateral = line_lateral_radius(mean, nu);
+    resolved->uneven = m3_multiply(&r->around.frame, &uneven);
+}
+
 static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
     free_for_line(r, true);
     trocar_status status = factor(r, why);
@@ -152,12 +163,13 @@ static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x
     free_for_line(r, false);
     status = factor(r, why);
     if (status != TROCAR_OK) return status;
-    double sideways[MAX_RESOLVED] = {0};
+    double moved[MAX_RESOLVED][2][2];
     for (int axis = 0; axis < 2; axis++) {
         push_line(r, axis);
-        for (int k = 0; k < count; k++) sideways[k] += 0.5 * moved_at(r, tet, x[k], axis);
+        for (int k = 0; k < count; k++)
+            for (int a = 0; a < 2; a++) moved[k][axis][a] = moved_at(r, tet, x[k], a);
     }
-    for (int k = 0; k < count; k++) resolved[k].lateral = line_lateral_radius(sideways[k], r->around.poisson_ratio);
+    for (int k = 0; k < count; k++) set_lateral(r, moved[k], &resolved[k]);
     return TROCAR_OK;
 }
 
@@ -231,7 +243,8 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
 
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
-    neighbourhood_take(&r->around, tet, x[count / 2], direction, RADIUS, HALF_LENGTH);
+    patch_reach reach = {.radius = RADIUS, .half_length = HALF_LENGTH, .least = HALF_LENGTH * v3_norm(v3_sub(x[count - 1], x[0]))};
+    neighbourhood_take(&r->around, tet, x[count / 2], direction, reach);
     trocar_status status = measure_line(r, tet, count, x, resolved, why);
     if (status == TROCAR_OK) status = measure_point(r, tet, count, x, resolved, why);
     return status;

@@ -8,7 +8,8 @@
 
 /* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */
 typedef struct {
-    double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does */
+    double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does; across, a geometric mean */
+    mat3 uneven;             /* symmetric: of a push along unit vector e across the line, the radius's logarithm is e.uneven e larger */
     double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
 } resolved_field;
 

@@ -73,11 +73,13 @@ static void picture_free(picture *s) {
 /* The total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
-static void add_local(picture *s, point *p, double lateral, double axial) {
+static void add_local(picture *s, point *p, principal_tensor lateral, double axial) {
     double along = v3_dot(load_at(p), p->tangent);
     vec3 across = v3_axpy(-along, p->tangent, load_at(p));
-    p->moved = v3_axpy(lateral, across, v3_axpy(axial * along, p->tangent, p->moved));
-    s->local += 0.5 * (lateral * v3_dot(across, across) + axial * along * along);
+    double easily = v3_dot(across, lateral.easy);
+    p->moved = v3_axpy(lateral.least, across, v3_axpy(axial * along, p->tangent, p->moved));
+    p->moved = v3_axpy(lateral.more * easily, lateral.easy, p->moved);
+    s->local += 0.5 * (lateral.least * v3_dot(across, across) + lateral.more * easily * easily + axial * along * along);
 }
 
 /* A tip's share of the shaft turns with TIP_SHAFT. */
@@ -123,7 +125,7 @@ static void take_picture(lockstep *l, picture *s) {
         }
         p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(load_at(p), p->moved);
-        add_local(s, p, i == at ? w->lateral[at] : 0.0, w->axial[i]);
+        add_local(s, p, i == at ? w->lateral[at] : (principal_tensor){0}, w->axial[i]);
         if (p->id != TIP) add_twist(l, s, p, &w->points[at]);
     }
     s->needle = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l);

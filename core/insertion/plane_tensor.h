@@ -1,0 +1,33 @@
+/* Symmetric tensors in the plane across a needle's track. */
+#ifndef TROCAR_PLANE_TENSOR_H
+#define TROCAR_PLANE_TENSOR_H
+
+#include "base/vec.h"
+
+/* Components in the first two axes of frame_along() of the track's direction. */
+typedef struct {
+    double xx, xy, yy;
+} plane_tensor;
+
+/* The same tensor as `least` in all directions, and `more` along the unit vector `easy`. */
+typedef struct {
+    double least, more;
+    vec3 easy;
+} principal_tensor;
+
+/* Of all components: finite if they are. RT */
+static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
+
+/* The part of a symmetric tensor that lies across. RT */
+plane_tensor plane_part(const mat3 *tensor, vec3 direction);
+
+/* s a + t b. RT */
+plane_tensor plane_sum(double s, plane_tensor a, double t, plane_tensor b);
+
+/* With principal values below `least` raised to it. RT */
+plane_tensor plane_at_least(plane_tensor t, double least);
+
+/* RT */
+principal_tensor plane_principal(plane_tensor t, vec3 direction);
+
+#endif

@@ -202,7 +202,7 @@ static void nothing_is_gained_from_the_tissue(void **unused) {
         pose start = l->base;
         double least = 0.0, most = 0.0, left = INFINITY;
         unsigned seed = 1;
-        for (int run = 0; run < 40; run++) {
+        for (int run = 0; run < 20; run++) {
             report why;
             assert_int_equal(simulation_restore(&l->simulation, rest, &l->state, l->snapshot, &why), TROCAR_OK);
             l->base = start;

@@ -1,6 +1,5 @@
 #include "insertion/stiffening.h"
 
-#include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 

@@ -239,6 +239,14 @@ TROCAR_API int trocar_model_segments(const trocar_model *model);               /
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
 TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
 
+/* Where the first needle's base waits before the insertion: the scene's keys "needle.start.". Returns 1 and the pose, or 0 when the scene
+   has none. */
+TROCAR_API int trocar_model_start(const trocar_model *model, trocar_pose *start);
+
+/* From the patient's coordinates (DICOM's: mm to the left, back and head) to the mesh's (m): the scene's key "patient_to_mesh", row by
+   row; its upper left 3 x 3 is a rotation times 1e-3. Returns 1 and the matrix, or 0 when the scene has none. */
+TROCAR_API int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]);
+
 /* The mesh at rest. Its named groups, here called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 and 0 for curves and points. */
 TROCAR_API int trocar_model_node_count(const trocar_model *model);
 TROCAR_API int trocar_model_tet_count(const trocar_model *model);

@@ -150,6 +150,8 @@ def image_of(regions, edge, box=None):
     share}."""
     thin = thinnest(regions)
     points = np.vstack([shell.points for region in regions for shell in region])
+    if box:
+        points = np.clip(points, *box)
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))

@@ -58,13 +58,14 @@ def organs_of(given, available, labels):
     came = available
     if labels:
         came = {}
-        for group in filter(None, (chosen[:len(chosen) - len(body)], body)):
-            found = limits.run(f"surfaces of {', '.join(group)}", voxels.outlined, labels, group)
-            came.update({name: (found[name], labels.segments[name].code) for name in group})
+        inner = chosen[:len(chosen) - len(body)]
+        found = limits.run(f"surfaces of {', '.join(inner)}", voxels.outlined, labels, inner)
+        came.update({name: (found[name], labels.segments[name].code) for name in inner})
+        came.update({name: (limits.run(f"surface of {name}", voxels.body_of, labels, name), "") for name in body})
     organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, came[name]) for name in chosen]
     skin = organs.pop() if body else None
-    if skin and not skin.shells:
-        skin.shells = limits.run(f"surface of \"{skin.roi}\"", pipeline.smooth_surfaces, skin)
+    if skin:
+        skin.shells = limits.run(f"surface of \"{skin.roi}\"", pipeline.skin_surfaces, skin)
     for organ in organs:
         if organ.name != re.sub(r"\W+", "_", organ.roi.lower()).strip("_"):
             organ.note(f"is called {organ.name} in mesh and scene")

@@ -174,6 +174,11 @@ def smooth_surfaces(organ):
     return organ.shape.surfaces()
 
 
+def skin_surfaces(organ):
+    """Of the body, without cavities."""
+    return shells.outermost(smooth_surfaces(organ))
+
+
 def box_around(gland, bones, others, margin=MARGIN):
     """Low and high corner, DICOM mm. The skin is the low z. Each: a list of shells. `margin`: around the gland."""
     def corners(found):

@@ -373,8 +373,17 @@ def face_points(mask):
     return found[::1 + len(found) // MOST_CHECKED]
 
 
+def body_of(map_, name):
+    """Outlined, of the body: the segment of this name and all others, which labels of one layer leave out of it."""
+    every = np.zeros(map_.layers[0].shape, bool)
+    for segment in map_.segments.values():
+        every |= map_.layers[segment.layer] == segment.value
+    whole_map = LabelMap([every.astype(np.uint8)], map_.place, {name: Segment(0, 1)}, map_.notes)
+    return outlined(whole_map, [name])[name]
+
+
 def outlined(map_, names):
-    """name -> Outlined, of these segments together: they share surfaces where they touch. Names of segments that overlap keep the overlap."""
+    """name -> Outlined, of these segments together: they share surfaces where they touch, unless they overlap."""
     masks = {name: map_.mask(name) for name in names}
     for name, mask in masks.items():
         if not mask.any():

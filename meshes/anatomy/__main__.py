@@ -81,12 +81,13 @@ def organ_of(roi, name, bone, came):
 
 
 def run(given):
+    """What was made: the organs, the mesh, the domain, the outlines' volumes; None if only the regions were listed."""
     limits.SECONDS, limits.TELL = given.time_limit, given.progress
     own = materials.read(given.materials) if given.materials else {}
     available, labels = read_all(given)
     if given.list:
         print("\n".join(available))
-        return
+        return None
     try:
         organs, skin = organs_of(given, available, labels)
     except contours.Unusable as error:
@@ -108,6 +109,7 @@ def run(given):
         os.remove(path)
         raise
     write_texts(given, own, [*organs, *([skin] if skin else [])], domain, (mesh, outlined, start))
+    return organs, mesh, domain, outlined
 
 
 def write_texts(given, own, organs, domain, made):

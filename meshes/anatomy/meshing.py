@@ -373,7 +373,7 @@ def search(domain, nodes, path):
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
         domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
-                                  (domain.low, domain.high) if domain.skin else domain.crop)
+                                  (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
         if best and work > MOST_WORK:
             break

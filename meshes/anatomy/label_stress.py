@@ -3,11 +3,13 @@ the limits.
 
 usage: python3 -m anatomy.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
        python3 -m anatomy.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
+       python3 -m anatomy.label_stress forces BUILD_DIR [NODES]  the same insertion in one organ from outlines, labels and a surface
 """
 import contextlib
 import io
 import os
 import resource
+import subprocess
 import sys
 import tempfile
 
@@ -122,7 +124,8 @@ def slicer(p):
 def layers(p):
     whole = (p.solid() == 1).astype(np.uint8)
     inputs.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
-    return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {"Prostate": p.volumes["Prostate"], "Urethra": p.volumes["Urethra"]}
+    return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {
+        "Prostate": p.volumes["Prostate"] + p.volumes["Urethra"], "Urethra": p.volumes["Urethra"]}
 
 
 def dicom(p):
@@ -213,6 +216,37 @@ def kinds(nodes=570, *chosen):
     return bad
 
 
+# ---- forces --------------------------------------------------------------------------------------------------------------------
+
+FORCE_LIMIT = 0.03      # of the largest force
+
+
+def forces(build, nodes=570):
+    """The script `insert` of trocar-device from the same place of the patient."""
+    print("| input | nodes | prostate, ml | largest force, N | to the first, % | rms difference of the curves, % of the largest force |")
+    print("|" + 6 * "---|")
+    build, curves, volumes = os.path.abspath(build), [], []
+    with tempfile.TemporaryDirectory() as place:
+        p = Patient(place)
+        shipped.write_rtstruct(p.path("rt.dcm"), patient.outlines(patient.Gland(), 2.5))
+        inputs.write_nrrd(p.path("labels.seg.nrrd"), p.solid(), p.place, {1: "Prostate"})
+        made = p.surfaces(".stl")
+        for name, path in (("RT Structure Set", p.path("rt.dcm")), ("label map", p.path("labels.seg.nrrd")), ("STL", made[0])):
+            _, mesh, _, _ = make(path, "--roi", "Prostate", "--nodes", nodes, "--output", p.path("out"), "--entry=6,-2,-54", "--target=6,-2,0")
+            subprocess.run([f"{build}/clients/trocar-device", "--script", "insert", "--scene", p.path("out.yaml"), "--write-log", p.path("in.log")], check=True)
+            subprocess.run([f"{build}/clients/trocar-replay", "--scene", p.path("out.yaml"), "--poses", p.path("in.log"), "--csv", p.path("out.csv"), "--quiet"],
+                           check=True)
+            curves.append(np.genfromtxt(p.path("out.csv"), delimiter=",", names=True, usecols=("t", "fx", "fy", "fz"), encoding="utf-8"))
+            volumes.append(mesh.region_volume("prostate") * 1e6)
+            force, first = (np.column_stack([c["fx"], c["fy"], c["fz"]]) for c in (curves[-1], curves[0]))
+            largest = [np.linalg.norm(f, axis=1).max() for f in (force, first)]
+            off = np.sqrt(((force - first) ** 2).sum(axis=1).mean()) / largest[1]
+            print(f"| {name} | {len(mesh.points)} | {volumes[-1]:.2f} | {largest[0]:.3f} | {100 * (largest[0] / largest[1] - 1):+.2f} | {100 * off:.2f} |", flush=True)
+            if abs(largest[0] / largest[1] - 1) > FORCE_LIMIT or abs(volumes[-1] / volumes[0] - 1) > VOLUME_LIMIT:
+                return 1
+    return 0
+
+
 # ---- random label maps -----------------------------------------------------------------------------------------------------------
 
 def random_map(number):
@@ -280,7 +314,7 @@ def random_maps(first=0, count=200):
 
 
 def main():
-    modes = {"kinds": kinds, "random": random_maps}
+    modes = {"kinds": kinds, "random": random_maps, "forces": forces}
     if len(sys.argv) < 2 or sys.argv[1] not in modes:
         sys.exit(__doc__)
     sys.exit(modes[sys.argv[1]](*sys.argv[2:]) > 0)

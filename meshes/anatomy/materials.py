@@ -20,9 +20,9 @@ class Material:
 
 PROSTATE = Material(60e3, 0.3, 15, 9, 0.9)
 OTHER = Material(30e3, 0.25, 12, 7)
-# Name in the table of sources: material, words in the region's name (as a whole word or its beginning), SNOMED CT codes.
+# Name in the table of sources: material, beginnings of words in the region's name, SNOMED CT codes.
 TABLE = {
-    "prostate": (PROSTATE, ("prostate", "gland", "prostata"), ("41216001", "181422007")),
+    "prostate": (PROSTATE, ("prostate", "prostata"), ("41216001", "181422007")),
     "urethra": (OTHER, ("urethra",), ("13648007",)),
     "rectum": (Material(20e3, 0.25, 12, 7), ("rectum", "anorectum"), ("34402009",)),
     "bladder": (Material(10e3, 0.25, 12, 7), ("bladder", "urinary_bladder", "gallbladder"), ("89837001",)),
@@ -32,6 +32,7 @@ TABLE = {
     "pancreas": (Material(4.8e3, 0.25, 12, 7), ("pancreas",), ("15776009",)),
     "muscle": (Material(11e3, 0.25, 12, 7), ("muscle", "gluteus", "iliopsoas", "autochthon", "levator", "obturator", "psoas"), ("91727004",)),
 }
+ALSO = {"gland": "prostate"}     # whole names
 COLUMNS = {"name": None, "youngs_modulus": "modulus", "poisson_ratio": "poisson", "cutting_force": "cutting", "cutting_viscosity": "viscosity",
            "friction_static": "static", "friction_kinetic": "kinetic", "friction_viscous": "viscous", "puncture_force": "wall"}
 POSITIVE = ("modulus",)
@@ -44,6 +45,8 @@ def words_of(name):
 def known(name, kind=""):
     """The row of TABLE for a region's name, or for what its file says it is; None: there is none."""
     codes, plain = set(words_of(kind)), "_".join(words_of(name))
+    if plain in ALSO:
+        return ALSO[plain]
     for row, (_, _, snomed) in TABLE.items():
         if codes & set(snomed):
             return row

@@ -18,9 +18,9 @@ SNOMED = {1: ("41216001", "Prostate"), 2: ("13648007", "Urethra"), 3: ("34402009
 SEGMENTATION_UID = shipped.UID + ".4"
 
 
-def pelvis(spacing=(1.0, 1.0, 1.5), gland=None):
+def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
     """Labels NAMES of the synthetic patient, (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that ends below."""
-    gland = gland or patient.Gland()
+    gland = patient.Gland()
     low, high = np.array([-95.0, -75.0, -62.0]), np.array([95.0, 75.0, 80.0])
     x, y, z = (np.arange(a, b, s) for a, b, s in zip(low, high, spacing))
     plane = np.stack(np.meshgrid(x, y), axis=-1)
@@ -43,7 +43,7 @@ def pelvis(spacing=(1.0, 1.0, 1.5), gland=None):
         ring = section.outline(height)
         if len(ring):
             labels[k][shapely.vectorized.contains(shapely.geometry.Polygon(ring), middle_x, middle_y)] = 1
-        if abs(height) < c + 8:
+        if urethra and abs(height) < c + 8:
             labels[k][within(gland.lean * height, gland.tilt * height - 0.1 * b + 0.004 * height ** 2, 3.0) & inside] = 2
         labels[k][(patient.arch_depth(gland, middle_x, middle_y, np.full(middle_x.shape, height)) < 0) & inside] = 5
     place = np.diag([*map(float, spacing), 1.0])

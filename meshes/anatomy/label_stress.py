@@ -52,9 +52,13 @@ class Patient:
         return os.path.join(self.folder, name)
 
     def solid(self):
-        """Prostate and arch alone, the urethra as part of the prostate."""
-        labels = np.where(self.labels == 2, 1, self.labels)
+        """Prostate and arch alone, without the urethra."""
+        labels, _ = inputs.pelvis(SPACING, False)
         return np.where((labels == 1) | (labels == 5), labels, 0).astype(np.uint8)
+
+    def whole(self):
+        """What is true of solid()."""
+        return {"Prostate": np.count_nonzero(self.solid() == 1) * np.prod(SPACING)}
 
     def shells(self):
         map_ = voxels.LabelMap([self.solid()], self.place, {"Prostate": voxels.Segment(0, 1), "Pubic arch": voxels.Segment(0, 5)})
@@ -124,8 +128,7 @@ def slicer(p):
 def layers(p):
     whole = (p.solid() == 1).astype(np.uint8)
     inputs.write_nrrd(p.path("two.seg.nrrd"), [whole, (p.labels == 2).astype(np.uint8)], p.place, {(0, 1): "Prostate", (1, 1): "Urethra"})
-    return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {
-        "Prostate": p.volumes["Prostate"] + p.volumes["Urethra"], "Urethra": p.volumes["Urethra"]}
+    return [p.path("two.seg.nrrd"), "--roi", "Prostate", "--roi", "Urethra"], {**p.whole(), "Urethra": p.volumes["Urethra"]}
 
 
 def dicom(p):
@@ -134,19 +137,19 @@ def dicom(p):
 
 
 def stl(p):
-    return [*p.surfaces(".stl"), *TWO], {"Prostate": p.volumes["Prostate"] + p.volumes["Urethra"]}
+    return [*p.surfaces(".stl"), *TWO], p.whole()
 
 
 def obj(p):
-    return [*p.surfaces(".obj", "RAS", 0.1), "--unit", "cm", "--frame", "RAS", *TWO], {"Prostate": p.volumes["Prostate"] + p.volumes["Urethra"]}
+    return [*p.surfaces(".obj", "RAS", 0.1), "--unit", "cm", "--frame", "RAS", *TWO], p.whole()
 
 
 def vtk(p):
-    return [*p.surfaces(".vtk", "RAS"), *TWO], {"Prostate": p.volumes["Prostate"] + p.volumes["Urethra"]}
+    return [*p.surfaces(".vtk", "RAS"), *TWO], p.whole()
 
 
 def vtp(p):
-    return [*p.surfaces(".vtp"), *TWO], {"Prostate": p.volumes["Prostate"] + p.volumes["Urethra"]}
+    return [*p.surfaces(".vtp"), *TWO], p.whole()
 
 
 def cells(p):
@@ -236,9 +239,9 @@ def forces(build, nodes=570):
             subprocess.run([f"{build}/clients/trocar-device", "--script", "insert", "--scene", p.path("out.yaml"), "--write-log", p.path("in.log")], check=True)
             subprocess.run([f"{build}/clients/trocar-replay", "--scene", p.path("out.yaml"), "--poses", p.path("in.log"), "--csv", p.path("out.csv"), "--quiet"],
                            check=True)
-            curves.append(np.genfromtxt(p.path("out.csv"), delimiter=",", names=True, usecols=("t", "fx", "fy", "fz"), encoding="utf-8"))
+            curves.append(np.genfromtxt(p.path("out.csv"), delimiter=",", skip_header=1, usecols=(1, 2, 3), encoding="utf-8"))
             volumes.append(mesh.region_volume("prostate") * 1e6)
-            force, first = (np.column_stack([c["fx"], c["fy"], c["fz"]]) for c in (curves[-1], curves[0]))
+            force, first = curves[-1], curves[0]
             largest = [np.linalg.norm(f, axis=1).max() for f in (force, first)]
             off = np.sqrt(((force - first) ** 2).sum(axis=1).mean()) / largest[1]
             print(f"| {name} | {len(mesh.points)} | {volumes[-1]:.2f} | {largest[0]:.3f} | {100 * (largest[0] / largest[1] - 1):+.2f} | {100 * off:.2f} |", flush=True)

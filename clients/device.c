@@ -6,18 +6,20 @@
 #include "output.h"
 #include "player.h"
 #include "poselog.h"
+#include "trocar.h"
 
 const char *argp_program_version = "trocar-device " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
     play_settings play;
-    const char *report_path, *csv_path, *log_path;
+    const char *report_path, *csv_path, *log_path, *scene_path;
+    bool start_given;
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
        OPTION_WAIT, OPTION_SETTLE,
-       OPTION_NEEDLE };
+       OPTION_NEEDLE, OPTION_SCENE };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
@@ -25,6 +27,7 @@ static const struct argp_option option_list[] = {
     {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default 0.005,0.003,-0.201)", 0},
+    {"scene", OPTION_SCENE, "FILE", 0, "Start at this scene's needle.start, and move along the needle's axes there", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
@@ -74,7 +77,11 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
     case 'd': o->play.duration = parse_number(state, "duration", text, 1e-3, 1e5); break;
     case OPTION_SPEED: o->play.speed = parse_number(state, "speed", text, 1e-3, 10); break;
-    case OPTION_START: o->play.start.position = parse_vector(state, "start", text); break;
+    case OPTION_START:
+        o->play.start.position = parse_vector(state, "start", text);
+        o->start_given = true;
+        break;
+    case OPTION_SCENE: o->scene_path = text; break;
     case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
@@ -89,6 +96,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_LOG: o->log_path = text; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
+        if (o->scene_path && o->start_given) argp_error(state, "--start and --scene both say where the needle starts: give one of them");
         if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
             argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
         break;
@@ -154,6 +162,19 @@ static trocar_status run_live(const options *o, report *why) {
     return status;
 }
 
+/* The scene's start, if it has one. */
+static trocar_status find_start(const char *path, pose *start, report *why) {
+    trocar_scene *scene;
+    trocar_pose p;
+    trocar_status status = trocar_scene_load(path, &scene, why);
+    if (status != TROCAR_OK) return status;
+    if (trocar_scene_start(scene, &p))
+        *start = (pose){v3(p.position[0], p.position[1], p.position[2]), {p.orientation[0], p.orientation[1], p.orientation[2], p.orientation[3]}};
+    else fprintf(stderr, "trocar-device: %s has no needle.start: starting at the usual place\n", path);
+    trocar_scene_free(scene);
+    return TROCAR_OK;
+}
+
 int main(int count, char **arguments) {
     options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
                           .speed = 1, .patience = 5, .settle = 0.3}};
@@ -161,7 +182,8 @@ int main(int count, char **arguments) {
     if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
 
     report why;
-    trocar_status status = o.log_path ? write_log(&o, &why) : run_live(&o, &why);
+    trocar_status status = o.scene_path ? find_start(o.scene_path, &o.play.start, &why) : TROCAR_OK;
+    if (status == TROCAR_OK) status = o.log_path ? write_log(&o, &why) : run_live(&o, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;

@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* The world of the scenes: skin at z = 0, the needle along +z, y up. From the default start the tip of a needle
+/* As the needle starts in most scenes: skin at z = 0, the needle along +z, y up. From the default start the tip of a needle
    200 mm long is 1 mm in front of the skin. */
 static const motion scripts[] = {
     {"figure8", "push in, move the base up, pull back: figure 8 of the paper", 2.4, 2.8, 4,
@@ -57,11 +57,11 @@ double motion_fraction(double from, double to, double t) {
 
 pose motion_pose(const motion *script, pose start, double t) {
     if (t > script->period) t = fmod(t, script->period);
-    pose p = start;
+    pose p = start;      /* its shifts are along the axes that the needle starts with */
     for (int i = 0; i < script->leg_count; i++) {
         const motion_leg *leg = &script->legs[i];
         double fraction = motion_fraction(leg->from, leg->to, t);
-        p.position = v3_axpy(fraction, leg->shift, p.position);
+        p.position = v3_axpy(fraction, q_rotate(start.orientation, leg->shift), p.position);
         p.orientation = q_multiply(p.orientation, q_exp(v3_scale(fraction, leg->turn)));
     }
     return p;

@@ -180,6 +180,9 @@ typedef struct trocar_device_limits {
 } trocar_device_limits;
 TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 
+/* Where the first needle's base waits before the insertion: the keys "needle.start.". Returns 1 and the pose, or 0 when there is none. */
+TROCAR_API int trocar_scene_start(const trocar_scene *scene, trocar_pose *start);
+
 /* Limits of the key "rate_hz", Hz. */
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0
@@ -249,6 +252,14 @@ TROCAR_API int trocar_model_needles(const trocar_model *model);                /
 TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle: it has one joint more */
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
 TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
+
+/* Where the first needle's base waits before the insertion: the scene's keys "needle.start.". Returns 1 and the pose, or 0 when the scene
+   has none. */
+TROCAR_API int trocar_model_start(const trocar_model *model, trocar_pose *start);
+
+/* From the patient's coordinates (DICOM's: mm to the left, back and head) to the mesh's (m): the scene's key "patient_to_mesh", row by
+   row; its upper left 3 x 3 is a rotation times 1e-3. Returns 1 and the matrix, or 0 when the scene has none. */
+TROCAR_API int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]);
 
 /* The mesh at rest. Its named groups, here called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 and 0 for curves and points. */
 TROCAR_API int trocar_model_node_count(const trocar_model *model);

@@ -10,7 +10,7 @@ import unittest.mock
 import numpy as np
 
 from anatomy_cases import SOURCE, ellipse, ellipsoid
-from anatomy import contours, field, limits, meshing, patient, pipeline, quality, scene, session, shells
+from anatomy import contours, field, limits, materials, meshing, patient, pipeline, quality, scene, session, shells
 
 
 class Names(unittest.TestCase):
@@ -23,16 +23,18 @@ class Names(unittest.TestCase):
         self.assertEqual(list(pipeline.region_names(rois).values()),
                          ["ptv_1", "ptv_1_2", "region", "region_2", "surrounding_2", "x" * 40, "x" * 40 + "_2"])
 
-    def test_the_gland_has_its_material_whatever_it_is_called(self):
+    def test_regions_have_their_material_by_name(self):
         regions = scene.text("title", "x.msh", ["ctv", "rectum"], False, []).split("  - name: ")
-        self.assertIn("ctv\n    youngs_modulus: 60e3", regions[1])
+        self.assertIn("ctv\n    youngs_modulus: 30e3", regions[1])
         self.assertIn("rectum\n    youngs_modulus: 20e3", regions[2])
         self.assertIn("surrounding\n    youngs_modulus: 30e3", regions[3])
 
     def test_materials_are_those_of_the_table(self):
         with open(os.path.join(SOURCE, "meshes/PARAMETERS.md"), encoding="utf-8") as file:
             rows = re.findall(r"^\| ([a-z ]+) \| ([\d.e]+) \| ([\d.]+) \| (\d+) \| (\d+) \|", file.read(), re.M)
-        self.assertEqual({name: tuple(map(float, values)) for name, *values in rows}, {**scene.MATERIALS, "any other": scene.OTHER})
+        known = {name: material for name, (material, _, _) in materials.TABLE.items()} | {"any other": materials.OTHER}
+        self.assertEqual({name: tuple(map(float, values)) for name, *values in rows},
+                         {name: (m.modulus, m.cutting, m.static, m.kinetic) for name, m in known.items()})
 
 
 def turned(ring, degrees, aside):

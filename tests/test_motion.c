@@ -66,6 +66,16 @@ static void roll_turns_about_the_needles_axis(void **state) {
     assert_near(normal, v3(-1, 0, 0));
 }
 
+static void shifts_are_along_the_axes_of_the_start(void **state) {
+    (void)state;
+    const motion *script = motion_find("sweep");
+    pose tilted = {{0.01, 0.02, 0.03}, q_exp(v3(0.4, -0.3, 0.2))};
+    for (double t = 0; t < script->period; t += 0.1) {
+        vec3 along = v3_sub(motion_pose(script, start, t).position, start.position);
+        assert_near(motion_pose(script, tilted, t).position, v3_add(tilted.position, q_rotate(tilted.orientation, along)));
+    }
+}
+
 static void unknown_script_is_not_found(void **state) {
     (void)state;
     assert_null(motion_find("figure9"));
@@ -79,6 +89,7 @@ int main(void) {
         cmocka_unit_test(leg_fraction_is_symmetric),
         cmocka_unit_test(all_scripts_are_smooth_and_return),
         cmocka_unit_test(roll_turns_about_the_needles_axis),
+        cmocka_unit_test(shifts_are_along_the_axes_of_the_start),
         cmocka_unit_test(unknown_script_is_not_found),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -36,6 +36,23 @@ static void moves_along_the_axis_as_commanded(void **unused) {
     assert_close_vector(d.base.position, rest, 0); /* no command: no motion */
 }
 
+/* The same commands do the same in the frame of a home that is turned. */
+static void moves_and_tilts_about_the_axes_of_home(void **unused) {
+    (void)unused;
+    rate_control_limits l = rate_control_defaults(0.2);
+    rate_control_state d = begin(), other;
+    pose turned = {{-0.03, 0.04, 0.1}, q_exp(v3(0.9, -0.5, 0.3))};
+    rate_control_begin(&other, turned, turned);
+    for (int i = 0; i < 4; i++) {
+        rate_control_command c = {.forward = 1 - i, .right = 0.5 * i, .up = i % 2, .pitch = i, .yaw = 1 - 0.5 * i, .roll = 1};
+        run(&d, &l, c, 0.5);
+        run(&other, &l, c, 0.5);
+        vec3 moved = q_rotate(turned.orientation, v3_sub(d.base.position, HOME.position));
+        assert_close_vector(v3_sub(other.base.position, turned.position), moved, 1e-12);
+        assert_close_vector(q_axis(other.base.orientation), q_rotate(turned.orientation, q_axis(d.base.orientation)), 1e-9);
+    }
+}
+
 static void no_command_exceeds_a_limit(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
@@ -95,6 +112,7 @@ static void from_outside_it_can_only_move_back(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(moves_along_the_axis_as_commanded),
+        cmocka_unit_test(moves_and_tilts_about_the_axes_of_home),
         cmocka_unit_test(no_command_exceeds_a_limit),
         cmocka_unit_test(tilts_about_world_axes_and_rolls_about_its_own),
         cmocka_unit_test(from_outside_it_can_only_move_back),

@@ -303,6 +303,46 @@ static void impossible_guides_are_refused(void **unused) {
     }
 }
 
+#define TURNED "patient_to_mesh: [0, -1e-3, 0, 0.25, 1e-3, 0, 0, -0.125, 0, 0, 1e-3, 0.5, 0, 0, 0, 1]\n"
+
+static void patient_coordinates_and_start_are_read(void **state) {
+    (void)state;
+    scene s;
+    report why;
+    char text[1024];
+    load_good(MINIMAL, &s);
+    assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
+    assert_string_equal(text, "[]"); /* not given */
+    assert_int_equal(scene_get(&s, "needle.start.position", text, sizeof text, &why), TROCAR_OK);
+    assert_string_equal(text, "[]");
+    load_good(MINIMAL TURNED "needle: {start: {position: [0.01, 0.02, -0.2], orientation: [0.70711, 0, 0.70711, 0]}}\n", &s);
+    assert_true(s.patient_to_mesh[1] == -1e-3 && s.patient_to_mesh[3] == 0.25 && s.patient_to_mesh[7] == -0.125 && s.patient_to_mesh[15] == 1.0);
+    assert_true(s.start.position.x == 0.01 && s.start.position.y == 0.02 && s.start.position.z == -0.2);
+    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* of unit length, though given with five digits */
+    assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
+    assert_string_equal(text, "[0, -0.001, 0, 0.25, 0.001, 0, 0, -0.125, 0, 0, 0.001, 0.5, 0, 0, 0, 1]");
+}
+
+static void wrong_patient_coordinates_and_starts_are_refused(void **state) {
+    (void)state;
+    static const char *const cases[][2] = {
+        {"patient_to_mesh: [1, 0]", ":4: patient_to_mesh: expected sixteen numbers"},
+        {"patient_to_mesh: [1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 2]", ":4: patient_to_mesh: its last row"},
+        {"patient_to_mesh: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]", ":4: patient_to_mesh: its upper left"},
+        {"patient_to_mesh: [-1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 1]", ":4: patient_to_mesh: its upper left"},
+        {"patient_to_mesh: [1e-3, 0, 0, .inf, 0, 1e-3, 0, 0, 0, 0, 1e-3, 0, 0, 0, 0, 1]", ":4: patient_to_mesh: \".inf\""},
+        {"needle: {start: {orientation: [1, 0, 0, 0]}}", ":4: needle.start: missing key \"position\""},
+        {"needle: {start: {position: [1, 0, 0, 0]}}", ":4: needle.start.position: expected three numbers (m)"},
+        {"needle: {start: {position: [0, 0, 0], orientation: [2, 0, 0, 0]}}", ":4: needle.start.orientation: its length is 2"},
+        {"needle: {start: [0, 0, 0]}", ":4: needle.start: expected keys with values"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[256];
+        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
+        assert_refused(text, cases[i][1]);
+    }
+}
+
 static void unreadable_files_are_named(void **state) {
     (void)state;
     scene s;
@@ -516,6 +556,8 @@ int main(void) {
         cmocka_unit_test(a_bad_relaxation_is_refused),
         cmocka_unit_test(guides_are_read),
         cmocka_unit_test(impossible_guides_are_refused),
+        cmocka_unit_test(patient_coordinates_and_start_are_read),
+        cmocka_unit_test(wrong_patient_coordinates_and_starts_are_refused),
         cmocka_unit_test(unreadable_files_are_named),
         cmocka_unit_test(broken_yaml_is_refused_with_its_line),
         cmocka_unit_test(unknown_keys_are_refused),

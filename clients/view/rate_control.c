@@ -28,22 +28,23 @@ static double move(double from, double *speed, double dt, double low, double hig
 }
 
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
-    vec3 x = d->base.position, home = d->home.position;
-    return v3(move(x.x, &d->velocity.x, dt, home.x - l->max_sideways, home.x + l->max_sideways),
-              move(x.y, &d->velocity.y, dt, home.y - l->max_sideways, home.y + l->max_sideways),
-              move(x.z, &d->velocity.z, dt, home.z - l->max_back, home.z + l->max_forward));
+    vec3 x = q_rotate(q_conjugate(d->home.orientation), v3_sub(d->base.position, d->home.position)); /* along the axes of home */
+    vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
+                    move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways),
+                    move(x.z, &d->velocity.z, dt, -l->max_back, l->max_forward));
+    return v3_add(d->home.position, q_rotate(d->home.orientation, moved));
 }
 
-static double tilt_of(quat q) {
-    double along = q_rotate(q, v3(0, 0, 1)).z;
+static double tilt_of(quat q, quat home) {
+    double along = v3_dot(q_axis(q), q_axis(home));
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts in the world frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
+/* Tilts about the axes of home, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat q = d->base.orientation;
-    quat tilted = q_multiply(q_exp(v3(d->turn.x * dt, d->turn.y * dt, 0)), q);
-    if (tilt_of(tilted) <= fmax(l->max_tilt, tilt_of(q))) q = tilted;
+    quat tilted = q_multiply(q_exp(q_rotate(d->home.orientation, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);
+    if (tilt_of(tilted, d->home.orientation) <= fmax(l->max_tilt, tilt_of(q, d->home.orientation))) q = tilted;
     else d->turn.x = d->turn.y = 0;
     return q_unit(q_multiply(q, q_exp(v3(0, 0, d->turn.z * dt))));
 }

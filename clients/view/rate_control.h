@@ -15,13 +15,13 @@ typedef struct {
     double max_speed;           /* m/s along the axis; half of it sideways */
     double max_turn_rate;       /* rad/s */
     double ramp;                /* s from rest to full speed */
-    double max_sideways;        /* m from home in x and y */
-    double max_back, max_forward; /* m from home in z */
+    double max_sideways;        /* m from home, along its x and y */
+    double max_back, max_forward; /* m from home, along its z: the needle's direction */
     double max_tilt;            /* rad between the needle and the template's axis */
 } rate_control_limits;
 
 typedef struct {
-    pose home;                  /* needle along +z */
+    pose home;
     pose base;
     vec3 velocity, turn;        /* m/s and rad/s, world frame; turn.z is the roll about the needle's axis */
 } rate_control_state;

@@ -107,7 +107,11 @@ static void write_membranes(json *j, const trocar_scene *s, const trocar_model *
 
 static void write_homes(json *j, const pose *homes, int needles) {
     json_open(j, "homes", '[');
-    for (int i = 0; i < needles; i++) json_numbers(j, NULL, &homes[i].position.x, 3);
+    for (int i = 0; i < needles; i++) {
+        const pose *h = &homes[i];
+        json_numbers(j, NULL, (double[]){h->position.x, h->position.y, h->position.z, h->orientation.w, h->orientation.x, h->orientation.y,
+                                         h->orientation.z}, 7);
+    }
     json_close(j, ']');
 }
 

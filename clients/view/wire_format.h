@@ -43,7 +43,7 @@ typedef struct {
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
 /* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the
-   outer surface and on named surfaces. `homes`: where each of the `needles` waits. `live`: data come from a server, not from a log. */
+   outer surface and on named surfaces. `homes`: the pose in which each of the `needles` waits. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
 /* A needle of a picture; both NULL: not held yet. */

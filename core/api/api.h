@@ -16,6 +16,8 @@ struct trocar_scene {
 struct trocar_model {
     simulation parts;        /* without those of one run */
     double rate_hz;
+    pose start;              /* of the base; its position is NAN: none */
+    double patient_to_mesh[16]; /* the first is NAN: none */
     bool mesh_only;          /* nothing but the mesh, regions and membranes */
 };
 

@@ -1,5 +1,6 @@
 /* trocar.h: models. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "api/api.h"
 #include "base/flush_denormals.h"
@@ -20,6 +21,8 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
     }
     m->rate_hz = scene->values.rate_hz;
+    m->start = scene->values.start;
+    memcpy(m->patient_to_mesh, scene->values.patient_to_mesh, sizeof m->patient_to_mesh);
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
@@ -56,6 +59,18 @@ int trocar_model_needles(const trocar_model *model) { return model->parts.config
 int trocar_model_segments(const trocar_model *model) { return model->parts.config.needle.segments; }
 double trocar_model_needle_length(const trocar_model *model) { return model->parts.config.needle.length; }
 double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }
+
+int trocar_model_start(const trocar_model *model, trocar_pose *start) {
+    if (isnan(model->start.position.x)) return 0;
+    *start = pose_out(model->start);
+    return 1;
+}
+
+int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]) {
+    if (isnan(model->patient_to_mesh[0])) return 0;
+    memcpy(matrix, model->patient_to_mesh, sizeof model->patient_to_mesh);
+    return 1;
+}
 
 int trocar_model_node_count(const trocar_model *model) { return model->parts.mesh.node_count; }
 int trocar_model_tet_count(const trocar_model *model) { return model->parts.mesh.tet_count; }

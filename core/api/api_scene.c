@@ -79,6 +79,12 @@ const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.
 
 trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
 
+int trocar_scene_start(const trocar_scene *scene, trocar_pose *start) {
+    if (isnan(scene->values.start.position.x)) return 0;
+    *start = pose_out(scene->values.start);
+    return 1;
+}
+
 int trocar_scene_count(const trocar_scene *scene, const char *list) {
     const simulation_config *c = &scene->values.simulation;
     return strcmp(list, "regions") == 0 ? c->region_count : strcmp(list, "membranes") == 0 ? c->membrane_count

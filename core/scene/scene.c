@@ -70,6 +70,8 @@ void scene_defaults(scene *s) {
     simulation_defaults(&s->simulation);
     s->device = device_defaults();
     s->rate_hz = 1000;
+    s->start = (pose){v3(NAN, NAN, NAN), {1, 0, 0, 0}};
+    s->patient_to_mesh[0] = NAN;
 }
 
 static trocar_status read_file(const char *path, char **text, size_t *length, report *why) {

@@ -14,6 +14,8 @@ typedef struct {
     double rate_hz;          /* of the haptic loop */
     char profile[MESH_NAME]; /* of the device, empty: none */
     device_limits device;
+    pose start;              /* of the needle's base, outside the tissue; its position is NAN: none */
+    double patient_to_mesh[16]; /* row by row, patient's mm (LPS) to the mesh's m; the first is NAN: none */
 } scene;
 
 /* One row of the reference table. The strings live as long as the program. */

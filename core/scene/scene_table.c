@@ -41,6 +41,8 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 const row SCENE_TABLE[] = {
     {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
     {"mesh_unit", "", LENGTH_UNIT, OF(simulation.mesh_unit), .doc = "of the mesh file's coordinates"},
+    {"patient_to_mesh", "", TRANSFORM, OF(patient_to_mesh),
+     .doc = "4 x 4, row by row: from the patient's coordinates (DICOM's LPS, mm) to the mesh's (m)"},
     {"rate_hz", "Hz", NUMBER, OF(rate_hz), &RATE, .doc = "of the haptic loop"},
 
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
@@ -79,6 +81,9 @@ const row SCENE_TABLE[] = {
     {"needle.poisson_ratio", "", NUMBER, OF(simulation.needle.poisson_ratio), &POISSON, .doc = "of the needle"},
     {"needle.bevel_slope", "", NUMBER, OF(simulation.needle.bevel_slope), &SLOPE, .doc = "sideways cut per forward cut"},
     {"needle.segments", "", COUNT, OF(simulation.needle.segments), &SEGMENTS, .doc = "of its length"},
+
+    {"needle.start.position", "m", POINT, OF(start.position), .required = true, .doc = "of the base before the insertion, outside the tissue"},
+    {"needle.start.orientation", "", ROTATION, OF(start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into the needle's direction"},
 
     {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
 
@@ -199,7 +204,7 @@ void list_words(word_of word, char *list, size_t size) {
 scene_key_info scene_key_at(int index) {
     static char lists[ROWS][WORDS_ROOM];
     static const char *const others[] = {[NAME] = "a name", [NAMES] = "a list of names", [FILE_PATH] = "a path", [DIRECTORY_PATH] = "a path",
-                                         [POINT] = "three numbers"};
+                                         [POINT] = "three numbers", [ROTATION] = "four numbers", [TRANSFORM] = "sixteen numbers"};
     const row *r = &SCENE_TABLE[index];
     const char *accepts = r->allowed ? r->allowed->words : r->kind == LENGTH_UNIT ? UNIT_WORDS : others[r->kind];
     if (r->words) {

@@ -6,7 +6,7 @@
 
 enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* bytes of a key and of a message about it */
 
-typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT } value_kind;
+typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT, ROTATION, TRANSFORM } value_kind;
 typedef enum { NO_LIST, REGIONS, MEMBRANES, GUIDES, RELAXATION, LISTS } list_kind;
 typedef struct { double low, high; const char *words; } range;
 typedef const char *(*word_of)(int index); /* NULL past the last one */

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define ROTATION_ERROR 1e-3 /* of given directions; they may have been rounded */
+
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...) {
     if (f->found) return;
     f->found = true;
@@ -69,15 +71,40 @@ static void take_path(const scene *s, const row *r, const char *key, const char 
     if (length < 0 || length >= 1024) reject(f, key, "path longer than 1023 characters");
 }
 
-static void take_point(const row *r, const char *key, const yaml_value *value, vec3 *point, fault *f) {
-    double numbers[3] = {0};
-    if (value->count != 3) reject(f, key, "expected three numbers (%s)", r->unit);
-    for (int i = 0; i < 3 && value->count == 3; i++) {
+/* A list of exactly `count` numbers. */
+static bool take_numbers(const row *r, const char *key, const yaml_value *value, const char *count_in_words, int count, double *numbers, fault *f) {
+    bool good = value->count == count;
+    for (int i = 0; i < count && good; i++) {
         yaml_value item = yaml_item(value, i);
-        if (item.kind != YAML_TEXT) reject(f, key, "expected three numbers (%s)", r->unit);
-        else take_number(r, key, item.text, &ANY_NUMBER, &numbers[i], f);
+        good = item.kind == YAML_TEXT;
+        if (good && !take_number(r, key, item.text, &ANY_NUMBER, &numbers[i], f)) return false;
     }
-    *point = v3(numbers[0], numbers[1], numbers[2]);
+    if (!good) reject(f, key, "expected %s numbers%s%s%s", count_in_words, *r->unit ? " (" : "", r->unit, *r->unit ? ")" : "");
+    return good;
+}
+
+static void take_point(const row *r, const char *key, const yaml_value *value, vec3 *point, fault *f) {
+    double n[3];
+    if (take_numbers(r, key, value, "three", 3, n, f)) *point = v3(n[0], n[1], n[2]);
+}
+
+static void take_rotation(const row *r, const char *key, const yaml_value *value, quat *rotation, fault *f) {
+    double n[4];
+    if (!take_numbers(r, key, value, "four", 4, n, f)) return;
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]);
+    if (!(fabs(length - 1.0) <= ROTATION_ERROR)) reject(f, key, "its length is %g: expected a unit quaternion w, x, y, z", length);
+    else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
+}
+
+/* From mm to m without distortion: rotation, shift and the factor 1e-3. */
+static void take_transform(const row *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
+    double n[16];
+    if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
+    vec3 x = v3(1e3 * n[0], 1e3 * n[1], 1e3 * n[2]), y = v3(1e3 * n[4], 1e3 * n[5], 1e3 * n[6]), z = v3(1e3 * n[8], 1e3 * n[9], 1e3 * n[10]);
+    double off = v3_norm(v3_sub(v3_cross(x, y), z)) + v3_norm(v3_sub(v3_cross(y, z), x)) + fabs(v3_norm(x) - 1.0);
+    if (n[12] != 0.0 || n[13] != 0.0 || n[14] != 0.0 || n[15] != 1.0) reject(f, key, "its last row must be 0, 0, 0, 1");
+    else if (!(off <= ROTATION_ERROR)) reject(f, key, "its upper left 3 x 3 must be a rotation times 1e-3, from mm to m, not mirrored");
+    else memcpy(matrix, n, sizeof n);
 }
 
 static void take_names(scene *s, const row *r, const char *key, const yaml_value *value, fault *f) {
@@ -105,7 +132,7 @@ static void take_entry_name(scene *s, const row *r, const char *key, const char 
 
 void take_value(scene *s, const row *r, const char *key, void *base, const yaml_value *value, fault *f) {
     void *target = (char *)base + r->offset;
-    bool list = r->kind == NAMES || r->kind == POINT;
+    bool list = r->kind == NAMES || r->kind == POINT || r->kind == ROTATION || r->kind == TRANSFORM;
     double number;
     int word;
     if (value->kind != (list ? YAML_LIST : YAML_TEXT)) {
@@ -127,6 +154,8 @@ void take_value(scene *s, const row *r, const char *key, void *base, const yaml_
     case FILE_PATH:
     case DIRECTORY_PATH: take_path(s, r, key, value->text, target, f); break;
     case POINT: take_point(r, key, value, target, f); break;
+    case ROTATION: take_rotation(r, key, value, target, f); break;
+    case TRANSFORM: take_transform(r, key, value, target, f); break;
     }
 }
 _Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) == sizeof(int) && sizeof(contact_placement) == sizeof(int)
@@ -145,12 +174,15 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-static int print_point(char *text, size_t size, const vec3 *p) {
-    char x[32], y[32], z[32];
-    print_number(x, sizeof x, p->x);
-    print_number(y, sizeof y, p->y);
-    print_number(z, sizeof z, p->z);
-    return snprintf(text, size, "[%s, %s, %s]", x, y, z);
+/* An empty list where nothing is given: NAN. */
+static int print_numbers(char *text, size_t size, const double *numbers, int count) {
+    char number[32];
+    int used = snprintf(text, size, "[");
+    for (int i = 0; i < count && !isnan(numbers[0]) && (size_t)used < size; i++) {
+        print_number(number, sizeof number, numbers[i]);
+        used += snprintf(text + used, size - (size_t)used, "%s%s", i ? ", " : "", number);
+    }
+    return (size_t)used < size ? used + snprintf(text + used, size - (size_t)used, "]") : used;
 }
 
 static int print_names(const scene *s, const row *r, char *text, size_t size) {
@@ -168,7 +200,9 @@ int print_value(const scene *s, const row *r, const void *base, char *value, siz
     case COUNT: return snprintf(value, size, "%d", *(const int *)target);
     case WORD: return snprintf(value, size, "%s", r->words(*(const int *)target));
     case NAMES: return print_names(s, r, value, size);
-    case POINT: return print_point(value, size, target);
+    case POINT: return print_numbers(value, size, target, 3);
+    case ROTATION: return print_numbers(value, size, target, 4);
+    case TRANSFORM: return print_numbers(value, size, target, 16);
     default: return snprintf(value, size, "%s", (const char *)target);
     }
 }

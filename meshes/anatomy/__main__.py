@@ -1,9 +1,11 @@
-"""Makes a mesh, a scene and a quality report from a patient's outlines or surfaces; options.py has the options."""
+"""Makes a mesh, a scene and a quality report from a patient's outlines, label maps or surfaces; options.py has the options."""
 import os
 import re
 import sys
 
-from . import contours, limits, options, picture, pipeline, quality, reading, scene
+import numpy as np
+
+from . import approach, contours, limits, materials, options, picture, pipeline, quality, reading, scene, voxels
 
 
 def pick(name, available, path):
@@ -14,54 +16,80 @@ def pick(name, available, path):
 
 
 def read_all(given):
-    """ROI name -> rings or surface, in the files' order."""
-    kinds = {reading.kind_of(path) for path in given.input}
-    if kinds <= set(reading.SURFACES):
-        scale = {"mm": 1.0, "cm": 10.0, "m": 1e3}[given.unit]
+    """ROI name -> rings, (surface, remarks), or what its code says; in the files' order. And the label map, or None."""
+    kinds, first = {reading.kind_of(path) for path in given.input}, given.input[0]
+    names = voxels.read_names(given.names) if given.names else {}
+    if kinds <= set(reading.IMAGES):
+        maps = {path: limits.run(f"reading {path}", reading.read_image, path, given.unit, names, given.frame) for path in given.input}
+        found = voxels.together(maps) if len(maps) > 1 else maps[first]
+        return {name: segment.code for name, segment in found.segments.items()}, found
+    unit = given.unit or "mm"
+    if len(given.input) == 1 and kinds <= set(reading.MESHES) and not limits.run(f"reading {first}", reading.is_surface, first):
+        return limits.run(f"reading {first}", reading.read_mesh, first, unit, given.frame, given.labels, names), None
+    if kinds <= {*reading.SURFACES, ".vtk"}:
         paths = {}
         for path in given.input:
-            stem = os.path.splitext(os.path.basename(path))[0]
+            stem = reading.stem_of(path)
             if stem in paths:
                 raise reading.BadFile(f"{path}: its region would have the same name as that of {paths[stem]}: rename one of the files")
             paths[stem] = path
-        return {stem: limits.run(f"reading {path}", reading.read_surface, path, scale) for stem, path in paths.items()}
+        return {stem: limits.run(f"reading {path}", reading.read_surface, path, reading.UNITS[unit], given.frame) for stem, path in paths.items()}, None
     if len(given.input) > 1:
-        raise reading.BadFile("give either one file of outlines or any number of surfaces")
-    return limits.run(f"reading {given.input[0]}", reading.read_outlines, given.input[0])
+        raise reading.BadFile("give either one file of outlines, labels or a volume mesh, or any number of surfaces or of label maps")
+    found = limits.run(f"reading {first}", reading.read_outlines, first)
+    if isinstance(found, voxels.LabelMap):
+        return {name: segment.code for name, segment in found.segments.items()}, found
+    return found, None
 
 
-def organs_of(given, available):
+def organs_of(given, available, labels):
+    """The regions, the first of interest first, and the body, if its surface is the skin, or None."""
     soft, bones = ([pick(name, available, given.input[0]) for name in names] for names in (given.roi, given.bone))
+    body = [pick(given.skin, available, given.input[0])] if given.skin else []
     if not soft:
-        soft = [name for name in available if name not in bones]
+        soft = [name for name in available if name not in bones + body]
         if len(soft) != 1:
-            raise reading.BadFile(f"{given.input[0]}: choose the gland with --roi; it has: {', '.join(available)}")
-    chosen = [soft[0], *bones, *soft[1:]]
+            raise reading.BadFile(f"{given.input[0]}: choose the regions with --roi, the one of interest first; it has: {', '.join(available)}")
+    chosen = [soft[0], *bones, *soft[1:], *body]
     for name in chosen:
         if chosen.count(name) > 1:
             raise reading.BadFile(f"{given.input[0]}: region \"{name}\" is chosen twice")
     names = pipeline.region_names(chosen)
-    organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, available[name]) for name in chosen]
+    came = available
+    if labels:
+        came = {}
+        inner = chosen[:len(chosen) - len(body)]
+        found = limits.run(f"surfaces of {', '.join(inner)}", voxels.outlined, labels, inner)
+        came.update({name: (found[name], labels.segments[name].code) for name in inner})
+        came.update({name: (limits.run(f"surface of {name}", voxels.body_of, labels, name), "") for name in body})
+    organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, came[name]) for name in chosen]
+    skin = organs.pop() if body else None
+    if skin:
+        skin.shells = limits.run(f"surface of \"{skin.roi}\"", pipeline.skin_surfaces, skin)
     for organ in organs:
         if organ.name != re.sub(r"\W+", "_", organ.roi.lower()).strip("_"):
             organ.note(f"is called {organ.name} in mesh and scene")
-    return sorted(organs, key=lambda organ: (organ is not organs[0], not organ.bone, -organ.volume))
+    return sorted(organs, key=lambda organ: (organ is not organs[0], not organ.bone, -organ.volume)), skin
 
 
 def organ_of(roi, name, bone, came):
     if isinstance(came, list):
         return pipeline.organ_of_rings(roi, name, bone, came)
+    if isinstance(came[0], voxels.Outlined):
+        return pipeline.organ_of_label(roi, name, bone, *came)
     return pipeline.organ_of_surface(roi, name, bone, *came)
 
 
 def run(given):
-    limits.SECONDS = given.time_limit
-    available = read_all(given)
+    """What was made: the organs, the mesh, the domain, the outlines' volumes; None if only the regions were listed."""
+    limits.SECONDS, limits.TELL = given.time_limit, given.progress
+    own = materials.read(given.materials) if given.materials else {}
+    available, labels = read_all(given)
     if given.list:
         print("\n".join(available))
-        return
+        return None
     try:
-        organs = organs_of(given, available)
+        organs, skin = organs_of(given, available, labels)
     except contours.Unusable as error:
         if given.picture:
             picture.draw_problem(error, given.picture)
@@ -70,22 +98,41 @@ def run(given):
         picture.draw([organ.stack for organ in organs], available, given.picture)
     elif given.picture:
         print("anatomy: --picture shows outlines, which surfaces do not have: no picture is written", file=sys.stderr)
-    mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, given.corridor and [v * 1e-3 for v in given.corridor], given.output + ".msh",
-                                              given.crop)
-    write_texts(given, organs, domain, mesh, outlined)
+    entry, target = (None if point is None else np.array(point) for point in (given.entry, given.target))
+    along_z, tube = (None, given.corridor[0]) if given.corridor and len(given.corridor) == 1 else (given.corridor, None)
+    plan = pipeline.Plan(given.margin, entry, target, tube, skin)
+    path = given.output + ".msh"
+    mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, along_z and [v * 1e-3 for v in along_z], path, given.crop, plan)
+    try:
+        start = approach.start_in(mesh, *domain.path, organs[0].name)
+    except contours.Unusable:
+        os.remove(path)
+        raise
+    write_texts(given, own, [*organs, *([skin] if skin else [])], domain, (mesh, outlined, start))
+    return organs, mesh, domain, outlined
 
 
-def write_texts(given, organs, domain, mesh, outlined):
+def write_texts(given, own, organs, domain, made):
+    """`organs`: with the body. made: the mesh, the outlines' volumes, and the needle's start."""
+    mesh, outlined, start = made
+    organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]
     title = os.path.basename(given.output)
     soft, bones = [organ.name for organ in organs if not organ.bone], any(organ.bone for organ in organs)
     walls = sorted(set(mesh.surfaces) - {"skin", "fixed", "capsule", "bone"})
     source = f"{title}: made by scripts/anatomy from {', '.join(os.path.basename(path) for path in given.input)}"
-    distances = pipeline.distances_to_outlines(organs, domain, mesh, outlined)
+    distances = limits.run("distances to the input", pipeline.distances_to_outlines, organs, domain, mesh, outlined)
     rows = quality.table(mesh, outlined, distances)
-    write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls))
+    found = {organ.name: materials.find(organ.roi, organ.kind, own) for organ in organs}
+    found["surrounding"] = materials.find(skin[0].roi if skin else "surrounding", "", own)
+    matrix = pipeline.patient_to_mesh(domain.origin)
+    write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls, found=found, matrix=matrix, start=start,
+                                             wall_of={organ.name: pipeline.surface_name(organ, organs) for organ in organs}))
     quality.draw(mesh, given.output + "-quality.svg")
-    notes = [note for organ in organs for note in organ.notes]
-    write(given.output + "-quality.md", quality.markdown(f"Quality of {title}.msh", rows, notes, title + "-quality.svg"))
+    notes = [note for organ in organs + skin for note in organ.notes]
+    entered = ", ".join(f"{value:.1f}" for value in pipeline.patient(start.entry, domain.origin))
+    rows.append(("needle", f"enters at ({entered}) mm, {start.remark}", ""))
+    write(given.output + "-quality.md", quality.markdown(f"Quality of {title}.msh", rows, notes, title + "-quality.svg",
+                                                         quality.mended(organs, mesh, outlined) + quality.transform(matrix)))
     for what, value, paper in rows:
         print(f"{what:52} {value:40} {paper}".rstrip())
     for note in notes:

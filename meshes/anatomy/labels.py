@@ -144,12 +144,14 @@ def distance_to(mask, step):
     return step * np.sqrt(vtk_to_numpy(squared.GetOutput().GetPointData().GetScalars()).reshape(mask.shape))
 
 
-def image_of(regions, edge, box=None):
+def image_of(regions, edge, box=None, body=False):
     """The regions (lists of shells) drawn in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
-    of `box` (low, high). Returned with the share of each region that is lost to others and to the box (as number -1): {(loser, winner):
+    of `box` (low, high). `body`: the last region is much larger than that. Returned with the share of each region that is lost to others and to the box (as number -1): {(loser, winner):
     share}."""
     thin = thinnest(regions)
     points = np.vstack([shell.points for region in regions for shell in region])
+    if body:
+        points = np.vstack([shell.points for region in regions[:-1] for shell in region] + [np.clip(shell.points, *box) for shell in regions[-1]])
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
@@ -439,10 +441,10 @@ def surfaces_in(image, edge, radii):
     return found, lost
 
 
-def image_for(regions, edge, box=None):
+def image_for(regions, edge, box=None, body=False):
     """Image of regions (lists of closed shells, in order of priority), without gaps and sheets that are too thin for triangles of
     about this edge. Returned with the shares of the regions that are lost: see image_of."""
-    image, lost = image_of(regions, edge, box)
+    image, lost = image_of(regions, edge, box, body)
     thin = FLATNESS * thinnest(regions)
     drop_thin(image, len(regions), thin)
     close_gaps(image, len(regions), max(2 * thin, CLOSE_VOXELS * image.step))

@@ -5,10 +5,14 @@ import multiprocessing
 import os
 import resource
 import signal
+import sys
+import time
 import traceback
 
 SECONDS = 120.0         # default processor time per stage, which does not depend on the machine's other load
 WAITING = 10            # times that, in real time, for a stage that waits instead of working
+TELL = False            # say which stage begins
+BEGUN = time.monotonic()
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
@@ -22,9 +26,11 @@ class Crashed(Exception):
 
 def run(stage, work, *arguments):
     """work(*arguments), in a child process. `stage`: what it does, for messages."""
+    if TELL:
+        print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
     context = multiprocessing.get_context("fork")    # inherits the arguments, however large
-    child = context.Process(target=serve, args=(sender, work, arguments), daemon=True)
+    child = context.Process(target=serve, args=(sender, work, arguments))    # not a daemon: it may run stages of its own
     child.start()
     sender.close()
     try:

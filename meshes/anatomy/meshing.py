@@ -13,6 +13,7 @@ import numpy as np
 from . import labels, limits, quality, session
 from .contours import Unusable
 from .loft import mesh_shell
+from .session import current_mesh
 from .shells import Shell, crossings, decimated, distances
 
 GROWTH = 4.0            # ratio of element sizes at the box's corners and in the gland
@@ -23,10 +24,16 @@ TRIES = 16
 MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
 MOST_MISSED = 0.02      # of a region's surface
 FAILURES = 3            # of Gmsh, after which no other element sizes are tried
+SHARED_FAILURES = 6     # the same, of surfaces from a label image, which differ more from size to size
+FINER = 0.95            # ratio of their sizes after a failure
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
 OFF = 0.10              # of the wanted number of nodes: meshes further off are refused
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
+CUT = 1.5               # voxels: a triangle this close to a face of the block, and
+FACING = 0.7            # cosine: turned to it, is a cut through the body
+LEAST_CUT = 0.02        # of the skin's triangles: if fewer are cut, the body lies on its back,
+LYING = 10e-3           # m: up to this height it is fixed
 INSIDE = 0.3            # of an element: regions deeper in the gland are inside it, not beside it
 
 
@@ -74,6 +81,9 @@ class Domain:
     corridor: tuple = None   # x, y, radius, m
     regions: list = None     # in order of priority
     gland: str = ""
+    path: tuple = None       # entry, target, m: of the needle
+    tube: float = None       # m: radius around the path with smaller elements
+    skin: bool = False       # the last region is the body around the others, and there is no box: the rest is air
     crop: tuple = None       # low, high: regions are cut off outside
     image: tuple = None      # of the regions, and their losses to each other: see labels.image_for
 
@@ -92,10 +102,16 @@ def size_formula(domain, fine):
     away = "Sqrt({})".format("+".join(f"({axis}-({c:.9g}))^2" for axis, c in zip("xyz", domain.middle)))
     span = math.dist(domain.middle, domain.low) - domain.reach
     growth = f"{fine:.9g}*(1+{GROWTH - 1:g}*Max(0,({away}-{domain.reach:.9g})/{span:.9g}))"
-    if not domain.corridor:
+    if domain.corridor:
+        x, y, radius = domain.corridor
+        from_axis = f"(x-({x:.9g}))^2+(y-({y:.9g}))^2"
+    elif domain.tube:
+        radius, (entry, target) = domain.tube, domain.path
+        (u, v, w), at = (target - entry) / math.dist(entry, target), [f"({axis}-({c:.9g}))" for axis, c in zip("xyz", entry)]
+        from_axis = "+".join(f"({a:.9g}*{at[k]}-({b:.9g})*{at[j]})^2" for a, k, b, j in ((v, 2, w, 1), (w, 0, u, 2), (u, 1, v, 0)))
+    else:
         return growth
-    x, y, radius = domain.corridor
-    aside = f"Max(0,Sqrt((x-({x:.9g}))^2+(y-({y:.9g}))^2)-{radius:.9g})"
+    aside = f"Max(0,Sqrt({from_axis})-{radius:.9g})"
     return f"Min({growth},{CORRIDOR * fine:.9g}+0.7*{aside})"
 
 
@@ -182,7 +198,9 @@ def build(domain, fine):
         gone = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
         if gone:
             raise Failure("nothing is left of it: it lies inside other regions or is too thin", gone)
-        if max(missed.values()) > MOST_MISSED:
+        if domain.skin:
+            missed.pop(len(domain.regions) - 1, None)
+        if max(missed.values(), default=0) > MOST_MISSED:
             most = max(missed, key=missed.get)
             raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes",
                           [domain.regions[most].name])
@@ -190,7 +208,7 @@ def build(domain, fine):
         names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
         owners, shells = domain.regions, [found.surface(k) for k in range(len(domain.regions))]
         lost = {(domain.regions[k].name, domain.regions[winner].name if winner != labels.OUTSIDE else None): share
-                for (k, winner), share in lost.items()}
+                for (k, winner), share in lost.items() if not (domain.skin and k == len(domain.regions) - 1)}
     else:
         shells, lost = [coarse(body, formula) for body in domain.bodies], {}
         points, patches = patches_of_bodies(domain, shells)
@@ -227,6 +245,11 @@ def patches_of_complex(domain, found, fine):
     for pair in np.unique(sides, axis=0):
         triangles = found.triangles[np.all(sides == pair, axis=1)]
         between = sorted({found.cells[side] for side in pair if side != labels.OUTSIDE} - {labels.OUTSIDE})
+        if domain.skin and labels.OUTSIDE in pair:
+            patches += outer_patches(domain, found, triangles, pair, domain.regions[between[0]].surface)
+            continue
+        if domain.skin and len(between) > 1:
+            between = [k for k in between if k != len(domain.regions) - 1]
         names = [domain.regions[k].surface for k in between]
         if "bone" in names:
             name = "bone"
@@ -238,6 +261,19 @@ def patches_of_complex(domain, found, fine):
             name = names[0]
         patches.append(Patch(name, triangles, tuple(int(side) for side in pair)))
     return patches
+
+
+def outer_patches(domain, found, triangles, pair, name):
+    """The patches between a cell and the air: on the faces of the block, where the body goes on, they are fixed."""
+    middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
+    a, b, c = (found.points[triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    near = CUT * domain.image[0].step
+    cut = np.any((np.minimum(np.abs(middles - domain.low), np.abs(middles - domain.high)) < near) & (np.abs(normals) > FACING), axis=1)
+    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else holds it: it lies on its back
+        cut |= middles[:, 1] < middles[:, 1].min() + LYING
+    return [Patch(called, triangles[mine], sides) for called, mine in (("fixed", cut), (name, ~cut)) if mine.any()]
 
 
 def add_patches(points, patches):
@@ -257,14 +293,17 @@ def add_patches(points, patches):
 def fill(domain, points, patches, names, hollow, formula):
     """Creates tetrahedra in the cells `names` that are not hollow, and around them."""
     gmsh.model.add("tissue")
+    if domain.skin:     # what has no tissue on either side is no part of the mesh
+        patches = [patch for patch in patches if any(side != labels.OUTSIDE and not hollow[side] for side in patch.sides)]
     surfaces = add_patches(points, patches)
-    faces = add_box(domain.low, domain.high)
+    faces = {} if domain.skin else add_box(domain.low, domain.high)
     geo = gmsh.model.geo
 
     def around(cell):
         return [tag for tag, patch in zip(surfaces, patches) if cell in patch.sides]
     volumes = [(name, geo.addVolume([geo.addSurfaceLoop(around(k))])) for k, name in enumerate(names) if not hollow[k]]
-    volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(labels.OUTSIDE)])])))
+    if faces:
+        volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(labels.OUTSIDE)])])))
     geo.synchronize()
     name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches)], faces)
     set_sizes(formula)
@@ -281,31 +320,15 @@ def name_groups(volumes, surfaces, faces):
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
-    groups[2, "skin"] = [faces["z-"]]
+    if faces:
+        groups[2, "skin"] = [faces["z-"]]
     for name, tag in surfaces:
         groups.setdefault((2, name), []).append(tag)
-    groups[2, "fixed"] = [faces["z+"], faces["y-"]]
+    if faces:
+        groups[2, "fixed"] = [faces["z+"], faces["y-"]]
     for number, ((dimension, name), tags) in enumerate(groups.items(), 1):
         gmsh.model.addPhysicalGroup(dimension, tags, number)
         gmsh.model.setPhysicalName(dimension, number, name)
-
-
-def current_mesh():
-    tags, flat, _ = gmsh.model.mesh.getNodes()
-    at = np.zeros(int(tags.max()) + 1, int)
-    at[tags] = np.arange(len(tags))
-    regions, tets, region = [], [], []
-    for _, group in gmsh.model.getPhysicalGroups(3):
-        for volume in gmsh.model.getEntitiesForPhysicalGroup(3, group):
-            corners = at[gmsh.model.mesh.getElementsByType(4, volume)[1]].reshape(-1, 4)
-            tets.append(corners)
-            region.append(np.full(len(corners), len(regions)))
-        regions.append(gmsh.model.getPhysicalName(3, group))
-    points = flat.reshape(-1, 3)
-    surfaces = {gmsh.model.getPhysicalName(2, group): Shell(points, np.concatenate(
-        [at[gmsh.model.mesh.getElementsByType(2, surface)[1]].reshape(-1, 3) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)]))
-        for _, group in gmsh.model.getPhysicalGroups(2)}
-    return quality.Mesh(points, np.concatenate(tets), np.concatenate(region), regions, surfaces)
 
 
 def first_size(extent, nodes):
@@ -351,7 +374,8 @@ def search(domain, nodes, path):
     best, best_rank, close_size, failures, work = None, (2, math.inf), None, 0, 0
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
-        domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine, domain.crop)
+        domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
+                                  (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
         if best and work > MOST_WORK:
             break
@@ -362,9 +386,9 @@ def search(domain, nodes, path):
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and failures == min(FAILURES, TRIES):
+            if best is None and failures == min(SHARED_FAILURES if domain.regions else FAILURES, TRIES):
                 raise
-            fine *= 0.98
+            fine *= FINER if domain.regions else 0.98
             continue
         mesh = made.mesh
         count = len(mesh.points)

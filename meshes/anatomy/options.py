@@ -1,31 +1,51 @@
 """The command line. Needs only Python's standard library, so that --help works where the packages for the work itself are missing."""
 import argparse
+import math
 
 from . import limits
 
 DESCRIPTION = """\
-Makes a mesh, a scene and a quality report from a patient's contours (DICOM RT Structure Set, CSV) or surfaces (STL, PLY).
+Makes a mesh, a scene and a quality report from a patient's contours (DICOM RT Structure Set, CSV), label maps (NIfTI, NRRD, DICOM SEG),
+surfaces (STL, PLY, OBJ, VTK) or volume meshes with labels (VTK, Gmsh).
 
-The first region is the gland; its surface becomes the membrane `capsule`. Regions that touch share their surface; where two
-overlap, the smaller one gets the volume. Coordinates are DICOM patient coordinates in millimetres.
+The first region is the one that the needle is aimed at. Regions that touch share their surface; where two overlap, the smaller one gets
+the volume. Positions are DICOM patient coordinates in millimetres: to the patient's left, back and head.
 """
+
+
+def point(text):
+    values = [float(value) for value in text.split(",")]
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"{text}: expected X,Y,Z")
+    return values
 
 
 def parse(arguments, version=None):
     """Arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("input", nargs="+", metavar="FILE", help="one file of contours (.dcm, .csv), or surfaces (.stl, .ply), one per region, named after the file")
+    add("input", nargs="+", metavar="FILE", help="one file of contours (.dcm, .csv), labels (.dcm, .nii, .nii.gz, .nrrd) or a volume mesh (.vtu, .vtk, .msh); or any number of files with "
+        "one region each, named after the file: surfaces (.stl, .ply, .obj, .vtp, .vtk) or label maps")
     add("--list", action="store_true", help="list the regions of interest and exit")
-    add("--roi", action="append", default=[], metavar="NAME", help="soft region, the gland first; may be repeated")
+    add("--roi", action="append", default=[], metavar="NAME", help="soft region, the one of interest first; may be repeated")
     add("--bone", action="append", default=[], metavar="NAME", help="region that no needle can enter; may be repeated")
     add("--output", default="patient", metavar="PREFIX", help="write PREFIX.msh, .yaml, -quality.md and -quality.svg (default patient)")
     add("--nodes", type=int, default=570, metavar="N", help="number of nodes, met within 10 %% (default 570)")
-    add("--corridor", type=float, nargs=3, metavar=("X", "Y", "RADIUS"),
-        help="halve the element size in a cylinder along z; mm, in the mesh's frame")
-    add("--crop", action="store_true", help="limit the box to the gland and the bones; what sticks out is cut off and reported")
+    add("--corridor", type=float, nargs="+", metavar="MM",
+        help="halve the element size in a cylinder along z; mm, in the mesh's frame. One number: RADIUS around the needle's path")
+    add("--crop", action="store_true", help="limit the box to the first region and the bones; what sticks out is cut off and reported")
     add("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS", help="stop a stage that takes more processor time (default %(default)g)")
-    add("--unit", choices=("mm", "cm", "m"), default="mm", help="unit of STL and PLY files (default mm)")
+    add("--unit", choices=("mm", "cm", "m"), help="unit of the file's lengths (default: what the file says, else mm)")
+    add("--frame", choices=("LPS", "RAS"), help="axes of the file: to the left, back and head, or right, front and head (default: what the file "
+        "says, else LPS)")
+    add("--names", metavar="FILE", help="names of the labels: nnU-Net's dataset.json, or lines of a number and a name")
+    add("--labels", metavar="ARRAY", help="the array of a volume mesh's cells that holds the labels")
+    add("--skin", metavar="NAME", help="region whose surface is the skin, as BODY; it is cut to a block around the others (default: the face of a box)")
+    add("--entry", type=point, metavar="X,Y,Z", help="where the needle goes through the skin (default: the nearest place without bone in the way)")
+    add("--target", type=point, metavar="X,Y,Z", help="where the needle goes to (default: the middle of the first region)")
+    add("--margin", type=float, default=25.0, metavar="MM", help="tissue around the first region, and with --skin around all (default 25)")
+    add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
+    add("--progress", action="store_true", help="say on stderr which stage begins")
     add("--picture", metavar="FILE.svg", help="draw the contours as read and as interpreted, even if they cannot be used")
     if version:
         add("--version", action="version", version=f"trocar-anatomy {version}")
@@ -34,6 +54,12 @@ def parse(arguments, version=None):
         parser.error("--time-limit must be positive")
     if given.nodes < 200:
         parser.error("--nodes must be at least 200")
-    if given.corridor and given.corridor[2] <= 0:
+    if given.corridor and len(given.corridor) not in (1, 3):
+        parser.error("--corridor: expected RADIUS, or X Y RADIUS")
+    if given.corridor and given.corridor[-1] <= 0:
         parser.error("--corridor: the radius must be positive")
+    if not 5 <= given.margin <= 500:
+        parser.error("--margin must be from 5 to 500 mm")
+    if given.entry and given.target and math.dist(given.entry, given.target) < 1:
+        parser.error("--entry and --target are the same point")
     return given

@@ -7,7 +7,7 @@ import unicodedata
 
 import numpy as np
 
-from . import contours, field, labels, loft, meshing, shells
+from . import approach, contours, field, labels, limits, loft, materials, meshing, shells
 from .contours import Unusable
 
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
@@ -26,6 +26,7 @@ FEW = 4                 # edges that may be longer
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
 LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
+STEEPEST = 0.2          # cosine between a needle and the normal of a box's skin, at least
 SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
 
 
@@ -43,10 +44,22 @@ class Organ:
     volume: float = 0.0          # mm^3
     notes: list = dataclasses.field(default_factory=list)
     share: bool = False          # its surfaces are made from a label image
+    read: float = None           # mm^3, as the file has it, before anything was mended; None: as `volume`
+    kind: str = ""               # what the file says it is, for its material
 
     def note(self, text):
         if f"{self.roi}: {text}" not in self.notes:
             self.notes.append(f"{self.roi}: {text}")
+
+
+@dataclasses.dataclass
+class Plan:
+    """What the user wants beside the regions. DICOM mm."""
+    margin: float = MARGIN
+    entry: np.ndarray = None     # where the needle goes through the skin,
+    target: np.ndarray = None    # and where to
+    tube: float = None           # radius around the needle's path with smaller elements
+    skin: Organ = None           # the body, whose surface is the skin; None: a box
 
 
 def region_names(rois):
@@ -86,6 +99,27 @@ def organ_of_surface(roi, name, bone, surface, notes=()):
     return organ
 
 
+def organ_of_label(roi, name, bone, label, kind=""):
+    """`label`: voxels.Outlined."""
+    notes = [f"{roi}: {note}" for note in label.notes]
+    if not label.shells:
+        raise Unusable(roi, f"nothing is left of its {label.volume:.3g} mm^3 at the resolution of the other regions: leave it out")
+    size = np.ptp(np.vstack([shell.points for shell in label.shells]), axis=0)
+    measures = " x ".join(f"{side:.3g}" for side in size)
+    if label.volume < 100 or size.max() > LARGE:
+        raise Unusable(roi, f"it measures {measures} mm and has {label.volume:.3g} mm^3: are the file's voxels right? (--unit)")
+    largest = max(shell.volume() for shell in label.shells)
+    kept = [shell for shell in label.shells if shell.volume() > shells.SPLINTER * largest]
+    organ = Organ(roi, name, bone, label.points, shells=kept, volume=label.volume, notes=notes, read=label.volume, kind=kind)
+    dropped = sum(shell.volume() for shell in label.shells) - sum(shell.volume() for shell in kept)
+    if len(label.shells) > 1:
+        few = len(label.shells) - len(kept)
+        organ.note(f"has {len(label.shells)} separate parts" + (f", of which {few} of less than {100 * shells.SPLINTER:g} % of the largest one's volume "
+                   f"are left out, {-100 * dropped / label.volume:+.2f} %" if few else ""))
+    organ.volume -= dropped
+    return organ
+
+
 def note_parts(organ):
     volumes = np.array([part.volume() for part in shells.all_parts(organ.shells[0])])
     small = volumes < shells.SPLINTER * volumes.max()
@@ -117,7 +151,7 @@ def mend_crossings(organ):
     place = ", ".join(f"{v:.0f}" for v in places[0])
     organ.note(f"its surface crosses itself at {len(places)} edges, first at ({place}) mm: replaced by the surface of everything that it encloses, {volume * 1e-3:.2f} ml "
                f"instead of {organ.volume * 1e-3:.2f} ml ({100 * (volume / organ.volume - 1):+.1f} %)")
-    organ.shells, organ.volume = around, volume
+    organ.shells, organ.volume, organ.read = around, volume, organ.volume
 
 
 def outlines_touch(organ, other):
@@ -140,18 +174,44 @@ def smooth_surfaces(organ):
     return organ.shape.surfaces()
 
 
-def box_around(gland, bones, others):
-    """Low and high corner, DICOM mm. The skin is the low z. Each: a list of shells."""
+def skin_surfaces(organ):
+    """Of the body, without cavities."""
+    return shells.outermost(smooth_surfaces(organ))
+
+
+def box_around(gland, bones, others, margin=MARGIN):
+    """Low and high corner, DICOM mm. The skin is the low z. Each: a list of shells. `margin`: around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
     low, high = corners(gland)
-    low, high = low - [MARGIN, MARGIN, SKIN_DEPTH], high + MARGIN
-    for found, margin in ((bones, [OTHERS_MARGIN, OTHERS_MARGIN, EDGE]), (others, OTHERS_MARGIN)):
+    low, high = low - [margin, margin, SKIN_DEPTH], high + margin
+    for found, beyond in ((bones, [OTHERS_MARGIN, OTHERS_MARGIN, EDGE]), (others, OTHERS_MARGIN)):
         if found:
             inner, outer = corners(found)
-            low, high = np.minimum(low, inner - margin), np.maximum(high, outer + OTHERS_MARGIN)
+            low, high = np.minimum(low, inner - beyond), np.maximum(high, outer + OTHERS_MARGIN)
     return low, high
+
+
+def path_and_block(surfaces, bones, others, plan):
+    """The needle's path, and the corners of the block of tissue: all DICOM mm. surfaces: of the gland."""
+    target = approach.middle_of(surfaces) if plan.target is None else plan.target
+    if plan.skin:
+        path = approach.through_skin(target, plan.skin.shells, bones) if plan.entry is None else approach.Path(plan.entry, target, True)
+        points = np.vstack([shell.points for shell in [*surfaces, *bones, *others]])
+        ends = np.array([path.entry, target])
+        return path, np.minimum(points.min(axis=0), ends.min(axis=0)) - plan.margin, np.maximum(points.max(axis=0), ends.max(axis=0)) + plan.margin
+    low, high = box_around(surfaces, bones, others, plan.margin)
+    if plan.entry is None:
+        return approach.through_face(target, low, high, bones), low, high
+    if target[2] - plan.entry[2] < STEEPEST * np.linalg.norm(target - plan.entry):
+        raise Unusable("needle", "the box's skin faces the feet, and the way from --entry to --target does not lead to the head: "
+                       "take the patient's own skin with --skin")
+    everything = np.vstack([shell.points for shell in [*surfaces, *bones, *others]])[:, 2].min() - EDGE
+    low[2] = min(plan.entry[2], everything)
+    entry = plan.entry + (low[2] - plan.entry[2]) / (target[2] - plan.entry[2]) * (target - plan.entry)
+    low[:2], high[:2] = np.minimum(low, entry - OTHERS_MARGIN)[:2], np.maximum(high, entry + OTHERS_MARGIN)[:2]
+    return approach.Path(entry, target, True), low, high
 
 
 def kept_apart(organ, surfaces, before, gap):
@@ -186,13 +246,27 @@ def world(points, origin):
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
+def patient(points, origin):
+    """DICOM mm, of points in the mesh's frame."""
+    return points * [-1e3, -1e3, 1e3] + origin
+
+
 def surface_name(organ, organs):
-    return "bone" if organ.bone else "capsule" if organ is organs[0] else organ.name + "_wall"
+    """The first region's surface is a capsule if it is a prostate."""
+    return "bone" if organ.bone else "capsule" if organ is organs[0] and materials.known(organ.roi, organ.kind) == "prostate" else organ.name + "_wall"
 
 
-def domain_of(organs, nodes, corridor, crop=False):
+def patient_to_mesh(origin):
+    """(4, 4), mm to m."""
+    matrix = np.diag([-1e-3, -1e-3, 1e-3, 1.0])
+    matrix[:3, 3] = world(np.zeros(3), origin)
+    return matrix
+
+
+def domain_of(organs, nodes, corridor, crop=False, plan=None):
     """The gland first. `crop`: the box holds the gland and the bones, not all regions. Returns the domain and region name -> volume of its
     outlines, m^3."""
+    plan = plan or Plan()
     if any(a.stack and b.stack and outlines_touch(a, b) for a, b in itertools.combinations(organs, 2)):
         for organ in organs:
             organ.share = True
@@ -201,10 +275,10 @@ def domain_of(organs, nodes, corridor, crop=False):
         if not found:
             raise Unusable(organ.roi, "it is too thin to be resolved")
     bones, others = ([s for organ, found in zip(organs[1:], surfaces[1:]) if organ.bone == bone for s in found] for bone in (True, False))
-    low, high = box_around(surfaces[0], bones, [] if crop else others)
+    path, low, high = path_and_block(surfaces[0], bones, [] if crop else others, plan)
     cut = crop and any(np.any(s.points < low + EDGE) or np.any(s.points > high - EDGE) for s in others)
     gap = GAP * meshing.first_size(high - low, nodes)
-    origin = origin_under(surfaces[0], low)
+    origin = origin_under(surfaces[0], low) if not plan.skin else path.entry
 
     def placed(shell):
         return shells.Shell(world(shell.points, origin), shell.triangles)
@@ -212,14 +286,18 @@ def domain_of(organs, nodes, corridor, crop=False):
     points = np.vstack([shell.points for shell in surfaces[0]])
     reach = float(np.ptp(points, axis=0).max()) / 2 * 1e-3
     middle = world((points.min(axis=0) + points.max(axis=0)) / 2, origin)
-    domain = meshing.Domain([], corners.min(axis=0), corners.max(axis=0), middle, reach, origin, corridor, gland=organs[0].name)
-    apart = not cut and apart_surfaces(organs, surfaces, gap)
+    domain = meshing.Domain([], corners.min(axis=0), corners.max(axis=0), middle, reach, origin, corridor, gland=organs[0].name,
+                            path=tuple(world(np.array([path.entry, path.target]), origin)), tube=plan.tube and plan.tube * 1e-3)
+    apart = not cut and not plan.skin and apart_surfaces(organs, surfaces, gap)
     outlined = {organ.name: organ.volume * 1e-9 for organ in organs}
     if not apart:
         edge = np.array([EDGE * 1e-3] * 3)
         domain.crop = (domain.low + edge, domain.high - edge) if cut else None
         domain.regions = [meshing.Region(organ.name, surface_name(organ, organs), [placed(s) for s in found], organ.volume * 1e-9, organ.bone)
                           for organ, found in sorted(zip(organs, surfaces), key=lambda pair: priority(pair[0], organs[0]))]
+        if plan.skin:
+            domain.skin = True
+            domain.regions.append(meshing.Region("surrounding", "skin", [placed(s) for s in plan.skin.shells], None))
         return domain, outlined
     for organ, kept in zip(organs, apart):
         share = organ.volume / sum(shell.volume() for shell in surfaces[organs.index(organ)])
@@ -254,11 +332,18 @@ def apart_surfaces(organs, surfaces, gap):
     return apart
 
 
-def mesh_of(organs, nodes, corridor, path, crop=False):
+def shaped(organs, *arguments):
+    """domain_of, and the organs with their surfaces, since it may run in another process."""
+    return (organs, *domain_of(organs, *arguments))
+
+
+def mesh_of(organs, nodes, corridor, path, crop=False, plan=None):
     """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed is replaced by a field, and that by
     surfaces from a label image."""
     while True:
-        domain, outlined = domain_of(organs, nodes, corridor, crop)
+        made, domain, outlined = limits.run(f"surfaces of {', '.join(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
+        for organ, finished in zip(organs, made):
+            vars(organ).update(vars(finished))
         try:
             made = meshing.generate(domain, nodes, path)
         except meshing.Failure as failure:

@@ -86,9 +86,27 @@ def table(mesh, outlined, distances):
     return rows
 
 
-def markdown(title, rows, notes, histogram):
+def mended(organs, mesh, outlined):
+    """Lines of a table: what each region's volume was as read, after mending, without what others or the box took, and in the mesh."""
+    lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
+    for organ in organs:
+        read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9
+        held = None if organ.bone else mesh.region_volume(organ.name) * 1e9
+        lines.append(f"| {organ.roi} | {read * 1e-3:.2f} | {organ.volume * 1e-3:.2f} ({100 * (organ.volume / read - 1):+.1f} %) | {used * 1e-3:.2f} "
+                     f"({100 * (used / organ.volume - 1):+.1f} %) | " + (f"{held * 1e-3:.2f} | {100 * (held / used - 1):+.2f} % |" if held else " | |"))
+    return lines
+
+
+def transform(matrix):
+    """Lines that show a transform (4, 4) from the patient's coordinates."""
+    return ["", "From DICOM's patient coordinates (mm) to the mesh's (m):", "", "```text",
+            *(" ".join(f"{value + 0.0:12.6g}" for value in row) for row in matrix), "```"]
+
+
+def markdown(title, rows, notes, histogram, more=()):
     lines = [f"# {title}", "", "Beside the mesh of Goksel, Salcudean and DiMaio (2006).", "", "| | this mesh | 2006 |", "|---|---|---|"]
     lines += [f"| {what} | {value} | {paper} |" for what, value, paper in rows]
+    lines += more
     lines += ["", f"![Dihedral angles, edges, tetrahedra around a node]({histogram})"]
     if notes:
         lines += ["", "Remarks on the outlines:", ""] + [f"- {note}" for note in notes]

@@ -1,47 +1,73 @@
-"""Reads outlines and surfaces: DICOM RT Structure Sets, CSV, STL, PLY. Results are in DICOM's patient coordinates, mm."""
+"""Reads outlines, label maps, surfaces and volume meshes. Results are in DICOM's patient coordinates (LPS), mm."""
 import collections
 import csv
 import os
+import re
 import struct
 
 import numpy as np
 import pydicom
 import vtk
+from vtk.util.numpy_support import vtk_to_numpy
 
-from . import shells
+from . import quality, session, shells, voxels
 from .contours import Rings, Unusable
+from .trouble import BadFile
 
-OUTLINES, SURFACES = (".dcm", ".csv"), (".stl", ".ply")
+OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd"), (".stl", ".ply", ".obj", ".vtp")
+MESHES = (".vtk", ".vtu", ".msh")                           # .vtk may be a surface as well
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
+CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
+MOST_LABELS = 500                                           # different values of cells: more are no labels
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
-class BadFile(Exception):
-    """The text names the file and, if possible, the place in it."""
-
-
 def kind_of(path):
-    extension = os.path.splitext(path)[1].lower()
-    if extension in OUTLINES + SURFACES:
-        return extension
-    raise BadFile(f"{path}: unknown file type; expected {', '.join(OUTLINES + SURFACES)}")
+    every = OUTLINES + IMAGES + SURFACES + MESHES
+    for extension in every:
+        if path.lower().endswith(extension):
+            return extension
+    raise BadFile(f"{path}: unknown file type; expected {', '.join(every)}")
+
+
+def stem_of(path):
+    """The file's name without folder and extension."""
+    return re.sub(r"\.seg$", "", os.path.basename(path)[:-len(kind_of(path))])
+
+
+def read_image(path, unit=None, names=None, frame=None):
+    """A label map. `unit`: of its lengths, or None: as the file says; `names`: label number -> name; `frame`: LPS or RAS, or None."""
+    if not os.path.exists(path):
+        raise BadFile(f"{path}: no such file")
+    scale = UNITS[unit] if unit else None
+    if kind_of(path) == ".nrrd":
+        return voxels.read_nrrd(path, scale, names or {}, frame)
+    if frame == "LPS":
+        raise BadFile(f"{path}: NIfTI is always RAS: leave --frame out")
+    return voxels.read_nifti(path, scale, names or {})
 
 
 def read_outlines(path):
-    """ROI name -> list of rings (n, 3)."""
-    rois = read_rtstruct(path) if kind_of(path) == ".dcm" else read_csv(path)
+    """ROI name -> list of rings (n, 3); of a DICOM segmentation, a label map."""
+    rois = read_dicom(path) if kind_of(path) == ".dcm" else read_csv(path)
+    if isinstance(rois, voxels.LabelMap):
+        return rois
     if not any(rois.values()):
         raise BadFile(f"{path}: contains no outlines")
     return rois
 
 
-def read_rtstruct(path):
+def read_dicom(path):
+    tags = ["Modality", "StructureSetROISequence", "ROIContourSequence"]
     try:
-        data = pydicom.dcmread(path, specific_tags=["Modality", "StructureSetROISequence", "ROIContourSequence"])
+        data = pydicom.dcmread(path, specific_tags=tags)
+        if data.get("Modality") == "SEG":
+            return voxels.read_seg(path, pydicom.dcmread(path))
     except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError) as error:
         raise BadFile(f"{path}: not a DICOM file: {error}") from error
     if data.get("Modality") != "RTSTRUCT":
-        raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT: export the structure set")
+        raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT or SEG: export the structure set")
     try:  # pydicom reads sequences on access
         return rois_of(data)
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
@@ -109,23 +135,95 @@ def add_point(rois, row, place):
     rois.setdefault(row[0].strip(), {}).setdefault(row[1].strip(), []).append(point)
 
 
-def read_surface(path, scale):
-    """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file."""
+def frame_of(path, given):
+    """LPS or RAS: what the option says, else what 3D Slicer writes into the header of a surface, else DICOM's LPS."""
+    with open(path, "rb") as file:
+        said = re.search(rb"SPACE=(LPS|RAS)", file.read(4096))
+    return given or (said[1].decode() if said else "LPS")
+
+
+def data_of(path):
+    """What VTK reads from a surface or volume mesh."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
-    reader = vtk.vtkSTLReader() if kind_of(path) == ".stl" else vtk.vtkPLYReader()
+    readers = {".stl": vtk.vtkSTLReader, ".ply": vtk.vtkPLYReader, ".obj": vtk.vtkOBJReader, ".vtp": vtk.vtkXMLPolyDataReader,
+               ".vtk": vtk.vtkDataSetReader, ".vtu": vtk.vtkXMLUnstructuredGridReader}
+    reader = readers[kind_of(path)]()
     reader.SetFileName(path)
     reader.GlobalWarningDisplayOff()
     reader.Update()
-    surface = reader.GetOutput()
-    if surface.GetNumberOfPolys() < 4:
+    return reader.GetOutput()
+
+
+def is_surface(path):
+    if kind_of(path) != ".vtk":
+        return kind_of(path) in SURFACES
+    return isinstance(data_of(path), vtk.vtkPolyData)
+
+
+def read_mesh(path, unit="mm", frame=None, array=None, names=None):
+    """Region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels."""
+    if not os.path.exists(path):
+        raise BadFile(f"{path}: no such file")
+    mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
+    sign = [1, 1, 1] if frame_of(path, frame) == "LPS" else [-1, -1, 1]
+    mesh.points = mesh.points * sign * UNITS[unit]
+    found = {}
+    for name in mesh.regions:
+        shell = mesh.boundary(name)
+        used, numbers = np.unique(shell.triangles, return_inverse=True)
+        outward = shells.oriented(shells.Shell(mesh.points[used], numbers.reshape(-1, 3)))
+        found[name] = outward, []
+    return found
+
+
+def gmsh_mesh(path):
+    session.start()
+    try:
+        return session.read(path)
+    except Exception as error:  # Gmsh raises no more specific class
+        raise BadFile(f"{path}: Gmsh cannot read it as tetrahedra in named groups: {error}") from error
+
+
+def vtk_mesh(path, array, names):
+    grid = data_of(path)
+    if not isinstance(grid, vtk.vtkUnstructuredGrid) or grid.GetNumberOfCells() == 0:
+        raise BadFile(f"{path}: contains no cells of a volume mesh")
+    split = shells.pipe(grid, shells.configured(vtk.vtkDataSetTriangleFilter(), TetrahedraOnly=True))
+    if split.GetNumberOfCells() == 0:
+        raise BadFile(f"{path}: contains no tetrahedra or other volumes")
+    values = cell_labels(path, split.GetCellData(), array)
+    numbers, region = np.unique(values, return_inverse=True)
+    tets = vtk_to_numpy(split.GetCells().GetConnectivityArray()).reshape(-1, 4)
+    points, same = np.unique(vtk_to_numpy(split.GetPoints().GetData()).astype(float), axis=0, return_inverse=True)     # joins cells' copies
+    return quality.Mesh(points, same.reshape(-1)[tets], region.reshape(-1), [names.get(int(n), str(int(n))) for n in numbers])
+
+
+def cell_labels(path, data, array):
+    """The cells' array of this name, else one with a usual name, else the only one of whole numbers."""
+    arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
+    whole = [name for name, values in arrays.items()
+             if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]
+    if array and array not in whole:
+        raise BadFile(f"{path}: its cells have no labels \"{array}\"; they have: {', '.join(whole) or 'none'}")
+    usual = [name for name in whole if name.lower() in CELL_LABELS]
+    chosen = [array] if array else usual if len(usual) == 1 else whole
+    if len(chosen) != 1:
+        raise BadFile(f"{path}: its cells have {', '.join(whole) or 'no array of labels'}" + (": choose the labels with --labels" if whole else ""))
+    return arrays[chosen[0]]
+
+
+def read_surface(path, scale, frame=None):
+    """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or None."""
+    surface = data_of(path)
+    if surface.GetNumberOfPolys() + surface.GetNumberOfStrips() < 4:
         raise BadFile(f"{path}: contains {surface.GetNumberOfPolys()} triangles: is it a surface of triangles?")
-    scaled = vtk.vtkTransform()
-    scaled.Scale(scale, scale, scale)
+    scaled, sign = vtk.vtkTransform(), 1 if frame_of(path, frame) == "LPS" else -1
+    scaled.Scale(sign * scale, sign * scale, scale)
     move = vtk.vtkTransformPolyDataFilter()
     move.SetTransform(scaled)
     surface, notes = shells.mended(shells.pipe(surface, move))
     if shells.open_edges(surface):
-        raise Unusable(os.path.splitext(os.path.basename(path))[0],
+        raise Unusable(stem_of(path),
                        f"the surface of {path} has holes that are too large to be filled ({shells.open_edges(surface)} open edges)")
     return shells.from_vtk(surface), notes

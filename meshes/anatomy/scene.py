@@ -1,29 +1,53 @@
 """The scene that goes with a mesh."""
+import math
 
-MATERIALS = {  # Pa; N; N/m static and kinetic: assumptions, see meshes/PARAMETERS.md
-    "prostate": (60e3, 0.3, 15, 9), "urethra": (30e3, 0.25, 12, 7), "rectum": (20e3, 0.25, 12, 7), "bladder": (10e3, 0.25, 12, 7)}
-OTHER = (30e3, 0.25, 12, 7)
+from . import materials
+
+
+def number(value):
+    return ".inf" if math.isinf(value) else f"{value:g}"
 
 
 def region(name, material):
-    modulus, cutting, static, kinetic = material
-    return [f"  - name: {name}", f"    youngs_modulus: {modulus / 1e3:g}e3       # Pa", "    poisson_ratio: 0.45",
-            f"    cutting_force: {cutting:g}         # N", "    cutting_viscosity: 1        # N s/m",
-            f"    friction: {{static: {static}, kinetic: {kinetic}, viscous: 100}}   # N/m, N/m, N s/m^2"]
+    m = material
+    return [f"  - name: {name}", f"    youngs_modulus: {m.modulus / 1e3:g}e3       # Pa", f"    poisson_ratio: {m.poisson:g}",
+            f"    cutting_force: {number(m.cutting)}         # N", f"    cutting_viscosity: {m.viscosity:g}        # N s/m",
+            f"    friction: {{static: {m.static:g}, kinetic: {m.kinetic:g}, viscous: {m.viscous:g}}}   # N/m, N/m, N s/m^2"]
 
 
-def text(title, mesh, soft, bones, walls):
-    """`soft`: names of regions, the gland first; `bones`: whether there are any; `walls`: names of surfaces without resistance."""
+def listed(values):
+    return ", ".join(f"{value + 0.0:.9g}" for value in values)     # without -0
+
+
+def place(matrix, start):
+    """Lines of the transform (4, 4) from the patient's coordinates, and the needle."""
+    rows = [listed(row) for row in matrix]
+    return ["", "patient_to_mesh: [" + rows[0] + ",    # from DICOM's patient coordinates, mm"] + [
+        " " * 18 + row + end for row, end in zip(rows[1:], (",", ",", "]"))], [
+        "", "needle:                         # 18 G, 200 mm",
+        f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]}}    # m, the tip is 1 mm before the skin"]
+
+
+def text(title, mesh, soft, bones, walls, **more):
+    """`soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the other surfaces. In `more`:
+    `found`: name -> Material, also of "surrounding"; `wall_of`: name of a region -> that of its surface; `matrix`, `start`: see place."""
+    found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
+    wall_of = more.get("wall_of") or {}
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",
-             f"mesh: {mesh}", "", "regions:"]
-    lines += region(soft[0], MATERIALS["prostate"])
-    for name in soft[1:] + ["surrounding"]:
-        lines += region(name, MATERIALS.get(name, OTHER))
-    lines += ["", "membranes:", "  - name: skin", "    puncture_force: 0.6         # N", "  - name: capsule", "    puncture_force: 0.9"]
+             f"mesh: {mesh}"]
+    patient, needle = place(more["matrix"], more["start"]) if "matrix" in more else ([], ["", "needle: {}                      # 18 G, 200 mm"])
+    lines += [*patient, "", "regions:"]
+    for name in soft + ["surrounding"]:
+        lines += region(name, found[name])
+    lines += ["", "membranes:", "  - name: skin", "    puncture_force: 0.6         # N"]
+    felt = {wall_of.get(name, name + "_wall"): found[name].wall for name in soft if found[name].wall is not None}
+    felt = {name: force for name, force in felt.items() if name == "capsule" or name in walls}
+    for name, force in felt.items():
+        lines += [f"  - name: {name}", f"    puncture_force: {number(force)}"]
     if bones:
         lines += ["  - name: bone", "    puncture_force: .inf        # stops the tip"]
-    if walls:
-        lines += [f"# surfaces without resistance: {', '.join(walls)}"]
+    quiet = [name for name in walls if name not in felt]
+    if quiet:
+        lines += [f"# surfaces without resistance: {', '.join(quiet)}"]
     lines += ["", "fixed: [fixed, bone]            # bone holds the tissue around it; leave it out, and the tissue moves along it" if bones else "fixed: [fixed]"]
-    lines += ["", "needle: {}                      # 18 G, 200 mm"]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *needle]) + "\n"

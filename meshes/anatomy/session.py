@@ -1,5 +1,9 @@
 """Gmsh's session."""
 import gmsh
+import numpy as np
+
+from . import quality
+from .shells import Shell
 
 _running = False
 
@@ -15,3 +19,37 @@ def start():
                           ("Mesh.RandomSeed", 1), ("Mesh.OptimizeThreshold", 0.7), ("Mesh.MeshSizeExtendFromBoundary", 0), ("Mesh.MeshSizeFromPoints", 0),
                           ("Mesh.MeshSizeFromCurvature", 0)):
         gmsh.option.setNumber(option, value)
+
+
+def current_mesh():
+    """The tetrahedra of Gmsh's current model, and its named groups."""
+    tags, flat, _ = gmsh.model.mesh.getNodes()
+    at = np.zeros(int(tags.max()) + 1, int)
+    at[tags] = np.arange(len(tags))
+    regions, tets, region = [], [], []
+    for _, group in gmsh.model.getPhysicalGroups(3):
+        for volume in gmsh.model.getEntitiesForPhysicalGroup(3, group):
+            corners = at[gmsh.model.mesh.getElementsByType(4, volume)[1]].reshape(-1, 4)
+            tets.append(corners)
+            region.append(np.full(len(corners), len(regions)))
+        regions.append(gmsh.model.getPhysicalName(3, group))
+    points = flat.reshape(-1, 3)
+    surfaces = {gmsh.model.getPhysicalName(2, group): Shell(points, np.concatenate(
+        [at[gmsh.model.mesh.getElementsByType(2, surface)[1]].reshape(-1, 3) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)]))
+        for _, group in gmsh.model.getPhysicalGroups(2)}
+    return quality.Mesh(points, np.concatenate(tets), np.concatenate(region), regions, surfaces)
+
+
+def read(path):
+    """The mesh in a file; groups without a name are numbered."""
+    gmsh.open(path)
+    if not gmsh.model.getPhysicalGroups(3):
+        for _, volume in gmsh.model.getEntities(3):
+            gmsh.model.addPhysicalGroup(3, [volume], volume)
+    for _, group in gmsh.model.getPhysicalGroups(3):
+        if not gmsh.model.getPhysicalName(3, group):
+            gmsh.model.setPhysicalName(3, group, str(group))
+    mesh = current_mesh()
+    if mesh.tets.size == 0:
+        raise ValueError("it has none")
+    return mesh

@@ -95,6 +95,15 @@ def parts(shell):
     return [part for part in found if part.volume() > SPLINTER * found[0].volume()]
 
 
+def outermost(found):
+    """The closed surfaces that do not lie within a larger one, such as those of cavities."""
+    ordered, kept = sorted((part for shell in found for part in all_parts(shell)), key=lambda part: -part.volume()), []
+    for part in ordered:
+        if part.volume() > SPLINTER * ordered[0].volume() and not any(distances(other, part.points[:1])[0] < 0 for other in kept):
+            kept.append(part)
+    return kept
+
+
 def oriented(shell):
     """The surface with all normals outward."""
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False)

@@ -68,6 +68,20 @@ class PythonTest(unittest.TestCase):
     def setUpClass(cls):
         cls.model = trocar.Model(trocar.Scene.load(FIGURE8))
 
+    def test_start_and_patient_coordinates(self):
+        self.assertIsNone(self.model.start)
+        self.assertIsNone(self.model.patient_to_mesh)
+        scene = trocar.Scene()
+        scene.set_mesh(cube())
+        scene["regions[body].youngs_modulus"], scene["fixed"] = 10e3, ["back"]
+        matrix = np.array([[0, -1e-3, 0, 0.25], [1e-3, 0, 0, -0.125], [0, 0, 1e-3, 0.5], [0, 0, 0, 1]])
+        scene["patient_to_mesh"] = matrix.ravel()
+        scene["needle.start.position"] = [0, 0, -0.21]
+        scene["needle.start.orientation"] = [0.8, 0.6, 0, 0]
+        model = trocar.Model(scene)
+        np.testing.assert_array_equal(model.patient_to_mesh, matrix)
+        np.testing.assert_allclose(model.start, [0, 0, -0.21, 0.8, 0.6, 0, 0], atol=1e-15)
+
     def test_forces_are_those_of_replay(self):
         """The poses of a golden trace, tick by tick, give the same digits."""
         with tempfile.TemporaryDirectory() as folder:

@@ -257,6 +257,18 @@ class Model:
         """rate_hz of the scene."""
         return lib.trocar_model_rate(self._handle)
 
+    @property
+    def start(self) -> npt.NDArray[np.float64] | None:
+        """Pose of the first needle's base before the insertion: x y z (m), w x y z. None if the scene has no needle.start."""
+        pose = ffi.new("trocar_pose *")
+        return np.array([*pose.position, *pose.orientation]) if lib.trocar_model_start(self._handle, pose) else None
+
+    @property
+    def patient_to_mesh(self) -> npt.NDArray[np.float64] | None:
+        """(4, 4) from the patient's coordinates (DICOM's, mm) to the mesh's (m). None if the scene does not say."""
+        matrix = ffi.new("double[16]")
+        return np.array(list(matrix)).reshape(4, 4) if lib.trocar_model_patient_to_mesh(self._handle, matrix) else None
+
 
 def _pose(pose: npt.ArrayLike) -> Any:
     numbers = np.ascontiguousarray(pose, np.float64)

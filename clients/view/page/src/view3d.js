@@ -34,7 +34,11 @@ function drawsInSoftware() {
 
 /** Picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
-  const needles = homes.map(([x, y, z]) => ({ orientation: [1, 0, 0, 0], joints: new Float32Array([x, y, z, x, y, z + length]), contacts: new Float32Array(0) }))
+  const needles = homes.map(([x, y, z, ...orientation]) => {
+    const [w, a, b, c] = orientation, way = [2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)] // of the needle
+    const tip = [x + length * way[0], y + length * way[1], z + length * way[2]]
+    return { orientation, joints: new Float32Array([x, y, z, ...tip]), contacts: new Float32Array(0) }
+  })
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 

@@ -1,0 +1,119 @@
+"""Where the needle goes in: from the skin toward the first region, past the bones."""
+import dataclasses
+
+import numpy as np
+import vtk
+
+from . import shells
+from .contours import Unusable
+
+AHEAD = 1e-3            # m from the tip to the skin before the insertion
+NEEDLE = 0.2            # m, length of the scene's needle
+SAMPLES = 14            # along each side of a region's box, to find its deepest point
+CANDIDATES = 400        # entries that are tried, nearest first
+FAR = 1e3               # mm: longer than any path
+
+
+@dataclasses.dataclass
+class Path:
+    """DICOM mm."""
+    entry: np.ndarray        # on the skin
+    target: np.ndarray
+    chosen: bool             # by the user
+
+    def direction(self):
+        way = self.target - self.entry
+        return way / np.linalg.norm(way)
+
+
+def first_hit(shell, start, end):
+    """Point where a segment first meets a surface, or None."""
+    locator = vtk.vtkStaticCellLocator()
+    locator.SetDataSet(shells.to_vtk(shell))
+    locator.BuildLocator()
+    return hit_in(locator, start, end)
+
+
+def hit_in(locator, start, end):
+    share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
+    met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), 0.0, share, point, local, sub)
+    return np.array(point) if met else None
+
+
+def middle_of(surfaces):
+    """The centre of a region's largest part if it is inside, else its deepest point."""
+    largest = max(surfaces, key=lambda shell: shell.volume())
+    centre = largest.centre()
+    if shells.distances(largest, centre[None])[0] < 0:
+        return centre
+    low, high = largest.points.min(axis=0), largest.points.max(axis=0)
+    grid = np.stack(np.meshgrid(*(np.linspace(a, b, SAMPLES) for a, b in zip(low, high))), axis=-1).reshape(-1, 3)
+    return grid[np.argmin(shells.distances(largest, grid))]
+
+
+def nearest_free(target, places, bones):
+    """The nearest of some places on the skin from which the way to the target meets no bone, or None."""
+    order = np.argsort(np.linalg.norm(places - target, axis=1))
+    locators = []
+    for bone in bones:
+        locators.append(vtk.vtkStaticCellLocator())
+        locators[-1].SetDataSet(shells.to_vtk(bone))
+        locators[-1].BuildLocator()
+    for k in order[::1 + len(order) // CANDIDATES]:
+        if all(hit_in(locator, places[k], target) is None for locator in locators):
+            return places[k]
+    return None
+
+
+def through_skin(target, skin, bones):
+    """The path from the nearest place of the skin. Skin, bones: closed surfaces."""
+    places = np.vstack([shell.points for shell in skin])
+    entry = nearest_free(target, places[::1 + len(places) // 20000], bones)
+    if entry is None:
+        raise Unusable("needle", "bones are in the way from everywhere on the skin: say where it goes in, with --entry and --target")
+    return Path(entry, target, False)
+
+
+def through_face(target, low, high, bones):
+    """The path through a box's low z face: along z, or with the least tilt at which no bone is in the way."""
+    x, y = np.meshgrid(np.linspace(low[0] + 5, high[0] - 5, 15), np.linspace(low[1] + 5, high[1] - 5, 15))
+    places = np.vstack([[target[0], target[1], low[2]], np.column_stack([x.ravel(), y.ravel(), np.full(x.size, low[2])])])
+    entry = nearest_free(target, places, bones)
+    return Path(places[0] if entry is None else entry, target, False)
+
+
+def orientation(direction):
+    """Unit quaternion w, x, y, z that turns +z into this direction, by the least angle."""
+    x, y, z = direction
+    if z < -1 + 1e-12:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([1 + z, -y, x, 0.0])
+    return q / np.linalg.norm(q)
+
+
+@dataclasses.dataclass
+class Start:
+    """Of the needle in the mesh's frame, m."""
+    position: np.ndarray     # of the base
+    orientation: np.ndarray  # w, x, y, z
+    entry: np.ndarray        # on the mesh's skin
+    remark: str
+
+
+def start_in(mesh, entry, target, gland):
+    """The pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region."""
+    way = (target - entry) / np.linalg.norm(target - entry)
+    skin = first_hit(mesh.surfaces["skin"], entry - 0.3 * way, target)
+    every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
+    before = [point for point in every if point is not None and (skin is None or (point - skin) @ way < -1e-6)]
+    if skin is None or before:
+        raise Unusable("needle", "the line from --entry to --target does not come through the mesh's skin first: move the entry, raise --margin, "
+                       "or take the patient's own skin with --skin")
+    met = first_hit(mesh.boundary(gland), skin, skin + NEEDLE * way)
+    depth = f"meets {gland} {1e3 * np.linalg.norm(met - skin):.0f} mm below the skin" if met is not None else f"does not meet {gland}"
+    bone = first_hit(mesh.surfaces["bone"], skin, target) if "bone" in mesh.surfaces else None
+    if bone is not None:
+        depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the way with --entry and --target"
+    if np.linalg.norm(target - skin) > NEEDLE:
+        depth += f"; its target is {1e3 * np.linalg.norm(target - skin):.0f} mm deep, and the needle {1e3 * NEEDLE:.0f} mm long"
+    return Start(skin - (NEEDLE + AHEAD) * way, orientation(way), skin, depth)

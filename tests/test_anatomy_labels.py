@@ -1,0 +1,280 @@
+#!/usr/bin/python3
+"""Label maps, surfaces and volume meshes of every kind, and where the needle goes in: against shapes of known place and volume.
+"""
+import contextlib
+import io
+import os
+import tempfile
+import unittest
+import unittest.mock
+from sys import modules
+
+import numpy as np
+
+from anatomy_cases import ellipsoid_volume
+from anatomy import __main__ as command, approach, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, session, shells, trouble, voxels
+
+SPACING = (1.0, 1.25, 2.0)
+MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, of the left of two half balls that touch
+RADIUS = 18.0
+
+
+def two_halves(degrees=0.0):
+    """A ball, its left half (+x) label 1 and its right half label 2, in a larger ball of label 3: (k, j, i), and the place of the voxels."""
+    size = np.array([60, 48, 30])
+    x, y, z = np.meshgrid(*(np.arange(n) * s - n * s / 2 for n, s in zip(size, SPACING)), indexing="ij")
+    radius = np.sqrt(x ** 2 + y ** 2 + z ** 2)
+    found = np.where(radius < RADIUS, np.where(x > 0, 1, 2), np.where(radius < 26, 3, 0)).astype(np.uint8)
+    place = np.diag([*SPACING, 1.0])
+    place[:3, 3] = -size * SPACING / 2
+    place = inputs.turned(place, degrees)
+    place[:3, 3] += MIDDLE
+    return found.transpose(2, 1, 0).copy(), place
+
+
+NAMES = {1: "Left lobe", 2: "Right lobe", 3: "Body"}
+
+
+class Files(unittest.TestCase):
+    def setUp(self):
+        directory = tempfile.TemporaryDirectory()
+        self.addCleanup(directory.cleanup)
+        os.chdir(directory.name)
+
+    def check_map(self, found, place, values, tolerance=1e-4):
+        """The map has the voxels of two_halves where they are, whatever the order of its axes."""
+        for name, value in values.items():
+            mask = found.mask(name)
+            self.assertEqual(np.count_nonzero(mask), np.count_nonzero(self.labels == value), name)
+            where = found.place[:3] @ np.append(np.argwhere(mask).mean(axis=0)[::-1], 1.0)
+            true = place[:3] @ np.append(np.argwhere(self.labels == value).mean(axis=0)[::-1], 1.0)
+            self.assertTrue(np.allclose(where, true, atol=tolerance), (name, where, true))
+
+    def test_every_kind_of_label_map_has_its_labels_where_they_are(self):
+        self.labels, place = two_halves(20)
+        by_name = {name: value for value, name in NAMES.items()}
+        inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
+        self.check_map(reading.read_image("a.seg.nrrd"), place, by_name)
+        inputs.write_nrrd("b.nrrd", [(self.labels == v).astype(np.uint8) for v in NAMES], place, {(v - 1, 1): name for v, name in NAMES.items()})
+        self.check_map(reading.read_image("b.nrrd"), place, by_name)
+        inputs.write_seg("c.dcm", self.labels, place, NAMES)
+        self.check_map(reading.read_outlines("c.dcm"), place, by_name)
+        try:
+            inputs.write_nifti("d.nii.gz", self.labels, place)
+        except ImportError:
+            self.skipTest("nibabel is not installed")
+        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # its header has single precision
+        inputs.write_nifti("e.nii", self.labels, place, np.float32)
+        self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
+
+    def test_a_missing_package_is_named(self):
+        with unittest.mock.patch.dict(modules, {"nibabel": None}):
+            open("x.nii", "wb").close()
+            with self.assertRaisesRegex(trouble.BadFile, "x.nii.*apt install python3-nibabel"):
+                reading.read_image("x.nii")
+
+    def test_frames_and_units_of_surfaces(self):
+        shell = approach_sphere(MIDDLE, 15.0)
+        for name, frame, scale, options_ in (("a.stl", "LPS", 1.0, {}), ("b.vtk", "RAS", 1.0, {}), ("c.obj", "RAS", 0.1, {"frame": "RAS"}),
+                                             ("d.vtp", "LPS", 0.001, {})):
+            inputs.write_surface(name, shells.Shell(shell.points * scale, shell.triangles), frame)
+            found, _ = reading.read_surface(name, 1 / scale, **options_)
+            self.assertTrue(np.allclose(found.centre(), MIDDLE, atol=0.05), (name, found.centre()))
+            self.assertAlmostEqual(found.volume() / shell.volume(), 1, delta=1e-3, msg=name)
+
+    def test_cells_with_labels(self):
+        mesh = quality.Mesh(*two_boxes())
+        for name in ("a.vtu", "b.vtk"):
+            inputs.write_cells(name, mesh)
+            self.assertFalse(reading.is_surface(name))
+            found = reading.read_mesh(name, "cm", "LPS", names={1: "low"})
+            self.assertEqual(list(found), ["low", "2"])
+            for surface, _ in found.values():
+                self.assertAlmostEqual(surface.signed_volume(), 1e3)      # mm^3 in 1 cm^3
+        with self.assertRaisesRegex(trouble.BadFile, "no labels \"x\"; they have: Label"):
+            reading.read_mesh("a.vtu", array="x")
+
+    def test_files_that_cannot_be_used_say_why(self):
+        found, place = two_halves()
+        cases = {"empty.nrrd": np.zeros_like(found), "flat.nrrd": found[15:16]}
+        for name, values in cases.items():
+            inputs.write_nrrd(name, values, place)
+        inputs.write_nrrd("whole.nrrd", found, place)
+        with open("whole.nrrd", "rb") as file:
+            content = file.read()
+        wrong = {"cut.nrrd": content[:-200], "kind.nrrd": b"GIF89a" + content, "no.nrrd": content.replace(b"space directions", b"space conditions"),
+                 "far.nrrd": content.replace(b"encoding: gzip", b"encoding: bzip2"), "x.csv": b"", "x.gif": b"", "half.nrrd": content[:150],
+                 "zero.nrrd": content.replace(b"(1,0,0)", b"(0,0,0)")}
+        for name, changed in wrong.items():
+            with open(name, "wb") as file:
+                file.write(changed)
+        words = {"empty.nrrd": "no label", "flat.nrrd": "three axes", "cut.nrrd": "cut off", "kind.nrrd": "not a NRRD", "no.nrrd": "directions", "far.nrrd": "gzip or raw",
+                 "half.nrrd": "no end", "x.gif": "unknown file type", "zero.nrrd": "how large its voxels are"}
+        for name, word in words.items():
+            with self.assertRaisesRegex(trouble.BadFile, f"^{name}: .*{word}"):
+                reading.read_image(name)
+
+    def test_names_of_labels(self):
+        for content, path in (('{"labels": {"background": 0, "Prostate": 1, "Rectum": 2}}', "a.json"), ("# ITK-SNAP\n1 255 0 0 1 1 1 \"Prostate\"\n2 0 255 0 1 1 1 \"Rectum\"\n", "b.txt"),
+                              ("number,name\n1,Prostate\n2,Rectum\n", "c.csv")):
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(content)
+            found = voxels.read_names(path)
+            self.assertEqual({k: v for k, v in found.items() if k}, {1: "Prostate", 2: "Rectum"}, path)
+
+    def test_own_materials(self):
+        with open("m.csv", "w", encoding="utf-8") as file:
+            file.write("name,youngs_modulus,puncture_force\nLeft lobe,7e3,0.4\nliver,,.5\n")
+        own = materials.read("m.csv")
+        self.assertEqual((materials.find("left_LOBE", "", own).modulus, materials.find("Left lobe", "", own).wall), (7e3, 0.4))
+        self.assertEqual((materials.find("Liver", "", own).modulus, materials.find("Liver", "", own).wall), (4.5e3, 0.5))
+        for content, word in (("name,stiffness\nx,1\n", "header"), ("name,youngs_modulus\nx,soft\n", "m.csv:2"), ("name,youngs_modulus\nx,0\n", "too small"),
+                              ("name,friction_static\nx,1\n", "kinetic")):
+            with open("m.csv", "w", encoding="utf-8") as file:
+                file.write(content)
+            with self.assertRaisesRegex(trouble.BadFile, word):
+                materials.read("m.csv")
+
+
+def approach_sphere(centre, radius):
+    import vtk
+    source = vtk.vtkSphereSource()
+    source.SetCenter(*centre)
+    source.SetRadius(radius)
+    source.SetThetaResolution(40)
+    source.SetPhiResolution(40)
+    source.Update()
+    return shells.from_vtk(source.GetOutput())
+
+
+def two_boxes():
+    """Two cubes of side 1 on top of each other, of tetrahedra."""
+    points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
+    cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
+    return points, np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube]), np.repeat([0, 1], 6), ["low", "high"]
+
+
+class Names(unittest.TestCase):
+    def test_organs_are_found_by_name_and_code(self):
+        for name, kind, row in (("urinary_bladder", "", "bladder"), ("Kidney_Left", "", "kidney"), ("CTV prostate", "", "prostate"), ("Segment 1", "41216001 Prostate", "prostate"),
+                                ("gluteus_maximus_left", "", "muscle"), ("Segment 2", "10200004", "liver"), ("PTV", "", None), ("adrenal_gland_right", "", None)):
+            self.assertEqual(materials.known(name, kind), row, name)
+
+
+class Surfaces(unittest.TestCase):
+    def test_labels_that_touch_share_their_surface(self):
+        found_labels, place = two_halves(20)
+        map_ = voxels.LabelMap([found_labels], place, {name: voxels.Segment(0, v) for v, name in NAMES.items()})
+        found = voxels.outlined(map_, ["Left lobe", "Right lobe"])
+        for each in found.values():
+            self.assertEqual(len(each.shells), 1)
+            self.assertGreater(each.shells[0].signed_volume(), 0)
+            self.assertAlmostEqual(each.shells[0].volume() / each.volume, 1, delta=0.03)
+        self.assertAlmostEqual(sum(each.volume for each in found.values()) / ellipsoid_volume(RADIUS, RADIUS, RADIUS), 1, delta=0.01)
+        left, right = (found[name].shells[0] for name in ("Left lobe", "Right lobe"))
+        turn = place[:3, 0] / SPACING[0]
+        inner = np.abs((left.points - MIDDLE) @ turn) < 1.0       # on the plane between them
+        inner &= np.linalg.norm(left.points - MIDDLE, axis=1) < 0.8 * RADIUS
+        self.assertGreater(np.count_nonzero(inner), 50)
+        self.assertLess(np.abs(shells.distances(right, left.points[inner])).max(), 0.5 * min(SPACING))     # to a fraction of a voxel
+        self.assertAlmostEqual(found["Left lobe"].points.mean(axis=0) @ turn - MIDDLE @ turn, RADIUS / 4, delta=2)
+
+    def test_a_body_has_no_cavities_where_its_organs_are(self):
+        found_labels, place = two_halves()
+        map_ = voxels.LabelMap([found_labels], place, {name: voxels.Segment(0, v) for v, name in NAMES.items()})
+        body = voxels.body_of(map_, "Body")
+        organ = pipeline.organ_of_label("Body", "body", False, body)
+        skin = pipeline.skin_surfaces(organ)
+        self.assertEqual(len(skin), 1)
+        self.assertAlmostEqual(skin[0].volume() / ellipsoid_volume(26, 26, 26), 1, delta=0.02)
+
+
+class Approach(unittest.TestCase):
+    def test_the_needle_takes_the_nearest_way_past_the_bones(self):
+        skin, target = approach_sphere((0, 0, 0), 50.0), np.array([20.0, 0, 0])
+        path = approach.through_skin(target, [skin], [])
+        self.assertTrue(np.allclose(path.entry, [50, 0, 0], atol=3))
+        bone = approach_sphere((35, 0, 0), 8.0)
+        path = approach.through_skin(target, [skin], [bone])
+        self.assertIsNone(approach.first_hit(bone, path.entry, target))
+        self.assertLess(np.linalg.norm(path.entry - target), 45)
+
+    def test_the_orientation_turns_z_into_the_direction(self):
+        for direction in ([0, 0, 1], [0, 0, -1], [1, 0, 0], [0.6, -0.8, 0], [-0.36, 0.48, -0.8]):
+            w, x, y, z = approach.orientation(np.array(direction, float))
+            turned = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]
+            self.assertTrue(np.allclose(turned, direction, atol=1e-9), direction)
+            self.assertAlmostEqual(w * w + x * x + y * y + z * z, 1)
+
+    def test_the_middle_of_a_hollow_region_is_in_it(self):
+        outer, inner = approach_sphere((0, 0, 0), 30.0), approach_sphere((0, 0, 0), 22.0)
+        hollow = shells.Shell(np.vstack([outer.points, inner.points]), np.vstack([outer.triangles, inner.triangles[:, ::-1] + len(outer.points)]))
+        self.assertAlmostEqual(np.linalg.norm(approach.middle_of([hollow])), 26, delta=2)
+
+    def test_patient_coordinates_go_to_the_mesh_and_back(self):
+        origin, points = np.array([3.0, -40, 200]), np.array([[1.0, 2, 3], [-50, 60, 7]])
+        matrix = pipeline.patient_to_mesh(origin)
+        self.assertTrue(np.allclose(np.column_stack([points, np.ones(2)]) @ matrix.T[:, :3], pipeline.world(points, origin)))
+        self.assertTrue(np.allclose(pipeline.patient(pipeline.world(points, origin), origin), points))
+
+
+class Whole(unittest.TestCase):
+    """The command on label maps."""
+
+    def setUp(self):
+        directory = tempfile.TemporaryDirectory()
+        self.addCleanup(directory.cleanup)
+        os.chdir(directory.name)
+        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # the search for better angles takes long
+        patch.start()
+        self.addCleanup(patch.stop)
+
+    def make(self, *arguments):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            return command.run(options.parse(arguments))
+
+    def test_two_lobes_under_the_skin_of_a_body(self):
+        found, place = two_halves()
+        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        organs, mesh, domain, outlined = self.make("x.seg.nrrd", "--roi", "Left lobe", "--roi", "Right lobe", "--skin", "Body", "--nodes", "700", "--output", "x",
+                                                   f"--entry={MIDDLE[0] + 26},{MIDDLE[1]},{MIDDLE[2]}")
+        for organ in organs:
+            self.assertAlmostEqual(mesh.region_volume(organ.name) * 1e9 / organ.read, 1, delta=0.01)
+        sides = {name: {tuple(sorted(t)) for t in mesh.boundary(name).triangles.tolist()} for name in ("left_lobe", "right_lobe")}
+        shared = sides["left_lobe"] & sides["right_lobe"]
+        middle = np.array([mesh.points[list(t)].mean(axis=0) for t in shared])
+        area = sum(np.linalg.norm(np.cross(mesh.points[b] - mesh.points[a], mesh.points[c] - mesh.points[a])) / 2 for a, b, c in shared) * 1e6
+        self.assertAlmostEqual(area / (np.pi * RADIUS ** 2), 1, delta=0.1)      # all of the disk between them: no gap
+        self.assertLess(np.abs(pipeline.patient(middle, domain.origin)[:, 0] - MIDDLE[0]).max(), 2.5)
+        whole = sum(mesh.region_volume(name) for name in mesh.regions) * 1e9
+        self.assertAlmostEqual(whole / ellipsoid_volume(26, 26, 26), 1, delta=0.03)     # nothing but the body
+        start = approach.start_in(mesh, *domain.path, "left_lobe")
+        self.assertTrue(np.allclose(start.position, domain.path[0] + [-0.201, 0, 0], atol=3e-3) or start.position[0] < -0.19)
+        text = open("x.yaml", encoding="utf-8").read()
+        self.assertRegex(text, r"patient_to_mesh: \[-0.001, 0, 0, ")
+        self.assertRegex(text, r"start: \{position: \[")
+        self.assertIn("left_lobe_wall", text)
+        self.assertNotIn("capsule", text)
+        self.assertRegex(open("x-quality.md", encoding="utf-8").read(), r"\| Left lobe \| 11\.62 \| 11\.62 \(.0\.0 %\)")
+
+    def test_an_entry_that_cannot_be_is_refused(self):
+        found, place = two_halves()
+        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        with self.assertRaisesRegex(Exception, "take the patient's own skin with --skin"):
+            self.make("x.seg.nrrd", "--roi", "Left lobe", "--output", "x", f"--entry={MIDDLE[0]},{MIDDLE[1]},{MIDDLE[2] + 90}")
+        self.assertFalse(os.path.exists("x.msh"))
+
+
+class Random(unittest.TestCase):
+    """Two of the maps of label_stress; the others take too long."""
+
+    def test_random_maps_are_meshed_or_refused_with_a_cause(self):
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):
+            for number in (0, 1):
+                row, good = label_stress.random_row(number, folder)
+                self.assertTrue(good, row)
+
+
+if __name__ == "__main__":
+    session.start()
+    unittest.main()

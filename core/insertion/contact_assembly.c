@@ -7,6 +7,7 @@
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
 #include "insertion/roll.h"
+#include "insertion/stiffening.h"
 #include "insertion/strata.h"
 
 static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
@@ -230,9 +231,11 @@ void assemble_compliance(const tick_context *tick) {
     int t = w->point_count - w->tip;
     for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);
     for (int i = w->guided; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
-    if (!w->tip) return;
-    add_local_compliance(p, w, t, state->tip.direction, true);
-    for (int a = 0; a < 2; a++) p->compliance[2 * t + a][2 * t + a] += w->loose;
+    if (w->tip) {
+        add_local_compliance(p, w, t, state->tip.direction, true);
+        for (int a = 0; a < 2; a++) p->compliance[2 * t + a][2 * t + a] += w->loose;
+    }
+    stiffening_add_compliance(tick);
 }
 
 void assemble_gaps(const tick_context *tick) {
@@ -251,4 +254,5 @@ void assemble_gaps(const tick_context *tick) {
     int shaft = unknown(p->count, p->count, 2);
     if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
     creep_shift_gaps(tick);
+    stiffening_shift_gaps(tick);
 }

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "insertion/stiffening.h"
+
 static const double TOGETHER = 1e-3;   /* m, left loads closer to each other are taken together */
 static const double NOTICEABLE = 1e-3; /* N of new left loads that are worth a request */
 static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
@@ -238,7 +240,9 @@ static void keep_remembered_shear(const tick_context *tick) {
         double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
         double before = tip && step->before_tip ? traction_of(tick, &step->before[step->before_count - 1])
                                                 : traction_at(tick, step->before_count, step->before, depth);
-        double lead = w->axial[i + tip] * (p->share.to - p->share.from) * (traction_of(tick, share_of(tick, i)) - before);
+        double length = p->share.to - p->share.from, now = traction_of(tick, share_of(tick, i));
+        double held = (tip ? state->tip.shaft_traction : state->contacts[p->handle].traction) + now;
+        double lead = (w->axial[i + tip] + stiffening_slope(tick, i, length * held)) * length * (now - before);
         if (tip) state->tip.stretch += lead;
         else p->arc = state->contacts[p->handle].arc += lead;
     }

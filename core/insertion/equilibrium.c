@@ -4,6 +4,7 @@
 #include "insertion/creep.h"
 #include "insertion/guides.h"
 #include "insertion/roll.h"
+#include "insertion/stiffening.h"
 #include "insertion/tip_damper.h"
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
@@ -37,6 +38,7 @@ static void take_forces(const tick_context *tick) {
         if (point->kind == POINT_GUIDE) {
             guides_take(tick, i);
         } else if (at_tip) {
+            state->tip.end_force = p->force[2 * p->count + i];
             state->tip.shaft_traction = p->force[2 * p->count + i + 1] / length;
             state->tip.slip = p->slip[i];
             state->tip.friction = p->state[i];
@@ -61,8 +63,10 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
+    stiffening_keep_shear(tick);
     keep_shear(tick);
     find_local_compliance(tick);
+    stiffening_prepare(tick);
     creep_recall(tick);
     locate_points(tick);
     load_needle(tick);
@@ -82,6 +86,7 @@ static void linearise(const tick_context *tick) {
     needle_linearise(tick->model->needle, &tick->state->needle, w->load, first_joint(tick), &w->tangent);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(tick);
+    stiffening_linearise(tick);
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->tip) damp_tip(tick);
@@ -98,6 +103,7 @@ static bool solve_pass(const tick_context *tick, double *turned) {
     if (contact_solve(&w->problem) != TROCAR_OK) return false;
     tick->output->switches += w->problem.switches;
     take_forces(tick);
+    if (w->tip && w->stiffening.any) take_damping(tick);
     profile_end_stage(&w->profile, INSERTION_CONTACT);
     load_needle(tick);
     shift_base(tick);
@@ -117,7 +123,7 @@ void equilibrium_release(insertion_state *state) {
     }
     guides_release(state);
     state->tip.force = state->tip.damping = v3(0, 0, 0);
-    state->tip.dent = 0.0;
+    state->tip.end_force = state->tip.dent = 0.0;
     state->tip.slip = state->tip.shaft_slip = state->tip.stretch = 0.0;
     state->base_shift = v3(0, 0, 0);
     roll_release(state);
@@ -177,7 +183,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
         r.found = solve_pass(tick, &turned);
         vec3 now = push_on(tick), more = v3_sub(now, push);
         push = now;
-        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale && guides_agree(tick);
+        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * buckling_scale && guides_agree(tick) && stiffening_agrees(tick);
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > DIVERGING;
@@ -191,6 +197,7 @@ static void remember(const tick_context *tick) {
     w->start = state->needle;
     for (int i = 0; i < w->point_count; i++) w->start_force[i] = *point_force(state, &w->points[i]);
     w->start_traction = state->tip.shaft_traction;
+    w->start_end_force = state->tip.end_force;
 }
 
 /* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
@@ -225,6 +232,7 @@ static void recall(const tick_context *tick) {
     state->needle = w->start;
     for (int i = 0; i < w->point_count; i++) *point_force(state, &w->points[i]) = w->start_force[i];
     state->tip.shaft_traction = w->start_traction;
+    state->tip.end_force = w->start_end_force;
     locate_points(tick);
     load_needle(tick);
 }

@@ -36,6 +36,7 @@ typedef struct {
     double log_axial;        /* the same along the needle */
     double surplus_lateral, surplus_axial; /* m/N, compliance that its node adds by being in the mesh */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double stiffening;       /* mean over its share, of the regions' */
     double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
     roll_friction roll;
@@ -53,10 +54,11 @@ typedef struct {
     double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     double shaft_slid;       /* m, and friction: as in shaft_contact */
     friction_state shaft_friction;
-    double shaft_softness, shaft_traction; /* of that shaft: as in shaft_contact */
+    double shaft_softness, shaft_stiffening, shaft_traction; /* of that shaft: as in shaft_contact */
     roll_friction roll;      /* of that shaft */
     double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
     vec3 force;              /* N, world frame, on the tissue */
+    double end_force;        /* N along the needle, the part of it on the end face */
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
     vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
     double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */

@@ -7,6 +7,7 @@
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
+static const double LEAST_OF_SURPLUS = 0.9; /* part of what a node adds that stiffening tissue may take away at most */
 static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -24,6 +25,7 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_axial[node] += line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
     model->node_softness[node] += 1.0 / mu;
+    model->node_stiffening[node] += material->stiffening;
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
@@ -39,7 +41,7 @@ static void harden_bone(insertion_model *model) {
                 int face = k / 4, node = m->tets[e][k % 4];
                 if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
                 model->node_lateral[node] = model->node_disc[node] = model->node_punch[node] = yielding;
-                model->node_softness[node] = 0.0;
+                model->node_softness[node] = model->node_stiffening[node] = 0.0;
             }
     }
 }
@@ -48,23 +50,26 @@ trocar_status local_create(insertion_model *model, report *why) {
     const mesh *m = model->mesh;
     size_t n = (size_t)m->node_count;
     int *count = calloc(n, sizeof *count);
-    double *sums = calloc(5 * n, sizeof *sums);
+    double *sums = calloc(6 * n, sizeof *sums);
     if (!count || !sums) {
         free(count);
         free(sums);
         return fail(why, TROCAR_NO_MEMORY, "no memory for %zu nodes", n);
     }
+    model->stiffens = false;
     model->node_lateral = sums;
     model->node_axial = sums + n;
     model->node_disc = sums + 2 * n;
     model->node_punch = sums + 3 * n;
     model->node_softness = sums + 4 * n;
+    model->node_stiffening = sums + 5 * n;
     for (int e = 0; e < m->tet_count; e++)
         for (int c = 0; c < 4; c++) {
             count[m->tets[e][c]]++;
             add_moduli(model, m->tets[e][c], &model->materials[m->region[e]]);
         }
-    for (size_t i = 0; i < 5 * n; i++) sums[i] /= count[i % n];
+    for (size_t i = 0; i < n; i++) model->stiffens = model->stiffens || model->node_stiffening[i] > 0.0;
+    for (size_t i = 0; i < 6 * n; i++) sums[i] /= count[i % n];
     free(count);
     harden_bone(model);
     return TROCAR_OK;
@@ -72,7 +77,7 @@ trocar_status local_create(insertion_model *model, report *why) {
 
 void local_free(insertion_model *model) {
     free(model->node_lateral);
-    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = model->node_softness = NULL;
+    model->node_lateral = model->node_axial = model->node_disc = model->node_punch = model->node_softness = model->node_stiffening = NULL;
 }
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
@@ -109,15 +114,23 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 /* Negative where the node adds more than the mesh lacks, down to half of what it adds: the contact as a whole yields all the same. */
 double local_of_share(double logarithm, double stiffness, double surplus) { return fmax(logarithm / stiffness - surplus, -0.5 * surplus); }
 
+double local_room(double logarithm, double stiffness, double surplus) { return local_of_share(logarithm, stiffness, surplus) + LEAST_OF_SURPLUS * surplus; }
+
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
    skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point) {
+local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double dent = pressing * punch / radius;
     double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
-    return fmax(whole / radius - point * interpolate(model, tet, weights, model->node_softness), 0.0);
+    return (local_disc){.compliance = whole / radius, .angle = 2.0 * M_PI * (1.0 + in), .softness = interpolate(model, tet, weights, model->node_softness),
+                        .stiffening = interpolate(model, tet, weights, model->node_stiffening)};
+}
+
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point) {
+    local_disc disc = local_disc_at_tip(model, tet, x, depth, pressing);
+    return fmax(disc.compliance - point * disc.softness, 0.0);
 }

@@ -24,8 +24,19 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 /* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
 double local_of_share(double logarithm, double stiffness, double surplus);
 
-/* Of the tip along the needle, m/N, under the force on its end face alone, `depth` (m) below the surface that it presses on with
-   `pressing` (N). `point`: resolved_field.point there. RT */
+/* m/N, by which that of stiffening tissue may be lower: the contact as a whole yields all the same. RT */
+double local_room(double logarithm, double stiffness, double surplus);
+
+/* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
+typedef struct {
+    double compliance;       /* m/N, of the disc and all the tissue around it */
+    double angle;            /* steradians that the tissue fills around it */
+    double softness;         /* m^2/N, 1 / mu; 0 at bone */
+    double stiffening;
+} local_disc;
+local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
+
+/* Local compliance of the tip along the needle, m/N, under the force on that face alone. `point`: resolved_field.point there. RT */
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point);
 
 /* Speed of shear waves, m/s. RT */

@@ -1,6 +1,7 @@
 #include "insertion/shaft.h"
 
 #include "insertion/local_compliance.h"
+#include "insertion/stiffening_law.h"
 
 static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
 
@@ -47,7 +48,9 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
         sum.viscous += length * material->friction_viscous;
         sum.lateral += length / line.lateral;
         sum.axial += length / line.axial;
+        sum.stiffening += length / line.axial * material->stiffening;
     }
+    if (sum.stiffening > 0.0) sum.stiffening /= sum.axial;
     return sum;
 }
 
@@ -58,5 +61,9 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
     shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
-    return local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * (creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered);
+    double traction = creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered;
+    double linear = local_of_share(contact->log_axial, stiffness, contact->surplus_axial) * length * traction;
+    if (material->stiffening == 0.0) return linear;
+    stiffening_law law = stiffening_of_shaft(material->stiffening, model->needle->radius, stiffness, local_room(contact->log_axial, stiffness, contact->surplus_axial));
+    return linear + stiffening_at(&law, length * traction).shift;
 }

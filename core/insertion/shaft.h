@@ -14,6 +14,7 @@ typedef struct {
 typedef struct {
     double dry, viscous;         /* friction limit, N, and viscous friction, N s/m */
     double lateral, axial;       /* m of shaft over the local compliance of a line force per logarithm, N/m */
+    double stiffening;           /* mean of the regions', by their axial stiffness: exact to the third order in the force */
 } shaft_resistance;
 
 /* The part of active contact number k from the base: half way to its neighbours. With `tip`, the tip is the last of them, after the

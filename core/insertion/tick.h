@@ -3,6 +3,7 @@
 #define TROCAR_TICK_H
 
 #include "insertion/shaft.h"
+#include "insertion/stiffening_law.h"
 
 typedef enum {
     EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
@@ -79,6 +80,15 @@ typedef struct {
     bool before_tip;                         /* with the tip's */
 } creep_step;
 
+/* Of stiffening tissue, in one step; linearised about a force: the displacement is `offset` + slope times the force, on top of the linear
+   one. Zero where nothing stiffens. */
+typedef struct {
+    bool any;                                /* tissue at some point stiffens */
+    stiffening_law along[MAX_POINTS], face;  /* of the shaft, and of the tip's end face */
+    double slope[MAX_POINTS], face_slope;    /* m/N, */
+    double offset[MAX_POINTS], face_offset;  /* m */
+} stiffening_step;
+
 /* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face of a
    guide, in the directions of the grid. A force on the needle is J^T times that in the plane of the face: across the needle. */
 typedef struct {
@@ -118,6 +128,8 @@ typedef struct {
     vec3 start_force[MAX_POINTS];            /* N, and forces, */
     double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
     creep_step creep;
+    stiffening_step stiffening;
+    double start_end_force;                  /* N, on the tip's end face before the first pass */
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;
 } insertion_workspace;

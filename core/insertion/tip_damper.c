@@ -9,6 +9,13 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
     return -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
 }
 
+/* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
+static double dent_without_forces(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    double facing = v3_dot(needle_along(&w->points[w->point_count - 1].at), tick->state->tip.direction);
+    return creep_dent(tick) + facing * w->stiffening.face_offset;
+}
+
 void damp_tip(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
@@ -24,25 +31,38 @@ void damp_tip(const tick_context *tick) {
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    a[tip] += w->axial[t] * facing;
-    w->tip_yield = v3_dot(along, own) + w->axial[t] * facing * facing;
+    double face = w->axial[t] + w->stiffening.face_slope;
+    a[tip] += face * facing;
+    w->tip_yield = v3_dot(along, own) + face * facing * facing;
     double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;
-    double dent = tick->state->tip.dent - creep_dent(tick); /* what this step's forces displace */
+    double dent = tick->state->tip.dent - dent_without_forces(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
         for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
         p->gap[i] -= held * a[i] * dent;
     }
 }
 
-void spring_back(const tick_context *tick) {
-    insertion_state *state = tick->state;
+/* The displacement that the forces would hold statically, m. */
+static double static_dent(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2);
-    double u = creep_dent(tick);
+    double u = dent_without_forces(tick);
     for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
-    double dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
+    return u;
+}
+
+void take_damping(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    const insertion_workspace *w = tick->scratch;
+    tip->damping = v3_scale((1.0 - w->relaxed) * (tip->dent - static_dent(tick)) / w->tip_yield, tip->direction);
+}
+
+void spring_back(const tick_context *tick) {
+    insertion_state *state = tick->state;
+    const insertion_workspace *w = tick->scratch;
+    double u = static_dent(tick), dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
     state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);
     state->tip.dent = dent;
 }

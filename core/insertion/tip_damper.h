@@ -15,6 +15,9 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
    compliance, which stays positive semidefinite. RT */
 void damp_tip(const tick_context *tick);
 
+/* The damper's force with the forces of the last pass. RT */
+void take_damping(const tick_context *tick);
+
 /* The dent after this step, and the damper's force. RT */
 void spring_back(const tick_context *tick);
 

@@ -11,6 +11,7 @@ static const range STIFFNESS = {DBL_MIN, INFINITY, "a number above 0, or .inf"};
 static const range POISSON = {0, 0.49999999, "a number of at least 0 and below 0.5"};
 const range ANY_NUMBER = {-DBL_MAX, DBL_MAX, "a number"};
 static const range WEIGHT = {DBL_MIN, 1 - DBL_EPSILON, "a number above 0 and below 1"};
+static const range STIFFENING = {0, 100, "a number from 0 (linear) to 100; soft tissues have about 0.1 to 10"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
@@ -44,6 +45,8 @@ const row SCENE_TABLE[] = {
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
     {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .list = REGIONS, .doc = "of the tissue"},
     {"regions[].poisson_ratio", "", NUMBER, MATERIAL(poisson_ratio), &POISSON, .list = REGIONS, .doc = "of the tissue"},
+    {"regions[].stiffening", "", NUMBER, MATERIAL(stiffening), &STIFFENING, .list = REGIONS,
+     .doc = "C20 / C10 of a Yeoh material, next to the needle; 0: the stress is linear in the strain"},
     {"regions[].cutting_force", "N", NUMBER, MATERIAL(cutting_force), &FORCE, .list = REGIONS, .doc = "resistance at the tip; .inf is bone"},
     {"regions[].cutting_viscosity", "N s/m", NUMBER, MATERIAL(cutting_viscosity), &NOT_NEGATIVE, .list = REGIONS,
      .doc = "added resistance per speed of the tip"},

@@ -10,6 +10,7 @@
 typedef struct {
     double youngs_modulus;     /* Pa */
     double poisson_ratio;      /* below 0.5 */
+    double stiffening;         /* C20 / C10 of a Yeoh material; 0: linear. In the local compliance only: K is the linear one */
     double cutting_force;      /* N, resistance at the tip; INFINITY: bone, cannot be cut */
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */

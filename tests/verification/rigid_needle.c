@@ -1,10 +1,11 @@
 /* Force on a rigid straight needle that displaces the tissue, computed with the insertion's contact nodes, tributary lengths and
    local compliances, for comparison with a needle whose surface is resolved (resolved_needle.py).
-   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH]
+   usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_"lower" [ANGLE AZIMUTH | STIFFENING]
    X Y TIP_Z: of the tip. The needle enters at the top (z = 0.1 m), along -z, or, oblique, at ANGLE degrees to the top towards AZIMUTH
    degrees from x. Prints: nodes, contacts, and the forces in N for 1 mm by the tick itself: sideways (x; oblique: in the vertical
    plane of the needle), along the needle, and across (y; oblique: horizontally). Then, unless oblique, the springs of each direction
-   added up: sideways, along, and the tip alone along z. */
+   added up: sideways, along, and the tip alone along z. With STIFFENING (C20 / C10): nodes, contacts and the forces along the needle, moved by
+   1, 2, 3, 4 and 5 mm, instead. */
 #include <lapacke.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +23,7 @@ typedef struct {
 } body;
 
 static const double RIGID = 1e7;   /* times steel's modulus */
+enum { DEEPER = 5, STEPS_PER_MM = 20 };
 static const double HOLDS = 1e6;   /* N/m and N: large enough to prevent sliding and cutting */
 
 static trocar_status configure(char **argument, simulation_config *c, report *why) {
@@ -37,6 +39,7 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
         region->material = region_defaults();
         region->material.poisson_ratio = atof(argument[3]);
         region->material.youngs_modulus = atof(strcmp(region->name, "lower") == 0 ? argument[8] : argument[7]);
+        region->material.stiffening = argument[9] && !argument[10] ? atof(argument[9]) : 0.0;
         region->material.friction_static = region->material.friction_kinetic = HOLDS;
         region->material.cutting_force = HOLDS;
     }
@@ -104,6 +107,23 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
+/* Along the needle, moved by 1 to 5 mm in steps: forces of the tick, N. */
+static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, report *why) {
+    tick_output wrench;
+    double rest = 0.0;
+    insertion_reset(&b->simulation.insertion, base, &b->state);
+    trocar_status status = TROCAR_OK;
+    for (int i = -2; i <= DEEPER * STEPS_PER_MM && status == TROCAR_OK; i++) {
+        pose moved = base;
+        moved.position = v3_axpy(1e-3 * fmax(i, 0) / STEPS_PER_MM, way, base.position);
+        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = moved}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        double now = -v3_dot(way, wrench.force);
+        if (i == 0) rest = now;
+        if (i > 0 && i % STEPS_PER_MM == 0) force[i / STEPS_PER_MM - 1] = now - rest;
+    }
+    return status;
+}
+
 /* The same by the tick: the change of the wrench on a needle with all contacts sticking when its base moves by 1 mm. (The wrench at
    rest is not exactly zero, because nodes are kept off the elements' faces and thus slightly beside the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
@@ -143,14 +163,21 @@ static trocar_status start(body *b, char **argument, bool oblique, pose *base, r
 int main(int argc, char **argv) {
     report why;
     pose base;
-    bool oblique = argc == 11;
+    bool oblique = argc == 11, stiffening = argc == 10;
     body *b = calloc(1, sizeof *b);
-    if ((argc != 9 && !oblique) || !b) {
-        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER [ANGLE AZIMUTH]\n");
+    if ((argc != 9 && !oblique && !stiffening) || !b) {
+        fprintf(stderr, "usage: rigid_needle MESH RADIUS NU X Y TIP_Z YOUNGS_MODULUS YOUNGS_MODULUS_OF_LOWER [ANGLE AZIMUTH | STIFFENING]\n");
         return 2;
     }
     trocar_status status = start(b, argv, oblique, &base, &why);
     double tip_alone, springs_sideways = NAN, springs_along = NAN, force[3];
+    if (stiffening && status == TROCAR_OK) {
+        double deeper[DEEPER];
+        status = forces_deeper(b, base, v3(0, 0, -1), deeper, &why);
+        if (status == TROCAR_OK) printf("%d %d %.6g %.6g %.6g %.6g %.6g\n", b->simulation.mesh.node_count, contacts_passed(&b->state), deeper[0], deeper[1], deeper[2], deeper[3], deeper[4]);
+        else fprintf(stderr, "rigid_needle: %s\n", why.text);
+        return status == TROCAR_OK ? 0 : 2;
+    }
     if (status == TROCAR_OK && !oblique) {
         springs_sideways = total_force(b, 0, &tip_alone);
         springs_along = total_force(b, 2, &tip_alone);

@@ -1,0 +1,177 @@
+#include "insertion/stiffening.h"
+
+#include "insertion/creep.h"
+#include "insertion/local_compliance.h"
+#include "insertion/strata.h"
+
+static const double AGREEMENT = 1e-7; /* m: passes go on until the displacements that were linearised are right to this */
+
+/* ---- laws ----------------------------------------------------------------------------------------------------------------- */
+
+/* What stiffening changes of the displacement of a shaft in tissue of this softness (m^2/N per logarithm) under this traction, m. */
+static double shift_under(const insertion_model *model, double stiffening, double softness, double traction) {
+    stiffening_law law = stiffening_of_shaft(stiffening, model->needle->radius, 1.0 / softness, INFINITY);
+    return stiffening_at(&law, traction).shift;
+}
+
+/* See lead_gained in contact_assembly.c. */
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double traction, double softness, double *stiffening) {
+    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
+    double before = *stiffening, length = share.to - share.from;
+    *stiffening = shaft.stiffening;
+    if (softness == 0.0 || shaft.axial == 0.0 || (before == 0.0 && shaft.stiffening == 0.0)) return 0.0;
+    return shift_under(model, shaft.stiffening, length / shaft.axial, traction) - shift_under(model, before, softness, traction);
+}
+
+void stiffening_keep_shear(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    if (!model->stiffens) return;
+    for (int i = w->guided; i < w->point_count; i++) {
+        contact_point *p = &w->points[i];
+        if (p->kind == POINT_TIP) {
+            needle_tip *tip = &state->tip;
+            tip->stretch += lead_gained(model, state, p->share, tip->shaft_traction + creep_traction(tick, tip->depth), tip->shaft_softness, &tip->shaft_stiffening);
+        } else {
+            shaft_contact *contact = &state->contacts[p->handle];
+            double traction = contact->traction + creep_traction(tick, contact->depth);
+            p->arc = contact->arc += lead_gained(model, state, p->share, traction, contact->softness, &contact->stiffening);
+        }
+    }
+}
+
+void stiffening_prepare(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    const insertion_state *state = tick->state;
+    insertion_workspace *w = tick->scratch;
+    stiffening_step *s = &w->stiffening;
+    double radius = model->needle->radius;
+    s->any = model->stiffens && w->point_count > w->guided;
+    s->face_slope = s->face_offset = 0.0;
+    if (!s->any) return;
+    for (int i = w->guided; i < w->point_count - w->tip; i++) {
+        const shaft_contact *contact = &state->contacts[w->points[i].handle];
+        shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
+        s->along[i] = stiffening_of_shaft(shaft.stiffening, radius, shaft.axial, local_room(contact->log_axial, shaft.axial, contact->surplus_axial));
+    }
+    if (!w->tip) return;
+    const needle_tip *tip = &state->tip;
+    int t = w->point_count - 1;
+    shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
+    s->along[t] = stiffening_of_shaft(shaft.stiffening, radius, shaft.axial, w->held_axial);
+    local_disc disc = local_disc_at_tip(model, tip->tet, tip->nominal, tip->depth - tip_entry_depth(state), tip->pressing);
+    s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->axial[t]);
+}
+
+double stiffening_slope(const tick_context *tick, int i, double force) {
+    const stiffening_step *s = &tick->scratch->stiffening;
+    return s->any ? stiffening_at(&s->along[i], force).slope : 0.0;
+}
+
+/* ---- forces that the laws depend on ------------------------------------------------------------------------------------------ */
+
+static vec3 track_at(const tick_context *tick, int i) {
+    const contact_point *p = &tick->scratch->points[i];
+    return p->kind == POINT_TIP ? tick->state->tip.direction : tick->state->contacts[p->handle].direction;
+}
+
+/* Along the track, of the needle on the tissue around the shaft, N. */
+static double force_along(const tick_context *tick, int i) {
+    const contact_point *p = &tick->scratch->points[i];
+    vec3 force = *point_force(tick->state, p);
+    if (p->kind == POINT_TIP) force = v3_axpy(-tick->state->tip.end_force, needle_along(&p->at), force);
+    return v3_dot(track_at(tick, i), force);
+}
+
+/* Of the end face, and of the damper, which pushes on the same tissue, N. */
+static double force_of_face(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    const needle_tip *tip = &tick->state->tip;
+    double damping = w->relaxed < 1.0 ? v3_dot(tip->damping, needle_along(&w->points[w->point_count - 1].at)) : 0.0;
+    return tip->end_force + damping;
+}
+
+/* What creeping tissue remembers of it, N. See creep_shift_gaps. */
+static double remembered_along(const tick_context *tick, int i) {
+    const insertion_workspace *w = tick->scratch;
+    if (tick->model->creep.count == 0) return 0.0;
+    const mat3 *frame = &w->points[i].at.frame;
+    vec3 force = m3_apply_transposed(frame, w->creep.across[i]);
+    force.z = w->creep.along[i];
+    return v3_dot(m3_apply_transposed(frame, track_at(tick, i)), force);
+}
+
+static double remembered_of_face(const tick_context *tick) { return tick->model->creep.count > 0 ? tick->scratch->creep.face : 0.0; }
+
+/* The law holds for the force that would strain elastic tissue as much: in tissue that creeps, `yield` times the force and what is remembered. */
+static stiffening_shift evaluate(const tick_context *tick, const stiffening_law *law, double force, double remembered) {
+    double yield = tick->scratch->creep.yield;
+    stiffening_shift at = stiffening_at(law, yield * (force + remembered));
+    at.slope *= yield;
+    return at;
+}
+
+/* ---- passes --------------------------------------------------------------------------------------------------------------- */
+
+void stiffening_linearise(const tick_context *tick) {
+    insertion_workspace *w = tick->scratch;
+    stiffening_step *s = &w->stiffening;
+    if (!s->any) return;
+    for (int i = w->guided; i < w->point_count; i++) {
+        double force = force_along(tick, i);
+        stiffening_shift at = evaluate(tick, &s->along[i], force, remembered_along(tick, i));
+        s->slope[i] = at.slope;
+        s->offset[i] = at.shift - at.slope * force;
+    }
+    if (!w->tip) return;
+    double force = force_of_face(tick);
+    stiffening_shift at = evaluate(tick, &s->face, force, remembered_of_face(tick));
+    s->face_slope = at.slope;
+    s->face_offset = at.shift - at.slope * force;
+}
+
+void stiffening_add_compliance(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    contact_problem *p = &tick->scratch->problem;
+    const stiffening_step *s = &w->stiffening;
+    if (!s->any) return;
+    for (int i = w->guided; i < p->count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        int first = unknown(p->count, i, 0), row[] = {first, first + 1, unknown(p->count, i, 2) + tip};
+        vec3 share = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
+        double along[] = {share.x, share.y, share.z};
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b <= a; b++) p->compliance[row[a]][row[b]] += s->slope[i] * along[a] * along[b];
+    }
+    int face = unknown(p->count, p->count - 1, 2);
+    if (w->tip) p->compliance[face][face] += s->face_slope;
+}
+
+void stiffening_shift_gaps(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    contact_problem *p = &tick->scratch->problem;
+    const stiffening_step *s = &w->stiffening;
+    if (!s->any) return;
+    for (int i = w->guided; i < p->count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        vec3 along = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
+        p->gap[unknown(p->count, i, 0)] -= s->offset[i] * along.x;
+        p->gap[unknown(p->count, i, 1)] -= s->offset[i] * along.y;
+        p->gap[unknown(p->count, i, 2) + tip] -= s->offset[i] * along.z;
+    }
+    if (w->tip) p->gap[unknown(p->count, p->count - 1, 2)] -= s->face_offset;
+}
+
+bool stiffening_agrees(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    const stiffening_step *s = &w->stiffening;
+    if (!s->any) return true;
+    for (int i = w->guided; i < w->point_count; i++) {
+        double force = force_along(tick, i), shift = evaluate(tick, &s->along[i], force, remembered_along(tick, i)).shift;
+        if (fabs(shift - s->offset[i] - s->slope[i] * force) > AGREEMENT) return false;
+    }
+    if (!w->tip) return true;
+    double force = force_of_face(tick), shift = evaluate(tick, &s->face, force, remembered_of_face(tick)).shift;
+    return fabs(shift - s->face_offset - s->face_slope * force) <= AGREEMENT;
+}

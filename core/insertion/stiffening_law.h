@@ -1,0 +1,31 @@
+/* Local compliance of a tissue that stiffens (Yeoh: stress mu g (1 + 2 S g^2) at the shear g). See README.md, "Stiffening". */
+#ifndef TROCAR_STIFFENING_LAW_H
+#define TROCAR_STIFFENING_LAW_H
+
+/* How far the displacement under a force lies off the linear one: `unit` times a function of `scale` times the force. The function
+   depends on the field: that of a line force around the shaft, or that in front of the tip. */
+typedef struct {
+    enum { NOT_STIFFENING, STIFFENING_SHAFT, STIFFENING_TIP } field;
+    double unit;             /* m */
+    double scale;            /* 1/N */
+    double most;             /* by how much of the linear compliance the tangent may fall at most */
+} stiffening_law;
+
+/* At one force. */
+typedef struct {
+    double shift;            /* m, on top of the linear displacement; against the force */
+    double slope;            /* m/N, its derivative by the force; at most 0 */
+} stiffening_shift;
+
+/* A line force over a shaft of this radius, m. `stiffness`: length over the linear compliance of a line force per logarithm, N/m.
+   `room`: m/N, by which the compliance may fall. RT */
+stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room);
+
+/* A disc of this radius, m, of linear compliance `disc`, m/N, in tissue of compliance `softness` = 1 / mu, m^2/N, that fills
+   `angle` steradians around it: 2 pi at a surface, 4 pi in the depth. RT */
+stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, double softness, double angle, double room);
+
+/* RT */
+stiffening_shift stiffening_at(const stiffening_law *law, double force);
+
+#endif

@@ -83,7 +83,8 @@ enum {
     TROCAR_EVENT_UNSTABLE = 1 << 9,   /* no equilibrium: the needle buckled, without force until it is back where it was */
     TROCAR_EVENT_KEPT = 1 << 10,      /* the closest node may not be moved: one was added instead */
     TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate outside of its holes, and is not guided: in every tick */
-    TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12 /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
+    TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
+    TROCAR_EVENT_TRACK_DROPPED = 1 << 13 /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */
 };
 
 enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4, TROCAR_MAX_GUIDES = 8 };
@@ -129,6 +130,16 @@ typedef struct trocar_contact {
     int32_t status;          /* trocar_contact_status */
     int32_t slot;            /* of a tissue contact: the same as long, 0 to TROCAR_MAX_CONTACTS - 1; free for another one later. Of a guide its index. -1 of the tip */
 } trocar_contact;
+
+/* A point of a track: where a needle has cut since it was reset. Tissue stays cut; any needle meets less resistance there. */
+typedef struct trocar_track_point {
+    double position[3];      /* m, in the tissue at rest */
+    int32_t tet;             /* tetrahedron of the model's mesh that it is in */
+    int32_t track;           /* from 0, oldest first; the points of one track follow each other from skin to tip, at most 4 mm apart */
+    int32_t membrane;        /* index in the scene of the membrane that was punctured there, -1: none */
+    int32_t reserved;        /* 0 */
+} trocar_track_point;
+enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* of each needle: 4 m */
 
 /* ---- scene ---------------------------------------------------------------------------------------------------------------- */
 
@@ -265,6 +276,7 @@ typedef struct trocar_material {
     double friction_static;   /* N/m */
     double friction_kinetic;  /* N/m */
     double friction_viscous;  /* N s/m^2 */
+    double spreading_force;   /* N */
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region);
 
@@ -298,7 +310,7 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
 
    Several needles are ticked one after another, each with its own pose, by one thread. Each feels how the others displace the
    tissue, as of its last answer from the worker: in lockstep one step late, in real time as late as the worker, with changes of
-   a force below 1 mN left out. What is neglected: needles do not touch each other, where one has cut another finds tissue uncut,
+   a force below 1 mN left out. All follow the tracks that any of them has cut. What is neglected: needles do not touch each other,
    and needles in the same element of the mesh do not share the contact nodes in it. */
 typedef struct trocar_sim trocar_sim;
 
@@ -307,7 +319,8 @@ typedef struct trocar_sim trocar_sim;
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
-/* The needle straight at `base`, and the tissue as if it had never been there; where it lies in the tissue it counts as inserted along its
+/* The needle straight at `base`, and the tissue as if it had never been there: without its tracks, and without what relaxing tissue
+   remembers of its forces. What other needles did stays. Where it lies in the tissue it counts as inserted along its
    axis, without force.
    BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
@@ -369,6 +382,10 @@ TROCAR_API int trocar_sim_pending_contacts(const trocar_sim *sim, int needle, tr
 enum { TROCAR_NO_HOLE = -1, TROCAR_MISSED_HOLE = -2 };
 TROCAR_API int trocar_sim_hole(const trocar_sim *sim, int needle, int guide);
 
+/* The tracks that this needle has cut since it was reset. Fills at most `room` points and returns how many there are, at most
+   TROCAR_MAX_TRACK_POINTS. RT */
+TROCAR_API int trocar_sim_tracks(const trocar_sim *sim, int needle, trocar_track_point *points, int room);
+
 /* Joints of the needle from base to tip, 3 numbers each, m. Fills at most `room` joints and returns how many there are. RT */
 TROCAR_API int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room);
 
@@ -397,16 +414,17 @@ TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4])
    handed to another one, which then has all the time it needs for the displacements. One thread at a time. */
 typedef struct trocar_picture trocar_picture;
 
-/* An empty picture: needle straight at the origin. Allocates, tens of kB. The model must outlive it. NO_MEMORY. */
+/* An empty picture: needle straight at the origin. Allocates, up to 150 kB a needle. The model must outlive it. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_create(trocar_model *model, trocar_picture **picture, trocar_error *error);
 TROCAR_API void trocar_picture_free(trocar_picture *picture);
 
-/* Copies tens of kB. Simulation and pictures must be of one model. RT */
+/* Copies up to 150 kB a needle. Simulation and pictures must be of one model. RT */
 TROCAR_API void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture);
 TROCAR_API void trocar_picture_copy(const trocar_picture *from, trocar_picture *to);
 
-/* As trocar_sim_contacts, trocar_sim_centreline and trocar_sim_base. RT */
+/* As trocar_sim_contacts, trocar_sim_tracks, trocar_sim_centreline and trocar_sim_base. RT */
 TROCAR_API int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_contact *contacts, int room);
+TROCAR_API int trocar_picture_tracks(const trocar_picture *picture, int needle, trocar_track_point *points, int room);
 TROCAR_API int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room);
 TROCAR_API trocar_pose trocar_picture_base(const trocar_picture *picture, int needle);
 

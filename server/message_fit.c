@@ -23,6 +23,12 @@ bool contacts_fit(const void *data, size_t size) {
     return contacts >= 0 && contacts <= TROCAR_MAX_POINTS && size == count_at + 4 + CONTACT * (size_t)contacts;
 }
 
+bool tracks_fit(const void *data, size_t size) {
+    enum { POINTS = FINGERPRINT + 3 * 8 + 4, POINT = 3 * 4 + 4 + 2 + 1 };
+    int64_t points = length_at(data, size, POINTS);
+    return points >= 0 && points <= TROCAR_MAX_TRACK_POINTS && size == POINTS + 4 + POINT * (size_t)points;
+}
+
 bool deformation_fits(const void *data, size_t size, int node_count) {
     enum { NODES = FINGERPRINT + 3 * 8, NODE = 3 * 4 };
     return length_at(data, size, NODES) == node_count && size == NODES + 4 + NODE * (size_t)node_count;

@@ -7,6 +7,7 @@
 
 /* Whether these bytes are one message, with all lengths within `size` and its strings terminated. */
 bool contacts_fit(const void *data, size_t size);
+bool tracks_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);
 bool status_fits(const void *data, size_t size);
 

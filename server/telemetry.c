@@ -153,6 +153,25 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
+/* Sends a needle's tracks if they have changed, and from time to time for viewers that came later. A track grows at its last point. */
+static void publish_tracks(telemetry *t, int needle, int64_t tick) {
+    static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns */
+    viewer_messages *m = &t->messages;
+    int64_t now = monotonic_ns(), age = now - t->tracks[needle].sent;
+    if (age < SOONEST) return;
+    viewer_messages_make_tracks(m, needle, tick);
+    int count = m->tracks.point_count, before = t->tracks[needle].points;
+    const float nowhere[3] = {0}, *end = count > 0 ? m->track_points[count - 1] : nowhere;
+    bool same = count == before && memcmp(end, t->tracks[needle].end, sizeof nowhere) == 0;
+    if (same && (count == 0 || age < LATEST)) return;
+    t->tracks[needle].sent = now;
+    t->tracks[needle].points = count;
+    memcpy(t->tracks[needle].end, end, sizeof nowhere);
+    m->tracks.utime = wall_us();
+    m->tracks.server = t->given.server;
+    trocar_tracks_t_publish(t->lcm, "TROCAR_TRACKS", &m->tracks);
+}
+
 /* Sends the needles first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
@@ -161,6 +180,7 @@ static void publish_picture(telemetry *t, const view_sample *view) {
     if (viewer_messages_make_tissue(m, view->tick, &ignored) != TROCAR_OK) return;
     for (int i = 0; i < t->needle_count; i++) {
         if (!view->needles[i].engaged) continue;
+        publish_tracks(t, i, view->tick);
         viewer_messages_make_needle(m, i, view->tick, view->needles[i].pose_utime);
         m->contacts.utime = wall_us();
         m->contacts.server = t->given.server;

@@ -36,7 +36,8 @@ typedef struct {
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */
     triple_buffer views;          /* view_sample, to the pictures' thread */
-    viewer_messages messages;     /* used by the pictures' thread only */
+    viewer_messages messages;     /* used by the pictures' thread only, */
+    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* as these: ns, and what the last message ended with */
 } telemetry;
 
 /* Connects to LCM. `model`, `w` and `x` must outlive it. The network's errors: see network_open. */

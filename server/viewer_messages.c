@@ -6,6 +6,7 @@
 static void lay_out_rows(viewer_messages *v) {
     for (int n = 0; n < v->node_count; n++) v->displacement_rows[n] = v->displacement + 3 * (size_t)n;
     for (int j = 0; j < TROCAR_MAX_JOINTS; j++) v->joint_rows[j] = v->joints[j];
+    for (int i = 0; i < TROCAR_MAX_TRACK_POINTS; i++) v->track_rows[i] = v->track_points[i];
     for (int i = 0; i < VIEWER_CONTACTS; i++) {
         v->position_rows[i] = v->positions[i];
         v->force_rows[i] = v->forces[i];
@@ -50,6 +51,19 @@ void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, i
         v->arc[i] = contacts[i].arc;
         v->sliding[i] = (int8_t)contacts[i].state;
         v->kind[i] = (int8_t)contacts[i].kind;
+    }
+}
+
+void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick) {
+    v->tracks = (trocar_tracks_t){.needle = needle, .tick = tick, .position = v->track_rows, .tet = v->track_tets, .track = v->track_numbers,
+                                  .membrane = v->track_membranes};
+    v->tracks.point_count = trocar_picture_tracks(v->picture, needle, v->track_scratch, TROCAR_MAX_TRACK_POINTS);
+    for (int i = 0; i < v->tracks.point_count; i++) {
+        const trocar_track_point *p = &v->track_scratch[i];
+        for (int a = 0; a < 3; a++) v->track_points[i][a] = (float)p->position[a];
+        v->track_tets[i] = p->tet;
+        v->track_numbers[i] = (int16_t)p->track;
+        v->track_membranes[i] = (int8_t)p->membrane;
     }
 }
 

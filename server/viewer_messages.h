@@ -6,6 +6,7 @@
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar_tracks_t.h"
 
 enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* with the tip */
 
@@ -19,7 +20,13 @@ typedef struct {
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
     double arc[VIEWER_CONTACTS];
     int8_t sliding[VIEWER_CONTACTS], kind[VIEWER_CONTACTS];
-    trocar_contacts_t contacts;    /* both valid until made again; the sender sets utime and server */
+    float track_points[TROCAR_MAX_TRACK_POINTS][3], *track_rows[TROCAR_MAX_TRACK_POINTS];
+    int32_t track_tets[TROCAR_MAX_TRACK_POINTS];
+    int16_t track_numbers[TROCAR_MAX_TRACK_POINTS];
+    int8_t track_membranes[TROCAR_MAX_TRACK_POINTS];
+    trocar_track_point track_scratch[TROCAR_MAX_TRACK_POINTS];
+    trocar_tracks_t tracks;        /* all three valid until made again; the sender sets utime and server */
+    trocar_contacts_t contacts;
     trocar_deformation_t deformation;
 } viewer_messages;
 
@@ -27,8 +34,9 @@ typedef struct {
 trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Make `contacts` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
+/* Make `contacts` and `tracks` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
+void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);
 
 #endif

@@ -24,7 +24,7 @@ static void events_are_formatted_as_words(void **state) {
 static void every_event_bit_has_a_name(void **state) {
     (void)state;
     char text[256];
-    for (unsigned bit = TROCAR_EVENT_TOUCHED; bit <= TROCAR_EVENT_OUTSIDE_MODEL; bit <<= 1) {
+    for (unsigned bit = TROCAR_EVENT_TOUCHED; bit <= TROCAR_EVENT_TRACK_DROPPED; bit <<= 1) {
         events_text(bit, "", text, sizeof text);
         assert_true(strlen(text) > 0);
     }

@@ -52,7 +52,8 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     viewer_messages_make_needle(&p->messages, 0, tick, p->poses.poses[tick].utime);
     trocar_status status = viewer_messages_make_tissue(&p->messages, tick, why);
     if (status != TROCAR_OK) return status;
-    const trocar_contacts_t *needles[] = {&p->messages.contacts};
+    viewer_messages_make_tracks(&p->messages, 0, tick);
+    const needle_shown needles[] = {{&p->messages.contacts, &p->messages.tracks}};
     return timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &p->messages.deformation, why);
 }
 

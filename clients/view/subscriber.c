@@ -27,6 +27,7 @@ plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w) {
 static void forget_needles(subscriber *f) {
     for (needle_feed *n = f->needles; n < f->needles + TROCAR_MAX_NEEDLES; n++) {
         if (n->contacts) trocar_contacts_t_destroy(n->contacts);
+        if (n->tracks) trocar_tracks_t_destroy(n->tracks);
         if (n->status) trocar_status_t_destroy(n->status);
         *n = (needle_feed){.contacts = NULL};
     }
@@ -112,6 +113,22 @@ static void on_contacts(const lcm_recv_buf_t *received, const char *channel, voi
     trocar_contacts_t_decode_cleanup(&m);
 }
 
+static void on_tracks(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_tracks_t m = {0};
+    if (!tracks_fit(received->data, received->data_size) || trocar_tracks_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    needle_feed *n = find_needle(f, m.server, m.needle);
+    if (n) {
+        if (n->tracks) trocar_tracks_t_destroy(n->tracks);
+        n->tracks = trocar_tracks_t_copy(&m);
+    }
+    trocar_tracks_t_decode_cleanup(&m);
+}
+
 /* Time from the tick number, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
@@ -128,20 +145,21 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         return;
     }
     report why; /* a picture is skipped if out of memory */
-    const trocar_contacts_t *needles[TROCAR_MAX_NEEDLES];
+    needle_shown needles[TROCAR_MAX_NEEDLES];
     bool complete = false;
     for (int i = 0; i < f->needle_count; i++) {
         const trocar_contacts_t *contacts = f->needles[i].contacts;
-        needles[i] = contacts && contacts->tick == m.tick && contacts->server == m.server ? contacts : NULL;
-        complete |= needles[i] != NULL;
+        bool current = contacts && contacts->tick == m.tick && contacts->server == m.server;
+        needles[i] = (needle_shown){current ? contacts : NULL, f->needles[i].tracks};
+        complete |= current;
     }
     if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
 
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why) {
-    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_DEFORMATION", NULL};
-    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_deformation};
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,

@@ -15,6 +15,7 @@
 typedef struct {
     trocar_needle_wrench_t wrench;
     trocar_contacts_t *contacts; /* NULL before the first */
+    trocar_tracks_t *tracks; /* NULL before the first */
     trocar_status_t *status; /* NULL before the first */
 } needle_feed;
 

@@ -75,7 +75,7 @@ static byte_buffer *next_place(timeline *t) {
     return &t->pictures[(size_t)t->picture_end++ % t->picture_room];
 }
 
-trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *const needles[], int count,
+trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
                                    const trocar_deformation_t *tissue, report *why) {
     void *array = t->pictures;
     trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);

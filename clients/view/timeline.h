@@ -34,7 +34,7 @@ void timeline_free(timeline *t);
 trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why);
 
 /* As encode_picture. */
-trocar_status timeline_add_picture(timeline *t, double time, const trocar_contacts_t *const needles[], int count,
+trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
                                    const trocar_deformation_t *tissue, report *why);
 
 /* Position of a reader: numbers of the next picture and sample. */

@@ -212,7 +212,7 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 
 /* ---- pictures ---- */
 
-/* A picture is its head, for each needle a head with its joints and contacts, and the displacements. */
+/* A picture is its head, for each needle a head with its joints, contacts and tracks, and the displacements. */
 typedef struct {
     double time, tick;
     float scale;
@@ -223,7 +223,7 @@ _Static_assert(sizeof(picture_head) == 32, "decode.js reads 32 bytes");
 typedef struct {
     double pose_ms;
     float orientation[4];
-    uint32_t needle, joints, contacts, unused;
+    uint32_t needle, joints, contacts, track_points;
 } needle_head;
 _Static_assert(sizeof(needle_head) == 40, "decode.js reads 40 bytes");
 
@@ -235,10 +235,27 @@ static float displacement_scale(const trocar_deformation_t *d) {
     return largest / INT16_MAX;
 }
 
-static void append_needle(byte_buffer *b, const trocar_contacts_t *c) {
+/* A point of a track: where it is in the tissue at rest and in which tetrahedron, its track, the membrane punctured there or -1. */
+typedef struct {
+    float position[3];
+    int32_t tet, track, membrane;
+} sent_point;
+_Static_assert(sizeof(sent_point) == 24, "decode.js reads 24 bytes");
+
+static void append_tracks(byte_buffer *b, const trocar_tracks_t *t) {
+    for (int i = 0; i < t->point_count; i++) {
+        const float *x = t->position[i];
+        sent_point point = {{x[0], x[1], x[2]}, t->tet[i], t->track[i], t->membrane[i]};
+        bytes_append(b, &point, sizeof point);
+    }
+}
+
+static void append_needle(byte_buffer *b, const needle_shown *shown) {
+    const trocar_contacts_t *c = shown->contacts;
     const double *q = c->orientation;
     needle_head head = {.pose_ms = 1e-3 * (double)c->pose_utime, .orientation = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]},
-                        .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count};
+                        .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count,
+                        .track_points = shown->tracks ? (uint32_t)shown->tracks->point_count : 0};
     bytes_append(b, &head, sizeof head);
     for (int j = 0; j < c->joint_count; j++) {
         float x[3] = {(float)c->centreline[j][0], (float)c->centreline[j][1], (float)c->centreline[j][2]};
@@ -250,6 +267,7 @@ static void append_needle(byte_buffer *b, const trocar_contacts_t *c) {
                             (float)c->arc[i], (float)c->state[i], (float)c->kind[i]};
         bytes_append(b, contact, sizeof contact);
     }
+    if (shown->tracks) append_tracks(b, shown->tracks);
 }
 
 static void append_displacement(byte_buffer *b, const trocar_deformation_t *d, float scale) {
@@ -260,13 +278,13 @@ static void append_displacement(byte_buffer *b, const trocar_deformation_t *d, f
     }
 }
 
-void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *const needles[], int count, const trocar_deformation_t *tissue) {
+void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_deformation_t *tissue) {
     picture_head head = {.time = time, .tick = (double)tissue->tick, .scale = displacement_scale(tissue), .nodes = (uint32_t)tissue->node_count};
-    for (int i = 0; i < count; i++) head.needles += needles[i] != NULL;
+    for (int i = 0; i < count; i++) head.needles += needles[i].contacts != NULL;
     size_t begun = section_begin(out, SECTION_PICTURE);
     bytes_append(out, &head, sizeof head);
     for (int i = 0; i < count; i++)
-        if (needles[i]) append_needle(out, needles[i]);
+        if (needles[i].contacts) append_needle(out, &needles[i]);
     append_displacement(out, tissue, head.scale);
     section_end(out, begun);
 }

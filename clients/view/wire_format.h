@@ -10,6 +10,7 @@
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar_tracks_t.h"
 
 /* Growing buffer. If memory runs out, `failed` is set and nothing is appended until it is cleared. */
 typedef struct {
@@ -45,9 +46,15 @@ _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
    outer surface and on named surfaces. `homes`: where each of the `needles` waits. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
-/* One picture at `time` (s): each needle with its contacts (NULL: not held yet), and the displacements of all nodes, rounded to
+/* A needle of a picture; both NULL: not held yet. */
+typedef struct {
+    const trocar_contacts_t *contacts;
+    const trocar_tracks_t *tracks; /* the newest; NULL: none yet */
+} needle_shown;
+
+/* One picture at `time` (s): each needle with its contacts and tracks, and the displacements of all nodes, rounded to
    1/32767 of the largest component (30 nm per millimetre). */
-void encode_picture(byte_buffer *out, double time, const trocar_contacts_t *const needles[], int count, const trocar_deformation_t *tissue);
+void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 void encode_status(byte_buffer *out, const char *json);

@@ -73,6 +73,7 @@ static inline bool has_needle(const trocar_model *model, int needle) { return ne
 
 /* What trocar_sim_contacts and the like say of a state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
+int tracks_of(const insertion_state *state, trocar_track_point *points, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 trocar_pose pose_out(pose base);
 

@@ -48,6 +48,11 @@ int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_co
     return state ? contacts_of(picture->model, state, contacts, room) : 0;
 }
 
+int trocar_picture_tracks(const trocar_picture *picture, int needle, trocar_track_point *points, int room) {
+    const insertion_state *state = state_of(picture, needle);
+    return state ? tracks_of(state, points, room) : 0;
+}
+
 int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room) {
     const insertion_state *state = state_of(picture, needle);
     return state ? centreline_of(picture->model, state, joints, room) : 0;

@@ -14,7 +14,8 @@ _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == 
                "limits differ from trocar.h");
 _Static_assert(TROCAR_MAX_GUIDES == (int)MAX_GUIDES && TROCAR_MAX_POINTS == (int)MAX_POINTS, "limits differ from trocar.h");
 _Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP && TROCAR_CONTACT_GUIDE == (int)POINT_GUIDE, "contact kinds differ from trocar.h");
-_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_OUTSIDE_MODEL == (int)EVENT_OUTSIDE_MODEL, "event bits differ from trocar.h");
+_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_DROPPED == (int)EVENT_TRACK_DROPPED, "event bits differ from trocar.h");
+_Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
@@ -103,7 +104,6 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
     sim->needles[needle].given = at;
-    insertion_forget(&sim->needles[needle].state);
     insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
     restore_floating_mode(before);
     return TROCAR_OK;
@@ -165,8 +165,11 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
     const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
     needle->given = base;
-    insertion_tick(&(tick_context){.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
-                                   .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench});
+    tick_context tick = {.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
+                         .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench};
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
+    insertion_tick(&tick);
     bool finite = insertion_is_finite(&needle->state, &wrench);
     if (!finite) insertion_start_over(model, base, &needle->state, &wrench);
     collect_others(sim, index);

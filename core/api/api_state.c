@@ -141,6 +141,17 @@ static int pending_contacts_of(const trocar_model *parent, const insertion_state
     return pending;
 }
 
+int tracks_of(const insertion_state *state, trocar_track_point *points, int room) {
+    const track_list *list = &state->tracks;
+    for (int track = 0; track < list->count; track++)
+        for (int i = list->first[track]; i < track_end(list, track) && i < room; i++) {
+            const track_point *p = &list->points[i];
+            points[i] = (trocar_track_point){.tet = p->tet, .track = track, .membrane = p->membrane};
+            put(p->at, points[i].position);
+        }
+    return list->point_count;
+}
+
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room) {
     int count = model->parts.needle.given.segments + 1;
     for (int j = 0; j < count && j < room; j++) put(state->needle.joints[j], joints + 3 * j);
@@ -171,6 +182,11 @@ int trocar_sim_hole(const trocar_sim *sim, int needle, int guide) {
     if (!state || guide < 0 || guide >= sim->model->parts.config.guide_count) return TROCAR_NO_HOLE;
     const guide_state *s = &state->guides[guide];
     return s->passage == GUIDE_IN_HOLE ? s->hole : s->passage == GUIDE_MISSED ? TROCAR_MISSED_HOLE : TROCAR_NO_HOLE;
+}
+
+int trocar_sim_tracks(const trocar_sim *sim, int needle, trocar_track_point *points, int room) {
+    const insertion_state *state = state_of(sim, needle);
+    return state ? tracks_of(state, points, room) : 0;
 }
 
 int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int room) {

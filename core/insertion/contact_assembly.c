@@ -6,6 +6,7 @@
 #include "insertion/guides.h"
 #include "insertion/local_compliance.h"
 #include "insertion/obstacle.h"
+#include "insertion/old_tracks.h"
 #include "insertion/roll.h"
 #include "insertion/stiffening.h"
 #include "insertion/strata.h"
@@ -150,10 +151,12 @@ static void bound_tip(const tick_context *tick) {
     contact_problem *p = &tick->scratch->problem;
     const needle_tip *tip = &tick->state->tip;
     int t = p->count - 1;
-    p->upper[t] = tip_resistance(model, tip);
+    bool blocked = tip->blocked_by != NOT_BLOCKED;
+    double resistance = tip_resistance(model, tip), viscosity = (1.0 - tip->open) * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
+    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance);
     p->lower[t] = 0.0;
     p->viscosity[t][0] = 0.0;
-    p->viscosity[t][1] = tip->blocked_by != NOT_BLOCKED ? 0.0 : model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt;
+    p->viscosity[t][1] = blocked ? 0.0 : viscosity / tick->dt;
     p->state[t] = tip->friction;
     bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }

@@ -6,6 +6,7 @@
 #include "insertion/equilibrium.h"
 #include "insertion/guides.h"
 #include "insertion/known_tissue.h"
+#include "insertion/old_tracks.h"
 #include "insertion/outside.h"
 #include "insertion/prefetch.h"
 #include "insertion/roll.h"
@@ -18,8 +19,8 @@ static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within whi
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
-    if (model->creep.count > 0) creep_leave_all(model, &state->memory, NULL);
-    tissue_memory memory = state->memory;
+    creep_forget(&state->memory);
+    tissue_memory memory = state->memory; /* its clock goes on */
     memset(state, 0, sizeof *state);
     state->memory = memory;
     state->request.serial = serial;
@@ -29,8 +30,6 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     tip_engage(model, state);
     prefetch_request(model, state);
 }
-
-void insertion_forget(insertion_state *state) { creep_forget(&state->memory); }
 
 /* ---- move: the base, and the shaft past its contacts --------------------------------------------------------------- */
 
@@ -154,6 +153,7 @@ static void answer(const tick_context *tick) {
 
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
+    vec3 gradient = v3(0, 0, 0);
     creep_begin(tick);
     guides_slide(tick->model, state);
     if (state->buckled) {
@@ -167,9 +167,10 @@ static void step(const tick_context *tick) {
     } else if (state->tip.phase == TIP_FREE) {
         move_freely(tick);
     } else {
-        vec3 gradient = move(tick);
+        gradient = move(tick);
         cross(tick, gradient);
     }
+    old_tracks_find(tick, tip_aim(tick, gradient));
     solve(tick);
     tip_puncture(tick);
     answer(tick);
@@ -223,7 +224,6 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 }
 
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output) {
-    creep_forget(&state->memory);
     insertion_reset(model, base, state);
     *output = (tick_output){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }

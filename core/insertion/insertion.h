@@ -4,12 +4,9 @@
 
 #include "insertion/tick.h"
 
-/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. What tissue that relaxes
-   remembers stays in it. RT */
+/* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. The tissue is as if the
+   needle had never been there: it forgets what it remembers of the needle's forces, and the needle's tracks. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
-
-/* The tissue forgets what it remembers, as if it had never been touched. RT */
-void insertion_forget(insertion_state *state);
 
 /* One tick. Its time does not depend on the mesh, except for the search for the skin, O(log n), while the tip is outside or on it. No
    allocation, no lock, no library call. RT */

@@ -3,6 +3,7 @@
 #define TROCAR_INSERTION_STATE_H
 
 #include "insertion/tissue_memory.h"
+#include "insertion/track_list.h"
 #include "needle/needle.h"
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
@@ -62,6 +63,10 @@ typedef struct {
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
     vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
     double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
+    double open;             /* 0 to 1: how far an old track is open ahead of the tip; */
+    vec3 open_way;           /* unit nominal direction in which it leads, */
+    double open_left;        /* m to its end, */
+    vec3 open_tilt;          /* and how the tip's way differs from that in which it would cut */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     int face;                /* of `tet`: where the tip is on the surface or blocked */
     bool entering;           /* the tip is blocked at the outer surface and comes from outside */
@@ -134,7 +139,8 @@ typedef struct {
     bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
     bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
     vec3 stuck_at;               /* m, world frame: where the needle's end was then */
-    tissue_memory memory;        /* of tissue that relaxes; stays in the tissue after a reset */
+    tissue_memory memory;        /* of tissue that relaxes */
+    track_list tracks;           /* that this needle has cut since the reset */
     uint64_t next_id;
     remesh_request request;      /* what the tick wants next; serial grows with each change */
 } insertion_state;

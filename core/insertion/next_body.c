@@ -1,7 +1,7 @@
 #include "insertion/next_body.h"
 
 #include "insertion/contact_nodes.h"
-#include "insertion/obstacle.h"
+#include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
@@ -28,8 +28,9 @@ void come_back(const tick_context *tick) {
     tick->output->events |= EVENT_REENTERED;
 }
 
-static entrance entrance_at(const insertion_model *model, surface_hit hit) {
-    return (entrance){hit.hit, hit.tet, hit.face, hit.hit ? obstacle(model, hit.tet, hit.face, hit.tet) : NOT_BLOCKED, hit.point};
+static entrance entrance_at(const tick_context *tick, surface_hit hit) {
+    int blocked_by = hit.hit ? old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point) : NOT_BLOCKED;
+    return (entrance){hit.hit, hit.tet, hit.face, blocked_by, hit.point};
 }
 
 void enter_next(const tick_context *tick, const entrance *at, double gap) {
@@ -56,21 +57,22 @@ void enter_next(const tick_context *tick, const entrance *at, double gap) {
     tick->output->events |= EVENT_TOUCHED;
 }
 
-entrance next_body(const insertion_model *model, vec3 left, vec3 to) {
+entrance next_body(const tick_context *tick, vec3 left, vec3 to) {
+    const insertion_model *model = tick->model;
     vec3 direction = v3_unit(v3_sub(to, left)), beyond = v3_axpy(2.0 * FACE_CLEARANCE, direction, left);
-    entrance overlap = entrance_at(model, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
+    entrance overlap = entrance_at(tick, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
     surface_hit before = {.hit = overlap.found, .tet = overlap.tet, .point = overlap.point};
     if (before.hit && reaches(model->mesh, before, beyond, &overlap.tet)) {
         overlap.point = beyond;
         return overlap;
     }
-    return entrance_at(model, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
+    return entrance_at(tick, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
 }
 
 void enter_what_touches(const tick_context *tick, vec3 direction) {
     vec3 left = tick->state->tip.nominal, way = v3_sub(tick->state->tip.end, left);
     if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
-    entrance at = next_body(tick->model, left, v3_add(left, way));
+    entrance at = next_body(tick, left, v3_add(left, way));
     enter_next(tick, &at, v3_norm(v3_sub(at.point, left)));
 }
 
@@ -80,6 +82,6 @@ void look_for_next(const tick_context *tick) {
     vec3 before = tip->end, now = tick->state->needle.joints[model->needle->given.segments];
     tip->end = now;
     if (v3_dot(v3_sub(now, before), needle_direction(tick)) <= 0.0) return;
-    entrance at = entrance_at(model, mesh_enter(model->mesh, before, now));
+    entrance at = entrance_at(tick, mesh_enter(model->mesh, before, now));
     enter_next(tick, &at, beyond_exit(tick) - v3_norm(v3_sub(now, at.point)));
 }

@@ -24,7 +24,7 @@ void enter_what_touches(const tick_context *tick, vec3 direction);
 
 /* Where the segment from `left`, at which the tip left a body, to `to` enters the next one. Bodies that were meshed separately may
    overlap: then the tip is in the next one as it leaves the first. RT */
-entrance next_body(const insertion_model *model, vec3 left, vec3 to);
+entrance next_body(const tick_context *tick, vec3 left, vec3 to);
 
 /* Enters the next body, `gap` (m) after the exit. If there is no room to record that, the needle goes on unfelt. RT */
 void enter_next(const tick_context *tick, const entrance *at, double gap);

@@ -7,8 +7,9 @@ static const region_material *material_at(const insertion_model *model, int tet)
 }
 
 double tip_resistance(const insertion_model *model, const needle_tip *tip) {
-    double cutting = material_at(model, tip->tet)->cutting_force;
     if (tip->blocked_by == BLOCKED_BY_BONE) return INFINITY;
+    const region_material *material = material_at(model, tip->tet);
+    double cutting = (1.0 - tip->open) * material->cutting_force + material->spreading_force;
     return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, model->membranes[tip->blocked_by].puncture_force);
 }
 

@@ -19,6 +19,7 @@ typedef enum {
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside of its holes, and is not guided; in every tick */
     EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, and bears no force there; in every tick */
+    EVENT_TRACK_DROPPED = 1 << 13, /* no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS): the needle's oldest track is closed again */
 } insertion_event;
 
 /* What a tick answers. */
@@ -145,6 +146,8 @@ typedef struct {
     const insertion_model *model;
     insertion_state *state;
     const compliance_snapshot *snapshot;
+    const track_list *others[MAX_NEEDLES - 1]; /* tracks of the other needles in the tissue; */
+    int other_count;         /* so many */
     insertion_workspace *scratch;
     mount base;
     double dt;               /* s */

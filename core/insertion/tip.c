@@ -3,7 +3,7 @@
 #include "insertion/contact_nodes.h"
 #include "insertion/local_compliance.h"
 #include "insertion/next_body.h"
-#include "insertion/obstacle.h"
+#include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
@@ -18,7 +18,7 @@ bool tip_touch(const tick_context *tick, vec3 from, vec3 to) {
     surface_hit hit = mesh_enter(tick->model->mesh, from, to);
     if (!hit.hit) return false;
     state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
-                              .known_tet = -1, .blocked_by = obstacle(tick->model, hit.tet, hit.face, hit.tet), .entering = true,
+                              .known_tet = -1, .blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point), .entering = true,
                               .next_contact = NAN, .roll = {.anchor = NAN}};
     state->tip_lead = 0.0;
     state->entry = hit.point;
@@ -52,7 +52,7 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
     tip->nominal = state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(tick);
-    tip->blocked_by = obstacle(model, hit.tet, hit.face, hit.tet);
+    tip->blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point);
     tip->entering = true;
 }
 
@@ -80,6 +80,7 @@ static void give_way(const tick_context *tick) {
     vec3 direction = v3_unit(needle_direction(tick));
     tick->output->events |= EVENT_PUNCTURED;
     tick->output->membrane = tip->blocked_by;
+    old_tracks_puncture(tick, tip->blocked_by);
     tip->blocked_by = NOT_BLOCKED;
     if (!tip->entering) {
         cross_face(tick, tip->face, direction);
@@ -108,6 +109,8 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
     return v3_axpy(sqrt(1.0 - square), direction, v3_scale(-1.0, sideways));
 }
 
+vec3 tip_aim(const tick_context *tick, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick)); }
+
 /* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
@@ -125,8 +128,8 @@ void tip_move(const tick_context *tick, vec3 track_gradient) {
     if (tip->phase != TIP_INSIDE) return;
     vec3 before = tip_place(tip);
     if (tip->slip > 0.0) {
-        vec3 direction = pull_back(track_gradient, needle_direction(tick));
-        cut_forward(tick, direction, tip->slip);
+        vec3 direction = old_tracks_lead(tip, tip_aim(tick, track_gradient));
+        cut_forward(tick, direction, tip->open > 0.0 ? fmin(tip->slip, tip->open_left) : tip->slip);
         follow_track(model, tip, v3_sub(tip_place(tip), before));
         if (tip->phase == TIP_BEYOND) enter_what_touches(tick, direction);
     } else if (tip->slip < 0.0) {
@@ -152,7 +155,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
         cut_forward(tick, direction, whole - state->tip.depth);
         if (state->tip.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.nominal;
-        entrance at = next_body(model, left, end);
+        entrance at = next_body(tick, left, end);
         enter_next(tick, &at, v3_dot(v3_sub(at.point, left), direction));
     }
     for (int k = 0; k < state->refined.count; k++) {

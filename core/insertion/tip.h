@@ -15,6 +15,9 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to);
    `track_gradient` is the derivative of the tissue's displacement along the track, at the tip. RT */
 void tip_move(const tick_context *tick, vec3 track_gradient);
 
+/* Unit nominal direction in which the tip would cut, were it not led along an old track. RT */
+vec3 tip_aim(const tick_context *tick, vec3 track_gradient);
+
 /* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
    surface's normal. Outside the cone the tip slides along the surface. RT */
 void tip_glide_on_surface(const tick_context *tick);

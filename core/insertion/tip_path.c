@@ -1,7 +1,7 @@
 #include "insertion/tip_path.h"
 
 #include "insertion/contact_nodes.h"
-#include "insertion/obstacle.h"
+#include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 
 static const double GRAZING = 0.2;         /* sine of the angle to an outer face, below which the tip goes along the face */
@@ -76,9 +76,11 @@ void leave_tissue(const tick_context *tick) {
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
 /* Does the tip go on along the outer face that it has reached? Not if there is other tissue behind it, or a membrane on it. */
-static bool grazes(const insertion_model *model, const needle_tip *tip, int face, vec3 direction) {
+static bool grazes(const tick_context *tick, int face, vec3 direction) {
+    const insertion_model *model = tick->model;
+    const needle_tip *tip = &tick->state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->tet, face);
-    if (v3_dot(direction, inward) < -GRAZING || obstacle(model, tip->tet, face, -1) != NOT_BLOCKED) return false;
+    if (v3_dot(direction, inward) < -GRAZING || old_tracks_obstacle(tick, tip->tet, face, -1, tip->nominal) != NOT_BLOCKED) return false;
     return !mesh_enter(model->mesh, tip->nominal, v3_axpy(-model->needle->radius, inward, tip->nominal)).hit;
 }
 
@@ -155,10 +157,10 @@ static void advance(const tick_context *tick, vec3 direction, double distance) {
         if (tip->phase != TIP_INSIDE) return;
         if (grazing && v3_norm(tip->outward) == 0.0) continue; /* back in the tissue: another element, perhaps */
         if (to_contact <= part) leave_contact(tick);
-        else if (to_face <= part && model->mesh->neighbours[tip->tet][face] < 0 && grazes(model, tip, face, direction))
+        else if (to_face <= part && model->mesh->neighbours[tip->tet][face] < 0 && grazes(tick, face, direction))
             begin_grazing(tick, face, direction);
         else if (to_face <= part) {
-            tip->blocked_by = obstacle(model, tip->tet, face, model->mesh->neighbours[tip->tet][face]);
+            tip->blocked_by = old_tracks_obstacle(tick, tip->tet, face, model->mesh->neighbours[tip->tet][face], tip->nominal);
             tip->face = face;
             tip->entering = false;
             if (tip->blocked_by == NOT_BLOCKED) cross_face(tick, face, way);
@@ -168,7 +170,10 @@ static void advance(const tick_context *tick, vec3 direction, double distance) {
 
 void cut_forward(const tick_context *tick, vec3 direction, double distance) {
     const needle_tip *tip = &tick->state->tip;
+    vec3 from = tip->nominal;
+    int tet = tip->tet;
     advance(tick, direction, distance);
+    old_tracks_cut(tick, tet, from);
     if (tip->phase != TIP_INSIDE) return;
     double left = distance_to_exit(tick->model, tip, direction);
     if (isfinite(left)) plan_exit(tick, tip_way(tip, direction), left);

@@ -50,6 +50,8 @@ const row SCENE_TABLE[] = {
     {"regions[].cutting_force", "N", NUMBER, MATERIAL(cutting_force), &FORCE, .list = REGIONS, .doc = "resistance at the tip; .inf is bone"},
     {"regions[].cutting_viscosity", "N s/m", NUMBER, MATERIAL(cutting_viscosity), &NOT_NEGATIVE, .list = REGIONS,
      .doc = "added resistance per speed of the tip"},
+    {"regions[].spreading_force", "N", NUMBER, MATERIAL(spreading_force), &NOT_NEGATIVE, .list = REGIONS,
+     .doc = "added resistance at the tip that stays in an old track: of tissue that is spread, not cut"},
     {"regions[].friction.static", "N/m", NUMBER, MATERIAL(friction_static), &NOT_NEGATIVE, .list = REGIONS,
      .doc = "limit of the shaft's friction per length while it sticks"},
     {"regions[].friction.kinetic", "N/m", NUMBER, MATERIAL(friction_kinetic), &NOT_NEGATIVE, .list = REGIONS,
@@ -102,6 +104,11 @@ const row SCENE_TABLE[] = {
      .doc = "of the path ahead of the tip that the worker keeps ready"},
     {"contact.max_passes", "", COUNT, OF(simulation.insertion.max_passes), &PASSES, .doc = "Newton passes in a step, at most"},
     {"contact.tolerance", "m", NUMBER, OF(simulation.insertion.tolerance), &POSITIVE, .doc = "error of the needle's shape at which the passes stop"},
+
+    {"tracks.reach", "", NUMBER, OF(simulation.insertion.track_reach), &NOT_NEGATIVE,
+     .doc = "diameters of the needle within which an old track and its punctures are open to the tip; 0: tissue closes behind the needle"},
+    {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &POSITIVE,
+     .doc = "between needle and old track, up to which the tip is led along it"},
 
     {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "how the inverse follows the changes of the mesh"},
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,

@@ -13,6 +13,7 @@ typedef struct {
     double stiffening;         /* C20 / C10 of a Yeoh material; 0: linear. In the local compliance only: K is the linear one */
     double cutting_force;      /* N, resistance at the tip; INFINITY: bone, cannot be cut */
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
+    double spreading_force;    /* N, additional resistance at the tip, also in an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
     double friction_kinetic;   /* N/m, the same after sliding over the weakening distance */
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */

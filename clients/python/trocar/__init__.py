@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from ._library import ffi, lib
 
-__all__ = ["Contact", "Error", "Event", "Key", "Mesh", "Model", "Output", "Scene", "Sim", "keys", "rollout"]
+__all__ = ["Contact", "Error", "Event", "Key", "Mesh", "Model", "Output", "Scene", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -92,6 +92,17 @@ class Contact(NamedTuple):
     status: str  # "planned" ahead of the tip, "adding" until the worker has answered, "sticking", "sliding" or "detached" (buckled)
     slot: int  # -1 for the tip
     needle: int  # index of the needle
+
+
+class Track(NamedTuple):
+    """Where a needle has cut since it was reset: tissue stays cut.
+
+    points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): index in the scene of the membrane punctured
+    at that point, -1 if none.
+    """
+
+    points: npt.NDArray[np.float64]
+    membranes: npt.NDArray[np.int32]
 
 
 class Key(NamedTuple):
@@ -265,7 +276,7 @@ class Sim:
         self._out = ffi.new("trocar_output *")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Tissue at rest, needle straight at `pose` (7,); if it is in the tissue, it counts as inserted without force."""
+        """Needle straight at `pose` (7,), tissue as if it had never been there; if it is in the tissue, it counts as inserted without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
@@ -311,6 +322,15 @@ class Sim:
         hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
         return hole if hole >= 0 else None
 
+    def tracks(self, needle: int = 0) -> list[Track]:
+        """The tracks that the needle has cut since it was reset, oldest first."""
+        room = lib.TROCAR_MAX_TRACK_POINTS
+        found = ffi.new("trocar_track_point[]", room)
+        count = lib.trocar_sim_tracks(self._handle, needle, found, room)
+        points = np.frombuffer(ffi.buffer(found, count * ffi.sizeof("trocar_track_point")), _TRACK_POINT)
+        return [Track(part["position"].copy(), part["membrane"].copy())
+                for part in (points[points["track"] == t] for t in np.unique(points["track"]))]
+
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """(segments + 1, 3) m, joints of the needle from base to tip."""
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
@@ -335,6 +355,7 @@ class Sim:
         return lib.trocar_sim_needle_energy(self._handle, 0)
 
 
+_TRACK_POINT = np.dtype([("position", "f8", 3), ("tet", "i4"), ("track", "i4"), ("membrane", "i4"), ("reserved", "i4")], align=True)
 _OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("contacts", "i4"), ("events", "u4"), ("membrane", "i4"),
                     ("passes", "i4"), ("switches", "i4")], align=True)
 assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")

@@ -20,6 +20,7 @@ export function regionColour(region, index) {
 }
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
+export const TRACK = '#e63946' // that a needle has cut
 export const GUIDED = '#f06bd0' // contact with a guide
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
 

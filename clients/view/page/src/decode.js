@@ -3,6 +3,7 @@
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // of each contact
+export const TRACK_NUMBERS = 6 // of each point of a track
 export const GUIDE = 2 // kind of a contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
@@ -45,9 +46,10 @@ function decodePicture(message, at, length) {
   const body = message.slice(at, at + length), head = new DataView(body), needles = []
   let place = 32
   for (let left = head.getUint32(20, true); left > 0; left--) {
-    const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true)
-    needles[head.getUint32(place + 24, true)] = decodeNeedle(body, place, joints, contacts)
-    place += 40 + 12 * joints + 4 * CONTACT_NUMBERS * contacts
+    const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true), points = head.getUint32(place + 36, true)
+    const tracks = place + 40 + 12 * joints + 4 * CONTACT_NUMBERS * contacts
+    needles[head.getUint32(place + 24, true)] = { ...decodeNeedle(body, place, joints, contacts), tracks: decodeTracks(body, tracks, points) }
+    place = tracks + 4 * TRACK_NUMBERS * points
   }
   return {
     time: head.getFloat64(0, true), tick: head.getFloat64(8, true), scale: head.getFloat32(16, true), needles,
@@ -64,6 +66,12 @@ function decodeNeedle(body, at, joints, contacts) {
     joints: new Float32Array(body, at + 40, 3 * joints),
     contacts: new Float32Array(body, at + 40 + 12 * joints, CONTACT_NUMBERS * contacts),
   }
+}
+
+/** Points of tracks: `places`, TRACK_NUMBERS each, of which the first three are the place at rest (m); the same as integers in `kinds`:
+    from the fourth on tetrahedron, track, membrane punctured there or -1. */
+function decodeTracks(body, at, points) {
+  return { places: new Float32Array(body, at, TRACK_NUMBERS * points), kinds: new Int32Array(body, at, TRACK_NUMBERS * points) }
 }
 
 function decodeSamples(message, at, length) {

@@ -22,6 +22,7 @@ export const EVENTS = [
   { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
   { bit: 1 << 9, name: 'buckled', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
   { bit: 1 << 11, name: 'guide missed', alarm: true }, { bit: 1 << 12, name: 'outside the model', alarm: true },
+  { bit: 1 << 13, name: 'oldest track dropped', alarm: true },
 ]
 
 export class History {

@@ -271,7 +271,7 @@ stage.onCut = (part) => { element('cut-place').value = part }
 const OFF_AT_FIRST = ['slice frame']
 
 function listLayers() {
-  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', ...(scene.guides.length ? ['guides'] : []), 'contacts', 'forces', 'slice frame']
+  const list = element('layer-list'), names = ['body', 'mesh', ...new Set([...stage.anatomy.layers.keys()].filter((name) => !['body', 'mesh', 'cut'].includes(name))), 'needle', ...(scene.guides.length ? ['guides'] : []), 'tracks', 'contacts', 'forces', 'slice frame']
   list.replaceChildren(...names.map((name) => {
     const label = document.createElement('label'), box = document.createElement('input'), swatch = document.createElement('i')
     const index = scene.regions.findIndex((region) => region.name === name)

@@ -6,6 +6,7 @@ import { discard } from './buffers.js'
 import { HUBS, ramp } from './colours.js'
 import { drawGuides } from './guides.js'
 import { Needle } from './needle.js'
+import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
 const MOVING = 0.5, STILL = 1.5 // resolution with software rendering, in motion and at rest
@@ -96,10 +97,11 @@ export class Stage {
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
     this.needles = scene.homes.map((home, i) => new Needle(scene, HUBS[i]))
     this.guides = drawGuides(scene.guides)
+    this.tracks = new Tracks(scene)
     const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)
     this.box = box
     this.slice = new Plane('z', '#37d0ff', box)
-    this.content = new THREE.Group().add(this.anatomy.group, ...this.needles.map(({ group }) => group), this.guides, this.slice.frame)
+    this.content = new THREE.Group().add(this.anatomy.group, ...this.needles.map(({ group }) => group), this.guides, this.tracks.group, this.slice.frame)
     this.world.add(this.content)
     this.setCut('')
     this.showHome()
@@ -144,6 +146,7 @@ export class Stage {
     this.picture = picture
     this.needles.forEach((needle, i) => needle.show(picture.needles[i]))
     const largest = this.anatomy.deform(picture)
+    this.tracks.show(picture.needles, this.anatomy.place.array)
     if (this.cutPlane) this.recut()
     this.dirty = true
     return largest
@@ -168,7 +171,7 @@ export class Stage {
 
   setLayer(name, visible) {
     const all = (part) => this.needles.map((needle) => needle[part])
-    const own = { needle: all('body'), guides: [this.guides], contacts: all('dots'), forces: all('arrows'), 'slice frame': [this.slice.frame] }
+    const own = { needle: all('body'), guides: [this.guides], tracks: [this.tracks.group], contacts: all('dots'), forces: all('arrows'), 'slice frame': [this.slice.frame] }
     for (const object of own[name] ?? this.anatomy.layers.get(name) ?? []) object.visible = visible
     this.dirty = true
   }

@@ -1,0 +1,99 @@
+#include "insertion/old_tracks.h"
+
+#include "insertion/obstacle.h"
+
+static const double FADE = 1.5;          /* a track is fully open up to a distance and an angle, and not at all beyond so many times them */
+static const double CATCH_UP = 4.0;      /* diameters of the needle over which a tip beside a track comes closer to it by a factor e */
+static const double CLOSED = 1e-7;       /* m before its end, a track ends: far below what a tip moves in a tick */
+
+/* 1 up to the limit, falling to 0 at FADE times that. */
+static double fade(double value, double limit) { return fmin(fmax((FADE - value / limit) / (FADE - 1.0), 0.0), 1.0); }
+
+static double reach_of(const insertion_model *model) { return model->settings.track_reach * 2.0 * model->needle->radius; }
+
+/* ---- recording ----------------------------------------------------------------------------------------------------------- */
+
+static void tell(const tick_context *tick, bool room) {
+    if (!room) tick->output->events |= EVENT_TRACK_DROPPED;
+}
+
+void old_tracks_cut(const tick_context *tick, int tet, vec3 from) {
+    const needle_tip *tip = &tick->state->tip;
+    if (tip->open == 1.0 || v3_norm(v3_sub(tip->nominal, from)) == 0.0) return;
+    tell(tick, tracks_cut(&tick->state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->nominal, .tet = tip->tet}));
+}
+
+void old_tracks_puncture(const tick_context *tick, int membrane) {
+    const needle_tip *tip = &tick->state->tip;
+    tell(tick, tracks_puncture(&tick->state->tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, membrane));
+}
+
+/* ---- what is open -------------------------------------------------------------------------------------------------------- */
+
+/* The tracks in the tissue: list 0 is the needle's own. NULL past the last one. */
+static const track_list *list_of(const tick_context *tick, int index) {
+    if (index == 0) return &tick->state->tracks;
+    return index <= tick->other_count ? tick->others[index - 1] : NULL;
+}
+
+int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x) {
+    int found = obstacle(tick->model, tet, face, behind);
+    if (found < 0) return found;
+    double reach = reach_of(tick->model);
+    const track_list *list;
+    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++)
+        if (tracks_open_membrane(list, found, x, reach)) return NOT_BLOCKED;
+    return found;
+}
+
+/* A track that the tip may follow. */
+typedef struct {
+    double open, distance, left;
+    vec3 way;
+} candidate;
+
+/* How open this track is to the tip. It may be followed in either direction. */
+static candidate judge(const insertion_model *model, const track_list *list, int track, vec3 x, vec3 direction) {
+    double reach = reach_of(model);
+    track_place place = tracks_closest(list, track, x, FADE * reach);
+    if (isinf(place.distance)) return (candidate){.open = 0.0};
+    bool forward = v3_dot(place.along, direction) >= 0.0;
+    vec3 along = v3_scale(forward ? 1.0 : -1.0, place.along);
+    double left = forward ? place.ahead : place.behind, angle = acos(fmin(v3_dot(along, direction), 1.0));
+    if (left <= CLOSED) return (candidate){.open = 0.0};
+    vec3 aside = v3_sub(place.point, x);
+    aside = v3_axpy(-v3_dot(aside, along), along, aside);
+    return (candidate){.open = fade(place.distance, reach) * fade(angle, model->settings.track_angle), .distance = place.distance, .left = left,
+                       .way = v3_unit(v3_axpy(1.0 / (CATCH_UP * 2.0 * model->needle->radius), aside, along))};
+}
+
+void old_tracks_find(const tick_context *tick, vec3 direction) {
+    needle_tip *tip = &tick->state->tip;
+    candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
+    const track_list *list;
+    bool searched = tip->phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
+    for (int i = 0; searched && (list = list_of(tick, i)); i++)
+        for (int track = 0; track < list->count; track++) {
+            candidate c = judge(tick->model, list, track, tip->nominal, direction);
+            if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
+        }
+    tip->open = best.open;
+    tip->open_way = best.way;
+    tip->open_left = best.left;
+    tip->open_tilt = best.open > 0.0 ? v3_sub(old_tracks_lead(tip, direction), direction) : v3(0, 0, 0);
+}
+
+/* ---- following ------------------------------------------------------------------------------------------------------------- */
+
+vec3 old_tracks_lead(const needle_tip *tip, vec3 direction) {
+    if (tip->open == 0.0) return direction;
+    return v3_unit(v3_axpy(tip->open, v3_sub(tip->open_way, direction), direction));
+}
+
+/* A tip that is led sideways by u a metre does the work f . u, f being the force across the needle. The hand has to do it, as the wall of
+   a track is without friction: then a step never gives back more than it took. */
+double old_tracks_bound(const needle_tip *tip, vec3 needle, double resistance) {
+    if (tip->open == 0.0) return resistance;
+    vec3 across = v3_axpy(-v3_dot(tip->force, needle), needle, tip->force);
+    return fmax(resistance - v3_dot(across, tip->open_tilt), 0.0);
+}

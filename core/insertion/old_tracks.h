@@ -1,0 +1,26 @@
+/* Old tracks: tissue that was cut stays cut. A tip that goes down a track is led along it, without cutting, and passes its punctures. See
+   README.md, "Old tracks". */
+#ifndef TROCAR_OLD_TRACKS_H
+#define TROCAR_OLD_TRACKS_H
+
+#include "insertion/tick.h"
+
+/* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it. RT */
+void old_tracks_find(const tick_context *tick, vec3 direction);
+
+/* The direction in which the tip goes in place of the one in which it would cut. RT */
+vec3 old_tracks_lead(const needle_tip *tip, vec3 direction);
+
+/* Bound of the tip's force along the needle for moving on, N: `resistance`, and what it takes to be led sideways. RT */
+double old_tracks_bound(const needle_tip *tip, vec3 needle, double resistance);
+
+/* Records what the tip has cut since it was at `from`, in element `tet`. RT */
+void old_tracks_cut(const tick_context *tick, int tet, vec3 from);
+
+/* Records that the tip has punctured a membrane where it is. RT */
+void old_tracks_puncture(const tick_context *tick, int membrane);
+
+/* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that was punctured there. RT */
+int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x);
+
+#endif

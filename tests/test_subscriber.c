@@ -185,7 +185,7 @@ static void a_picture_shows_the_needles_that_were_held(void **state) {
 /* As the network might deliver them: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
-    static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_WRENCH"};
+    static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};
     uint32_t random = 3;
     unsigned char noise[600];
     for (int i = 0; i < 2000; i++) {
@@ -193,7 +193,7 @@ static void damaged_messages_are_counted(void **state) {
             random = 1664525u * random + 1013904223u;
             noise[k] = (unsigned char)(random >> 24);
         }
-        lcm_publish(f->lcm, channels[i % 5], noise, random % sizeof noise);
+        lcm_publish(f->lcm, channels[i % 6], noise, random % sizeof noise);
         handle_all(f);
     }
     assert_int_equal(f->feed.refused, 2000);

@@ -12,6 +12,7 @@ static const range POISSON = {0, 0.49999999, "a number of at least 0 and below 0
 const range ANY_NUMBER = {-DBL_MAX, DBL_MAX, "a number"};
 static const range WEIGHT = {DBL_MIN, 1 - DBL_EPSILON, "a number above 0 and below 1"};
 static const range STIFFENING = {0, 100, "a number from 0 (linear) to 100; soft tissues have about 0.1 to 10"};
+static const range ANGLE = {DBL_MIN, 1, "a number above 0, at most 1"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
@@ -107,7 +108,7 @@ const row SCENE_TABLE[] = {
 
     {"tracks.reach", "", NUMBER, OF(simulation.insertion.track_reach), &NOT_NEGATIVE,
      .doc = "diameters of the needle within which an old track and its punctures are open to the tip; 0: tissue closes behind the needle"},
-    {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &POSITIVE,
+    {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &ANGLE,
      .doc = "between needle and old track, up to which the tip is led along it"},
 
     {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "how the inverse follows the changes of the mesh"},

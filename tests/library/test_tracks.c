@@ -16,7 +16,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.05, DEPTH = 0.06, LENGTH = 0.2;
+static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, LENGTH = 0.2;
 
 /* A straight way into the tissue: through a point of the skin, tilted about an axis in it. */
 typedef struct {
@@ -138,6 +138,8 @@ static void second_insertion_neither_cuts_nor_punctures(void **state) {
 static void tissue_closes_if_the_scene_says_so(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
+    assert_int_equal(trocar_scene_set_number(scene, "tracks.reach", -1.0, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(trocar_scene_set_number(scene, "tracks.angle", 0.0, &why), TROCAR_BAD_INPUT);
     OK(trocar_scene_set_number(scene, "tracks.reach", 0.0, &why));
     fixture f = make(scene);
     reset(&f);
@@ -323,14 +325,14 @@ static void the_oldest_track_is_dropped(void **state) {
     for (int i = 0; i <= TROCAR_MAX_TRACKS; i++) {
         assert_false(h.events & TROCAR_EVENT_TRACK_DROPPED);
         h = (hand){.way = {2.5e-3 * (i % 12) - 15e-3, 2.5e-3 * (i / 12) - 15e-3, 0, 0}};
-        move_to(&f, &h, 6e-3);
+        move_to(&f, &h, 14e-3);
         move_to(&f, &h, -2e-3);
         assert_int_equal(h.punctures, 1);
     }
     assert_true(h.events & TROCAR_EVENT_TRACK_DROPPED);
     for (int old = 1; old >= 0; old--) { /* the second oldest is still open */
         h = (hand){.way = {2.5e-3 * old - 15e-3, -15e-3, 0, 0}};
-        move_to(&f, &h, 5e-3);
+        move_to(&f, &h, 14e-3);
         assert_int_equal(h.punctures, old == 0);
         move_to(&f, &h, -2e-3);
     }

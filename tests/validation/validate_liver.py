@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block, push
-from rows import Rows
+from rows import FITTED, PREDICTED, Rows
 
 OKAMURA = "Okamura, Simone, O'Leary 2004, IEEE Trans. Biomed. Eng. 51, bovine liver"
 SURE = "constants of a public re-implementation; a single trace"
@@ -55,15 +55,15 @@ modulus = fit_modulus()
 stiffening = 0.18 if rows.short else fit_stiffening(modulus)
 fitted = f"E = {1e-3 * modulus:.0f} kPa to the linear term, stiffening {stiffening:.2f} to the force up to 8 mm"
 way, force, rupture = curve(modulus, stiffening, 0.07)
-rows.add("displacement at the puncture, 2.50 N", OKAMURA, SURE, (15.0, 18.4), way[rupture], "mm", published="16.7 (no scatter given; within 10 %)", predicted=True, fitted=fitted)
+rows.add("displacement at the puncture, 2.50 N", OKAMURA, SURE, (15.0, 18.4), way[rupture], "mm", published="16.7 mm (no scatter given; judged within 10 %)", kind=PREDICTED, fitted=fitted)
 linear_way, linear_force, linear_rupture = curve(modulus, 0, 0.07)
-rows.add("the same without stiffening", OKAMURA, SURE, (15.0, 18.4), linear_way[linear_rupture], "mm", published="16.7 (no scatter given; within 10 %)", predicted=True,
-         fitted=f"E = {1e-3 * modulus:.0f} kPa to the linear term", reason="a linear material; the row shows what stiffening is for")
-rows.add("Young's modulus that the first millimetres need", MODULI, "table", (3.0, 7.8), 1e-3 * modulus, "kPa", published="5.4 +- 1.2, twice the deviation", predicted=True,
-         fitted="E to the linear term", reason="the needle presses on the capsule, which is much stiffer than the liver below it; the model has no bending or tension of a membrane")
+rows.add("the same without stiffening", OKAMURA, SURE, (15.0, 18.4), linear_way[linear_rupture], "mm", published="16.7 mm (no scatter given; judged within 10 %)", kind=PREDICTED,
+         fitted=f"E = {1e-3 * modulus:.0f} kPa to the linear term", reason="the default material is linear; the row shows what stiffening is for")
+rows.add("Young's modulus that the first millimetres need", MODULI, "table", (3.0, 7.8), 1e-3 * modulus, "kPa", published="5.4 +- 1.2 kPa (judged within two deviations)", kind=PREDICTED,
+         fitted="E to the linear term", reason="the trace is that of the capsule, presumably much stiffer than the liver below it; membranes of the model have a puncture force but no stiffness")
 deep = np.interp(60, way, force)
-rows.add("force at 60 mm", OKAMURA, SURE, (0.9 * (CUTTING + 0.060 * FRICTION), 1.1 * (CUTTING + 0.060 * FRICTION)), deep, "N", published="1.58 (cutting and friction as given; within 10 %)",
-         predicted=False, fitted="cutting force and friction as published")
+rows.add("force at 60 mm", OKAMURA, SURE, (0.9 * (CUTTING + 0.060 * FRICTION), 1.1 * (CUTTING + 0.060 * FRICTION)), deep, "N", published="1.58 N, the sum of cutting and friction (judged within 10 %)",
+         kind=FITTED, fitted="cutting force and friction as published")
 rows.curve("liver", "model, stiffening", way[::10], force[::10], "displacement (mm)", "force (N)")
 upto = linear_way < 30
 rows.curve("liver", "model, linear", linear_way[upto][::20], linear_force[upto][::20], "displacement (mm)", "force (N)")

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block
-from rows import Rows
+from rows import CONSISTENT, Rows
 
 DIMAIO = "DiMaio and Salcudean 2003, IEEE Trans. Robotics and Automation 19, PVC"
 
@@ -22,10 +22,10 @@ density = np.array([c.force[2] for c in shaft]) / np.diff(edges)
 inner = (depth > 0.01) & (depth < tip.depth - 0.01)
 spread = density[inner].std() / density[inner].mean()
 rows.trend("force per length along the shaft", DIMAIO, "trend", "flat", spread < 0.1, f"varies by {100 * spread:.0f} % (standard deviation) between 10 mm from skin and tip",
-           predicted=True, fitted="nothing: friction is the same along the shaft")
+           kind=CONSISTENT, fitted="friction assumed the same along the shaft")
 peak = (tip.force[2] + density[-1] * (edges[-1] - edges[-2])) / (edges[-1] - edges[-2]) / density[inner].mean()
 rows.trend("force per length at the tip", DIMAIO, "trend", "a peak", peak > 1.5, f"{peak:.1f} times that of the shaft, over the last {1e3 * (edges[-1] - edges[-2]):.1f} mm",
-           predicted=True, fitted="cutting force assumed")
+           kind=CONSISTENT, fitted="cutting force assumed")
 rows.curve("phantom", "model", np.concatenate([1e3 * depth[:-1], [1e3 * tip.depth]]), np.concatenate([density[:-1], [peak * density[inner].mean()]]),
            "depth (mm)", "force per length (N/m)")
 sys.exit(rows.end())

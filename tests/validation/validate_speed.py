@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block, push
-from rows import Rows
+from rows import PREDICTED, Rows
 
 MAHVASH = "Mahvash and Dupont 2009, IEEE ICRA (PMC3051196), porcine heart"
 HEART = "J. Engineering in Medicine, doi 10.1243/09544119JEIM698, lamb heart, ex vivo and in vivo"
@@ -43,13 +43,13 @@ def falls(values):
 
 fitted = "relaxation series; puncture force assumed"
 rows.trend("steepness of force against displacement", MAHVASH, "abstract, trend", "steeper when the needle moves faster", falls({v: -k for v, k in slope.items()}),
-           f"{1e-3 * slope[slow]:.3f} N/mm at {1e3 * slow:g} mm/s, {1e-3 * slope[fast]:.3f} at {1e3 * fast:g}", predicted=True, fitted=fitted)
+           f"{1e-3 * slope[slow]:.3f} N/mm at {1e3 * slow:g} mm/s, {1e-3 * slope[fast]:.3f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
 rows.trend("displacement at rupture", f"{MAHVASH}; {HEART}", "abstract, trend", "less when the needle moves faster", falls(end),
-           f"{1e3 * end[slow]:.1f} mm at {1e3 * slow:g} mm/s, {1e3 * end[fast]:.1f} at {1e3 * fast:g}", predicted=True, fitted=fitted)
+           f"{1e3 * end[slow]:.1f} mm at {1e3 * slow:g} mm/s, {1e3 * end[fast]:.1f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
 rows.trend("energy absorbed up to the rupture", MAHVASH, "abstract, trend", "less when the needle moves faster", falls(work),
-           f"{1e3 * work[slow]:.2f} mJ at {1e3 * slow:g} mm/s, {1e3 * work[fast]:.2f} at {1e3 * fast:g}", predicted=True, fitted=fitted)
+           f"{1e3 * work[slow]:.2f} mJ at {1e3 * slow:g} mm/s, {1e3 * work[fast]:.2f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
 rows.trend("force at rupture", f"{MAHVASH}; {HEART}", "abstract, trend", "less when the needle moves faster, under certain conditions", falls(peak) and peak[fast] < 0.99 * peak[slow],
-           f"{peak[slow]:.2f} N at {1e3 * slow:g} mm/s, {peak[fast]:.2f} at {1e3 * fast:g}", predicted=True, fitted=fitted,
+           f"{peak[slow]:.2f} N at {1e3 * slow:g} mm/s, {peak[fast]:.2f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted,
            reason="a membrane breaks at a force that does not depend on the speed; a fracture energy instead would make it fall")
 for speed, (way, force) in runs.items():
     step = max(1, len(way) // 200)

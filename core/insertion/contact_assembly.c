@@ -89,6 +89,8 @@ void find_local_compliance(const tick_context *tick) {
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         w->lateral[i] = local_of_share(contact->log_lateral, shaft.lateral, contact->surplus_lateral);
         w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
+        w->stiffening.stiffness[i] = shaft.axial;
+        w->stiffening.mean[i] = shaft.stiffening;
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
@@ -101,17 +103,21 @@ void find_local_compliance(const tick_context *tick) {
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
     w->loose = w->lateral[t] * (1.0 / fmax(hold, 1e-6) - 1.0);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
+    w->stiffening.stiffness[t] = shaft.axial;
+    w->stiffening.mean[t] = shaft.stiffening;
     w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
    the traction that it bears, m. Shaft that enters another region has not sheared the tissue there yet; without this, it would have to
    slide for it, in the tick in which the tip enters that region. */
-static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness) {
+static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness, double *stiffening) {
     shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
-    double before = *softness;
-    *softness = (share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS);
-    return before > 0.0 ? logarithm * (*softness - before) * traction : 0.0;
+    stiffened_shaft before = {*softness, *stiffening}, now = {(share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS), shaft.stiffening};
+    *softness = now.softness;
+    *stiffening = now.stiffening;
+    if (before.softness == 0.0) return 0.0;
+    return logarithm * (now.softness - before.softness) * traction + stiffening_lead(model, before, now, traction);
 }
 
 void keep_shear(const tick_context *tick) {
@@ -123,13 +129,13 @@ void keep_shear(const tick_context *tick) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
         double traction = contact->traction + creep_traction(tick, contact->depth);
-        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness);
+        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness, &contact->stiffening);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
     double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
-    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness);
+    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */

@@ -63,7 +63,6 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
-    stiffening_keep_shear(tick);
     keep_shear(tick);
     find_local_compliance(tick);
     stiffening_prepare(tick);

@@ -7,7 +7,6 @@
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
-static const double LEAST_OF_SURPLUS = 0.9; /* part of what a node adds that stiffening tissue may take away at most */
 static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
@@ -114,7 +113,7 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 /* Negative where the node adds more than the mesh lacks, down to half of what it adds: the contact as a whole yields all the same. */
 double local_of_share(double logarithm, double stiffness, double surplus) { return fmax(logarithm / stiffness - surplus, -0.5 * surplus); }
 
-double local_room(double logarithm, double stiffness, double surplus) { return local_of_share(logarithm, stiffness, surplus) + LEAST_OF_SURPLUS * surplus; }
+double local_room(double logarithm, double stiffness, double surplus) { return local_of_share(logarithm, stiffness, surplus) + 0.5 * surplus; }
 
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the

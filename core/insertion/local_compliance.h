@@ -24,7 +24,7 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 /* Local compliance of a contact, m/N. stiffness: lengths of its share, each over the line force's compliance there, N/m. RT */
 double local_of_share(double logarithm, double stiffness, double surplus);
 
-/* m/N, by which that of stiffening tissue may be lower: the contact as a whole yields all the same. RT */
+/* m/N, by which that of stiffening tissue may be lower, with the same limit. RT */
 double local_room(double logarithm, double stiffness, double surplus);
 
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */

@@ -4,7 +4,7 @@
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
-static const double AGREEMENT = 1e-7; /* m: passes go on until the displacements that were linearised are right to this */
+static const double AGREEMENT = 1e-6; /* m: passes go on until the displacements that were linearised are right to this */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
@@ -14,31 +14,11 @@ static double shift_under(const insertion_model *model, double stiffening, doubl
     return stiffening_at(&law, traction).shift;
 }
 
-/* See lead_gained in contact_assembly.c. */
-static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double traction, double softness, double *stiffening) {
-    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
-    double before = *stiffening, length = share.to - share.from;
-    *stiffening = shaft.stiffening;
-    if (softness == 0.0 || shaft.axial == 0.0 || (before == 0.0 && shaft.stiffening == 0.0)) return 0.0;
-    return shift_under(model, shaft.stiffening, length / shaft.axial, traction) - shift_under(model, before, softness, traction);
-}
-
-void stiffening_keep_shear(const tick_context *tick) {
-    const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    if (!model->stiffens) return;
-    for (int i = w->guided; i < w->point_count; i++) {
-        contact_point *p = &w->points[i];
-        if (p->kind == POINT_TIP) {
-            needle_tip *tip = &state->tip;
-            tip->stretch += lead_gained(model, state, p->share, tip->shaft_traction + creep_traction(tick, tip->depth), tip->shaft_softness, &tip->shaft_stiffening);
-        } else {
-            shaft_contact *contact = &state->contacts[p->handle];
-            double traction = contact->traction + creep_traction(tick, contact->depth);
-            p->arc = contact->arc += lead_gained(model, state, p->share, traction, contact->softness, &contact->stiffening);
-        }
-    }
+double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction) {
+    const double same = 1e-12;
+    if (before.stiffening == 0.0 && now.stiffening == 0.0) return 0.0;
+    if (before.softness == 0.0 || (before.stiffening == now.stiffening && fabs(now.softness / before.softness - 1.0) < same)) return 0.0;
+    return shift_under(model, now.stiffening, now.softness, traction) - shift_under(model, before.stiffening, before.softness, traction);
 }
 
 void stiffening_prepare(const tick_context *tick) {
@@ -48,18 +28,16 @@ void stiffening_prepare(const tick_context *tick) {
     stiffening_step *s = &w->stiffening;
     double radius = model->needle->radius;
     s->any = model->stiffens && w->point_count > w->guided;
-    s->face_slope = s->face_offset = 0.0;
+    s->end = (linear_shift){0};
     if (!s->any) return;
     for (int i = w->guided; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
-        shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
-        s->along[i] = stiffening_of_shaft(shaft.stiffening, radius, shaft.axial, local_room(contact->log_axial, shaft.axial, contact->surplus_axial));
+        s->along[i] = stiffening_of_shaft(s->mean[i], radius, s->stiffness[i], local_room(contact->log_axial, s->stiffness[i], contact->surplus_axial));
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
     int t = w->point_count - 1;
-    shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
-    s->along[t] = stiffening_of_shaft(shaft.stiffening, radius, shaft.axial, w->held_axial);
+    s->along[t] = stiffening_of_shaft(s->mean[t], radius, s->stiffness[t], w->held_axial);
     local_disc disc = local_disc_at_tip(model, tip->tet, tip->nominal, tip->depth - tip_entry_depth(state), tip->pressing);
     s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->axial[t]);
 }
@@ -114,21 +92,18 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
+/* Linearises about `force`; `offset` is the displacement that is left at no force. */
+static void linearise(const tick_context *tick, const stiffening_law *law, double force, double remembered, linear_shift *linear) {
+    stiffening_shift at = evaluate(tick, law, force, remembered);
+    *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
+}
+
 void stiffening_linearise(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) {
-        double force = force_along(tick, i);
-        stiffening_shift at = evaluate(tick, &s->along[i], force, remembered_along(tick, i));
-        s->slope[i] = at.slope;
-        s->offset[i] = at.shift - at.slope * force;
-    }
-    if (!w->tip) return;
-    double force = force_of_face(tick);
-    stiffening_shift at = evaluate(tick, &s->face, force, remembered_of_face(tick));
-    s->face_slope = at.slope;
-    s->face_offset = at.shift - at.slope * force;
+    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_along(tick, i), remembered_along(tick, i), &s->shaft[i]);
+    if (w->tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }
 
 void stiffening_add_compliance(const tick_context *tick) {
@@ -142,10 +117,10 @@ void stiffening_add_compliance(const tick_context *tick) {
         vec3 share = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
         double along[] = {share.x, share.y, share.z};
         for (int a = 0; a < 3; a++)
-            for (int b = 0; b <= a; b++) p->compliance[row[a]][row[b]] += s->slope[i] * along[a] * along[b];
+            for (int b = 0; b <= a; b++) p->compliance[row[a]][row[b]] += s->shaft[i].slope * along[a] * along[b];
     }
     int face = unknown(p->count, p->count - 1, 2);
-    if (w->tip) p->compliance[face][face] += s->face_slope;
+    if (w->tip) p->compliance[face][face] += s->end.slope;
 }
 
 void stiffening_shift_gaps(const tick_context *tick) {
@@ -156,22 +131,25 @@ void stiffening_shift_gaps(const tick_context *tick) {
     for (int i = w->guided; i < p->count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         vec3 along = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
-        p->gap[unknown(p->count, i, 0)] -= s->offset[i] * along.x;
-        p->gap[unknown(p->count, i, 1)] -= s->offset[i] * along.y;
-        p->gap[unknown(p->count, i, 2) + tip] -= s->offset[i] * along.z;
+        p->gap[unknown(p->count, i, 0)] -= s->shaft[i].offset * along.x;
+        p->gap[unknown(p->count, i, 1)] -= s->shaft[i].offset * along.y;
+        p->gap[unknown(p->count, i, 2) + tip] -= s->shaft[i].offset * along.z;
     }
-    if (w->tip) p->gap[unknown(p->count, p->count - 1, 2)] -= s->face_offset;
+    if (w->tip) p->gap[unknown(p->count, p->count - 1, 2)] -= s->end.offset;
+}
+
+/* The laws' second derivatives are at most unit scale^2, which saves evaluating most of them. */
+static bool agrees(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
+    double change = tick->scratch->creep.yield * law->scale * (force - linear->force);
+    if (law->field == NOT_STIFFENING || 0.5 * law->unit * change * change <= AGREEMENT) return true;
+    return fabs(evaluate(tick, law, force, remembered).shift - linear->offset - linear->slope * force) <= AGREEMENT;
 }
 
 bool stiffening_agrees(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return true;
-    for (int i = w->guided; i < w->point_count; i++) {
-        double force = force_along(tick, i), shift = evaluate(tick, &s->along[i], force, remembered_along(tick, i)).shift;
-        if (fabs(shift - s->offset[i] - s->slope[i] * force) > AGREEMENT) return false;
-    }
-    if (!w->tip) return true;
-    double force = force_of_face(tick), shift = evaluate(tick, &s->face, force, remembered_of_face(tick)).shift;
-    return fabs(shift - s->face_offset - s->face_slope * force) <= AGREEMENT;
+    for (int i = w->guided; i < w->point_count; i++)
+        if (!agrees(tick, &s->along[i], force_along(tick, i), remembered_along(tick, i), &s->shaft[i])) return false;
+    return !w->tip || agrees(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }

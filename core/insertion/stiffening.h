@@ -5,9 +5,14 @@
 
 #include "insertion/tick.h"
 
-/* Keeps the shear of the tissue along each share as the share comes to lie in other regions: what keep_shear, which comes after it,
-   leaves to the stiffening. RT */
-void stiffening_keep_shear(const tick_context *tick);
+/* A share of the shaft: compliance of a line force per logarithm, m^2/N, and mean stiffening. */
+typedef struct {
+    double softness, stiffening;
+} stiffened_shaft;
+
+/* How much farther ahead of the tissue the shaft is under this traction (N/m) because its share has come to lie in other regions, beyond
+   what linear tissue makes of it, m. RT */
+double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
 
 /* The laws of this step's points. After find_local_compliance, before creep_recall. RT */
 void stiffening_prepare(const tick_context *tick);

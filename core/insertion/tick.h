@@ -81,13 +81,19 @@ typedef struct {
     bool before_tip;                         /* with the tip's */
 } creep_step;
 
-/* Of stiffening tissue, in one step; linearised about a force: the displacement is `offset` + slope times the force, on top of the linear
-   one. Zero where nothing stiffens. */
+/* What stiffening adds to a displacement, linearised: `offset` + slope times the force. */
 typedef struct {
-    bool any;                                /* tissue at some point stiffens */
+    double force;            /* N, about which */
+    double slope;            /* m/N, at most 0 */
+    double offset;           /* m */
+} linear_shift;
+
+/* Of stiffening tissue, in one step. `end` is zero where nothing stiffens; the rest is then unused. */
+typedef struct {
+    bool any;                                /* tissue at some point may stiffen */
+    double stiffness[MAX_POINTS], mean[MAX_POINTS]; /* N/m of the shaft's share per logarithm, and mean stiffening of its tissue */
     stiffening_law along[MAX_POINTS], face;  /* of the shaft, and of the tip's end face */
-    double slope[MAX_POINTS], face_slope;    /* m/N, */
-    double offset[MAX_POINTS], face_offset;  /* m */
+    linear_shift shaft[MAX_POINTS], end;
 } stiffening_step;
 
 /* The map J from a displacement of the shaft across its axis, in its frame, to that of the point where its axis crosses the face of a

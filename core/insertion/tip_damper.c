@@ -13,7 +13,7 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
 static double dent_without_forces(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     double facing = v3_dot(needle_along(&w->points[w->point_count - 1].at), tick->state->tip.direction);
-    return creep_dent(tick) + facing * w->stiffening.face_offset;
+    return creep_dent(tick) + facing * w->stiffening.end.offset;
 }
 
 void damp_tip(const tick_context *tick) {
@@ -31,7 +31,7 @@ void damp_tip(const tick_context *tick) {
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    double face = w->axial[t] + w->stiffening.face_slope;
+    double face = w->axial[t] + w->stiffening.end.slope;
     a[tip] += face * facing;
     w->tip_yield = v3_dot(along, own) + face * facing * facing;
     double held = (1.0 - w->relaxed) / w->tip_yield;

@@ -41,7 +41,7 @@ def table(rows):
 def draw(curves, path):
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     for i, curve in enumerate(curves):
-        look = {"color": "black", "linestyle": ":"} if curve["published"] else {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
+        look = {"color": "black", "linestyle": ":", "marker": "o" if len(curve["x"]) == 1 else None} if curve["published"] else {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
         axes.plot(curve["x"], curve["y"], label=curve["label"], linewidth=1.4, **look)
     axes.set_xlabel(curves[0]["x_label"])
     axes.set_ylabel(curves[0]["y_label"])

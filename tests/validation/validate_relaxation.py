@@ -47,5 +47,5 @@ rows.trend("course of the decay", SOURCE, "order of magnitude", "two time consta
            fitted="the force after 8 s; the times are put in")
 time = 1e-3 * np.arange(1, len(course) + 1)
 rows.curve("relaxation", f"model, two terms of weight {weight:.2f}", time[::20], course[::20], "time since the needle stopped (s)", "force over its peak")
-rows.curve("relaxation", "published, order of magnitude", [0, 8], [1, LEFT], "time since the needle stopped (s)", "force over its peak", published=True)
+rows.curve("relaxation", "published, order of magnitude", [8], [LEFT], "time since the needle stopped (s)", "force over its peak", published=True)
 sys.exit(rows.end())

@@ -8,7 +8,7 @@
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 enum { TERMS = 3, SAMPLE = 50 }; /* ticks between two looks at the energy */
-static const double TICK = 1e-3;
+static const double TICK = 1e-3, STIFFENING = 2.0;
 
 static simulation_config relaxing_config(bool relaxing) {
     simulation_config c = lockstep_config();
@@ -62,13 +62,13 @@ static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->simulation.workspace;
     const tissue_memory *memory = &l->state.memory;
     double sum = 0.0;
-    for (int i = 0; i < w->point_count && i < memory->count; i++) {
+    for (int i = 0; i < w->point_count && (term < 0 || i < memory->count); i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const share_memory *share = &memory->shares[i];
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
         if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
-        double part = tip ? 1.0 - l->simulation.needle.radius / (share->to - share->from) : 1.0;
+        double part = tip && term >= 0 ? 1.0 - l->simulation.needle.radius / (share->to - share->from) : 1.0;
         vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
         double shaft = term < 0 ? along - face : part * share->along[term];
         if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
@@ -79,10 +79,34 @@ static double local_energy(const lockstep *l, int term) {
     return 0.5 * sum / w->creep.yield;
 }
 
+/* Energy that a stiffening spring stores on top of a linear one, J: the integral of the force over the displacement. */
+static double stiffening_energy(const stiffening_law *law, double force) {
+    double energy = force * stiffening_at(law, force).shift;
+    for (int i = 0; i < 100; i++) energy -= stiffening_at(law, force * (i + 0.5) / 100).shift * force / 100;
+    return energy;
+}
+
+/* Of all local compliances; elastic tissue. */
+static double stiffened_energy(const lockstep *l) {
+    const insertion_workspace *w = l->simulation.workspace;
+    const stiffening_step *s = &w->stiffening;
+    double sum = 0.0;
+    if (!l->simulation.insertion.stiffens) return 0.0;
+    for (int i = w->guided; i < w->point_count; i++) {
+        bool tip = w->points[i].kind == POINT_TIP;
+        vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        vec3 track = tip ? l->state.tip.direction : l->state.contacts[w->points[i].handle].direction;
+        double end = tip ? l->state.tip.end_force : 0.0;
+        sum += stiffening_energy(&s->along[i], v3_dot(track, v3_axpy(-end, needle, force)));
+        if (tip) sum += stiffening_energy(&s->face, end + v3_dot(l->state.tip.damping, needle));
+    }
+    return sum;
+}
+
 static double stored(lockstep *l, nodal n) {
     vec3 added[MAX_CONTACTS];
     const creep_series *creep = &l->simulation.insertion.creep;
-    double sum = needle_energy(&l->simulation.needle, &l->state.needle);
+    double sum = needle_energy(&l->simulation.needle, &l->state.needle) + stiffened_energy(l);
     for (int term = -1; term < creep->count; term++) {
         double factor = term < 0 ? 1.0 : creep->compliance[term];
         put_loads(l, term, n.nominal, added);
@@ -97,10 +121,11 @@ typedef struct {
     double dissipated;       /* J, in the end */
 } energy_record;
 
-static energy_record insert(unsigned seed, bool relaxing) {
+static energy_record insert(unsigned seed, bool relaxing, double stiffening) {
     random_hand hand = random_hand_create(seed);
     simulation_config c = relaxing_config(relaxing);
     c.needle.bevel_slope = hand.bevel_slope;
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.stiffening = stiffening;
     lockstep *l = lockstep_create(&c, hand.start);
     size_t nodes = (size_t)l->simulation.mesh.node_count;
     nodal n = {calloc(nodes, sizeof(vec3)), calloc(nodes, sizeof(vec3))};
@@ -129,17 +154,26 @@ static energy_record insert(unsigned seed, bool relaxing) {
 
 static void check_energy(rows *r) {
     int count = r->short_form ? 1 : 200;
-    double worst[2] = {INFINITY, INFINITY};
+    double worst[2] = {INFINITY, INFINITY}, stiff = INFINITY;
     char check[160];
     for (int i = 0; i < count; i++)
         for (int relaxing = 0; relaxing < 2; relaxing++) {
             if (!relaxing && (i >= 20 || r->short_form)) continue; /* for comparison */
-            energy_record e = insert((unsigned)i + 1, relaxing);
+            energy_record e = insert((unsigned)i + 1, relaxing, 0.0);
             worst[relaxing] = fmin(worst[relaxing], e.least / e.most_work);
             if (getenv("TELL")) printf("%d %d least %g of %g, in all %g\n", i + 1, relaxing, e.least, e.most_work, e.dissipated);
         }
     snprintf(check, sizeof check, "%d random insertion%s: smallest dissipation in 50 ms", count, count > 1 ? "s" : "");
     rows_add(r, (row){.check = check, .reference = "not negative", .value = worst[1], .expected = NAN, .error = fmax(0.0, -worst[1]), .limit = 0.01,
+                      .note = "relative to the largest work of the hand"});
+    count = r->short_form ? 1 : 50;
+    for (int i = 0; i < count; i++) {
+        energy_record e = insert((unsigned)i + 1, false, STIFFENING);
+        stiff = fmin(stiff, e.least / e.most_work);
+        if (getenv("TELL")) printf("%d stiffening least %g of %g, in all %g\n", i + 1, e.least, e.most_work, e.dissipated);
+    }
+    snprintf(check, sizeof check, "elastic tissue that stiffens, S = %g, %d random insertion%s: smallest dissipation in 50 ms", STIFFENING, count, count > 1 ? "s" : "");
+    rows_add(r, (row){.check = check, .reference = "not negative", .value = stiff, .expected = NAN, .error = fmax(0.0, -stiff), .limit = 0.01,
                       .note = "relative to the largest work of the hand"});
     if (r->short_form) return;
     rows_measured(r, (row){.check = "20 of them, elastic: smallest dissipation in 50 ms", .reference = "not negative", .value = worst[0], .expected = NAN,

@@ -103,8 +103,9 @@ static void draw(rows *r, const char *name, const distribution *d) {
                           .y_label = "part of the ticks above it", .logarithmic = true, .count = count, .x = change, .y = part});
 }
 
-static void check_mesh(rows *r, const char *name, const char *path, int runs) {
+static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) {
     simulation_config config = lockstep_config();
+    for (int i = 0; i < config.region_count; i++) config.regions[i].material.stiffening = stiffening;
     if (path) snprintf(config.mesh_path, sizeof config.mesh_path, "%s", path);
     lockstep *l = lockstep_create(&config, lockstep_start());
     smoothness *s = calloc(1, sizeof *s);
@@ -119,13 +120,14 @@ static void check_mesh(rows *r, const char *name, const char *path, int runs) {
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Coupled: smoothness");
     int runs = r.short_form ? 2 : 50;
-    check_mesh(&r, "572 nodes", NULL, runs);
+    check_mesh(&r, "572 nodes", NULL, 0, runs);
+    check_mesh(&r, "stiffening tissue, S = 2, 572 nodes", NULL, 2.0, r.short_form ? 1 : 200);
     if (!r.short_form) {
-        check_mesh(&r, "1700 nodes", GENERATED "/prostate-1700.msh", runs);
-        check_mesh(&r, "3300 nodes", GENERATED "/prostate-3300.msh", runs);
-        check_mesh(&r, "6500 nodes", GENERATED "/prostate-6500.msh", runs);
-        check_mesh(&r, "structured", GENERATED "/figure8-structured.msh", runs); /* made by figure8_meshes.py */
-        check_mesh(&r, "graded 1:10", GENERATED "/figure8-graded.msh", runs);
+        check_mesh(&r, "1700 nodes", GENERATED "/prostate-1700.msh", 0, runs);
+        check_mesh(&r, "3300 nodes", GENERATED "/prostate-3300.msh", 0, runs);
+        check_mesh(&r, "6500 nodes", GENERATED "/prostate-6500.msh", 0, runs);
+        check_mesh(&r, "structured", GENERATED "/figure8-structured.msh", 0, runs); /* made by figure8_meshes.py */
+        check_mesh(&r, "graded 1:10", GENERATED "/figure8-graded.msh", 0, runs);
     }
     return rows_end(&r);
 }

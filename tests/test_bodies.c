@@ -59,7 +59,7 @@ static lockstep *two_bodies(double gap) {
 }
 
 /* The part of the needle in tissue has cutting and friction forces; the part in the gap has none. A gap closed by the first body's
-   bulging surface does not count. */
+   bulging surface does not count. A second needle in the same track has friction in both bodies, and nothing to cut. */
 static void second_body_exerts_force(void **unused) {
     (void)unused;
     static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
@@ -79,6 +79,9 @@ static void second_body_exerts_force(void **unused) {
         assert_true(back < out && out < 2 * STEPS);
         assert_int_equal(l->state.tip.phase, TIP_FREE);
         assert_true(v3_norm(l->wrench.force) == 0.0);
+        pass(l, &p);
+        int before_end = last - 10;
+        assert_close(p.force[before_end] / (-FRICTION * (p.depth[before_end] - gap)), 1.0, 0.03);
         lockstep_free(l);
     }
 }

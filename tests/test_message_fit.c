@@ -6,7 +6,9 @@
 
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar.h"
 #include "trocar_status_t.h"
+#include "trocar_tracks_t.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -46,6 +48,23 @@ static void contacts_with_wrong_counts_are_rejected(void **unused) {
         }
 }
 
+static void tracks_must_have_their_exact_size_and_room(void **unused) {
+    (void)unused;
+    enum { POINTS = TROCAR_MAX_TRACK_POINTS + 1 };
+    static float places[POINTS][3], *rows[POINTS];
+    static int32_t tets[POINTS];
+    static int16_t numbers[POINTS];
+    static int8_t membranes[POINTS];
+    for (int i = 0; i < POINTS; i++) rows[i] = places[i];
+    trocar_tracks_t m = {.point_count = 3, .position = rows, .tet = tets, .track = numbers, .membrane = membranes};
+    size_t size = (size_t)trocar_tracks_t_encode(bytes, 0, sizeof bytes, &m);
+    for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(tracks_fit(bytes, wrong) == (wrong == size));
+    m.point_count = POINTS - 1;
+    assert_true(tracks_fit(bytes, (size_t)trocar_tracks_t_encode(bytes, 0, sizeof bytes, &m)));
+    m.point_count = POINTS;
+    assert_false(tracks_fit(bytes, (size_t)trocar_tracks_t_encode(bytes, 0, sizeof bytes, &m)));
+}
+
 static void deformation_must_match_the_mesh(void **unused) {
     (void)unused;
     static float displacements[NODES][3], *rows[NODES];
@@ -77,6 +96,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(contacts_must_have_their_exact_size),
         cmocka_unit_test(contacts_with_wrong_counts_are_rejected),
+        cmocka_unit_test(tracks_must_have_their_exact_size_and_room),
         cmocka_unit_test(deformation_must_match_the_mesh),
         cmocka_unit_test(strings_must_be_terminated),
     };

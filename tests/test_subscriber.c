@@ -74,6 +74,22 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
+/* Tracks come less often than pictures: the newest ones are in each. */
+static void picture_shows_the_newest_tracks(void **state) {
+    fixture *f = *state;
+    uint32_t points[2];
+    for (int i = 0; i < 2; i++) {
+        trocar_contacts_t_publish(f->lcm, "TROCAR_CONTACTS", &f->sight.contacts);
+        if (i == 0) viewer_messages_make_tracks(&f->sight, 0, 70);
+        if (i == 0) trocar_tracks_t_publish(f->lcm, "TROCAR_TRACKS", &f->sight.tracks);
+        trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+        handle_all(f);
+        memcpy(&points[i], f->timeline.pictures[0].data + 8 + 32 + 36, sizeof points[i]);
+    }
+    assert_true(points[0] > 10); /* of a needle that was in the tissue from the start */
+    assert_true(points[0] == (uint32_t)f->sight.tracks.point_count && points[1] == points[0]);
+}
+
 static void a_server_is_alive_while_it_sends(void **state) {
     fixture *f = *state;
     pose base;
@@ -204,6 +220,7 @@ static void damaged_messages_are_counted(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(picture_needs_both_messages_of_its_tick, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(picture_shows_the_newest_tracks, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_alive_while_it_sends, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_server_is_gone_half_a_second_after_its_last_wrench, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(change_of_server_is_detected, open_fixture, close_fixture),

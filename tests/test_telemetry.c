@@ -28,6 +28,7 @@ typedef struct {
     trocar_status_t *status;
     trocar_deformation_t *deformation;
     trocar_contacts_t *contacts;
+    trocar_tracks_t *tracks;
     int statuses[2], pictures[2];      /* messages of each needle */
     int64_t owners[2];
     double tips[2];                    /* m, along z */
@@ -43,6 +44,7 @@ KEEP_FIRST(timing, trocar_loop_timing_t)
 KEEP_FIRST(status, trocar_status_t)
 KEEP_FIRST(deformation, trocar_deformation_t)
 KEEP_FIRST(contacts, trocar_contacts_t)
+KEEP_FIRST(tracks, trocar_tracks_t)
 
 static int open_with(void **state, const char *needles) {
     fixture *f = allocate_on_cache_lines(sizeof *f);
@@ -68,6 +70,7 @@ static int close_fixture(void **state) {
     if (f->status != NULL) trocar_status_t_destroy(f->status);
     if (f->deformation != NULL) trocar_deformation_t_destroy(f->deformation);
     if (f->contacts != NULL) trocar_contacts_t_destroy(f->contacts);
+    if (f->tracks != NULL) trocar_tracks_t_destroy(f->tracks);
     telemetry_free(&f->telemetry);
     exchange_free(&f->exchange);
     host_close(&f->host);
@@ -122,6 +125,7 @@ static void receive(fixture *f) {
     trocar_status_t_subscription_t *b = trocar_status_t_subscribe(lcm, "TROCAR_STATUS", on_status, f);
     trocar_deformation_t_subscription_t *c = trocar_deformation_t_subscribe(lcm, "TROCAR_DEFORMATION", on_deformation, f);
     trocar_contacts_t_subscription_t *d = trocar_contacts_t_subscribe(lcm, "TROCAR_CONTACTS", on_contacts, f);
+    trocar_tracks_t_subscription_t *e = trocar_tracks_t_subscribe(lcm, "TROCAR_TRACKS", on_tracks, f);
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, telemetry_run, &f->telemetry), 0);
     sleep_until(monotonic_ns() + 300000000);
@@ -132,6 +136,20 @@ static void receive(fixture *f) {
     trocar_status_t_unsubscribe(lcm, b);
     trocar_deformation_t_unsubscribe(lcm, c);
     trocar_contacts_t_unsubscribe(lcm, d);
+    trocar_tracks_t_unsubscribe(lcm, e);
+}
+
+/* The track of a needle that has gone straight in by 19 mm and a dent less, from the skin on. */
+static void the_track_is_published(void **state) {
+    fixture *f = *state;
+    show_a_needle(f);
+    receive(f);
+    const trocar_tracks_t *t = f->tracks;
+    assert_non_null(t);
+    assert_true(t->server == 55 && t->needle == 0 && t->tick == 499 && t->point_count > 2);
+    assert_true(t->membrane[0] == 0 && fabsf(t->position[0][2]) < 1e-6f);
+    const float *last = t->position[t->point_count - 1];
+    assert_true(t->track[t->point_count - 1] == 0 && fabsf(last[0] - 5e-3f) < 1e-4f && last[2] > 5e-3f && last[2] < 24e-3f);
 }
 
 static void all_four_messages_contain_the_published_state(void **state) {
@@ -281,6 +299,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_track_is_published, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_first_malformed_pose_is_reported, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(each_needle_has_its_messages, open_pair, close_fixture),

@@ -51,7 +51,10 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     sim->needle_count = model->parts.config.needle_count;
     sim->work_wake = -1;
     trocar_status status = allocate(sim, why);
-    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = trocar_sim_reset(sim, i, &at_origin, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
+        status = trocar_sim_reset(sim, i, &at_origin, why);
+        sim->needles[i].state.tracks = (track_list){.count = 0}; /* nobody has put it there: it has cut nothing */
+    }
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
     return status;

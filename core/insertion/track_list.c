@@ -13,6 +13,25 @@ static void drop_oldest(track_list *list) {
     list->count--;
     memmove(list->points, list->points + gone, (size_t)list->point_count * sizeof *list->points);
     for (int i = 0; i < list->count; i++) list->first[i] = list->first[i + 1] - gone;
+    memmove(list->low, list->low + 1, (size_t)list->count * sizeof *list->low);
+    memmove(list->high, list->high + 1, (size_t)list->count * sizeof *list->high);
+}
+
+static vec3 least(vec3 a, vec3 b) { return v3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z)); }
+static vec3 greatest(vec3 a, vec3 b) { return v3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z)); }
+
+/* Widens the newest track's box. */
+static void enclose(track_list *list, vec3 x) {
+    int track = list->count - 1;
+    bool new = list->point_count == list->first[track];
+    list->low[track] = new ? x : least(list->low[track], x);
+    list->high[track] = new ? x : greatest(list->high[track], x);
+}
+
+static bool is_near_box(const track_list *list, int track, vec3 x, double reach) {
+    vec3 low = list->low[track], high = list->high[track];
+    return x.x >= low.x - reach && x.x <= high.x + reach && x.y >= low.y - reach && x.y <= high.y + reach && x.z >= low.z - reach
+        && x.z <= high.z + reach;
 }
 
 /* Appends a point to the newest track. A track that alone fills the list starts again here. */
@@ -20,6 +39,7 @@ static bool append(track_list *list, track_point point) {
     bool room = list->point_count < MAX_TRACK_POINTS;
     if (!room) drop_oldest(list);
     if (list->count == 0) list->first[list->count++] = 0;
+    enclose(list, point.at);
     list->points[list->point_count++] = point;
     return room;
 }
@@ -45,6 +65,7 @@ static bool extend(track_list *list, track_point to) {
     track_point *last = newest_point(list);
     if (points > 1 && last->membrane == NO_MEMBRANE && v3_norm(v3_sub(to.at, last[-1].at)) <= TRACK_SPACING) {
         *last = to;
+        enclose(list, to.at);
         return true;
     }
     vec3 from = last->at, way = v3_sub(to.at, from);
@@ -77,13 +98,15 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
 bool tracks_open_membrane(const track_list *list, int membrane, vec3 x, double reach) {
-    for (int track = 0; track < list->count; track++)
+    for (int track = 0; track < list->count; track++) {
+        if (!is_near_box(list, track, x, reach)) continue;
         for (int i = list->first[track]; i < track_end(list, track); i++) {
             double distance = v3_norm(v3_sub(x, list->points[i].at));
             if (distance <= reach && list->points[i].membrane == membrane) return true;
             int skipped = skippable(distance, reach);
             if (skipped > 0) i += skipped - 1;
         }
+    }
     return false;
 }
 
@@ -97,6 +120,7 @@ track_place tracks_closest(const track_list *list, int track, vec3 x, double rea
     track_place best = {.distance = INFINITY};
     int begin = list->first[track], last = track_end(list, track) - 1, segment = -1;
     double part = 0.0;
+    if (!is_near_box(list, track, x, reach)) return best;
     for (int i = begin; i < last;) {
         int skipped = skippable(v3_norm(v3_sub(x, list->points[i].at)), reach);
         if (skipped > 0) {

@@ -20,6 +20,7 @@ typedef struct {
 typedef struct {
     int count, point_count;
     int first[MAX_TRACKS];   /* index of each track's first point; a track ends where the next one begins */
+    vec3 low[MAX_TRACKS], high[MAX_TRACKS]; /* m, corners of a box around each track */
     track_point points[MAX_TRACK_POINTS];
 } track_list;
 
@@ -43,8 +44,8 @@ typedef struct {
     double ahead, behind;    /* m of track from that place to its end, and to its start */
 } track_place;
 
-/* Looks within `reach` only. From a point far away it skips as many others as cannot be near: on a straight track it looks at some ten
-   points, in the worst case at all. RT */
+/* Looks within `reach` only, and only at tracks whose box is. From a point far away it skips as many others as cannot be near: on a straight
+   track it looks at some ten points, in the worst case at all. RT */
 track_place tracks_closest(const track_list *list, int track, vec3 x, double reach);
 
 #endif

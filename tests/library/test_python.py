@@ -172,6 +172,22 @@ class PythonTest(unittest.TestCase):
         self.assertNotIn(0, held)
         self.assertLessEqual({"planned", "sticking", "sliding"}, seen)
 
+    def test_tracks_are_where_the_needle_went(self):
+        sim = trocar.Sim(self.model)
+        sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])
+        for x in (0.005, 0.012):
+            for z in (*np.arange(-0.201, -0.140, 2e-4), *np.arange(-0.140, -0.205, -5e-4)):
+                sim.step([x, 0.003, z, 1, 0, 0, 0], 0.002)
+        tracks = sim.tracks()
+        self.assertEqual(len(tracks), 2)
+        for x, track in zip((0.005, 0.012), tracks):
+            self.assertEqual(track.points.shape, (len(track.membranes), 3))
+            self.assertLess(np.abs(track.points[:, :2] - [x, 0.003]).max(), 5e-4)
+            self.assertTrue(np.all(np.diff(track.points[:, 2]) >= 0) and track.points[-1, 2] > 0.03)
+            self.assertEqual(track.membranes[track.membranes >= 0].tolist(), [0, 1])
+        sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])
+        self.assertEqual(sim.tracks(), [])
+
     def test_save_and_restore(self):
         pose = lambda tick: [0.005, 0.003, -0.201 + 1e-4 * tick, 1, 0, 0, 0]
         sim = trocar.Sim(self.model)
@@ -216,7 +232,7 @@ class PythonTest(unittest.TestCase):
 
     def test_events_are_those_of_the_header(self):
         self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
-        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(13)])
+        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(14)])
 
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}

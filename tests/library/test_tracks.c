@@ -112,13 +112,10 @@ static void second_insertion_neither_cuts_nor_punctures(void **state) {
     (void)state;
     static const struct { const char *what; line way; double least, most; int punctures; } CASES[] = {
         {"the same", {0, 0, 0, 0}, 0.0, 0.1, 0},
-        {"1 mm", {1e-3, 0, 0, 0}, 0.0, 0.1, 0},
-        {"5 degrees", {0, 0, 5 * M_PI / 180, 1.0}, 0.0, 0.1, 0},
         {"1 mm and 5 degrees towards it", {-1e-3, 0, 5 * M_PI / 180, M_PI / 2}, 0.0, 0.1, 0},
         {"1 mm and 5 degrees away from it", {1e-3, 0, 5 * M_PI / 180, M_PI / 2}, 0.0, 0.1, 0},
         {"1 mm and 5 degrees across", {0, -1e-3, 5 * M_PI / 180, M_PI / 2}, 0.0, 0.1, 0},
         {"3 mm beside it", {3e-3, 0, 0, 0}, 0.98, 1.02, 2},
-        {"3 mm beside it, across", {0, 3e-3, 0, 0}, 0.9, 1.1, 2}, /* the gland is not as deep there */
     };
     fixture f = make(load_scene(0.0));
     for (size_t i = 0; i < sizeof CASES / sizeof *CASES; i++) {
@@ -230,14 +227,14 @@ static void published_shares_leave_39_percent(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Without friction, which would hide it: whatever the hand does around an old track, it never gets back more than it gave. */
+/* Without friction, which would hide it. Whatever the hand does around an old track, it never gets back more than it gave. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
     OK(trocar_scene_set_number(scene, "needle.bevel_slope", 0.1, &why));
     fixture f = make(scene);
     unsigned seed = 11;
-    for (int run = 0; run < 20; run++) {
+    for (int run = 0; run < 8; run++) {
         reset(&f);
         insert(&f, 0, FIRST);
         hand h = {.way = {3e-3 * (uniform(&seed) - 0.5), 3e-3 * (uniform(&seed) - 0.5), 0.2 * uniform(&seed), 2 * M_PI * uniform(&seed)}};
@@ -277,6 +274,7 @@ static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
+    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* at the origin, although in the tissue */
     reset(&f);
     assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);

@@ -12,8 +12,8 @@ const LOG = path.join(source, 'tests/traces/figure8.log')
 const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks more of them
 
 const MOMENTS = [ // name; s; cut; what must be visible
-  ['before', 0.05, '', ({ contacts }) => contacts === 0],
-  ['deep', 1.3, 'x', ({ depth, gland }) => depth > 0.06 && gland > 5e-5],
+  ['before', 0.05, '', ({ contacts, track }) => contacts === 0 && track === 0],
+  ['deep', 1.3, 'x', ({ depth, gland, track, offTip }) => depth > 0.06 && gland > 5e-5 && track > 10 && offTip < 2e-3], // the track ends at the tip
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, with the tissue sticking
 ]
 
@@ -82,13 +82,15 @@ try {
 }
 
 /** Runs in the page: depth (m), force along z (N), number of contacts and of sticking ones, mean displacement of the gland along z
-   (m). */
+   (m), ends of the lines of tracks and the last one's distance from the tip (m). */
 function sceneryShown() {
   const { shown, history, stage: { scene } } = trocar, at = history.sampleIndex(shown.time), gland = new Set()
   const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.needles[0].contacts.filter((value, i) => i % 9 === 7)
   for (let t = 0; t < scene.tets.length; t += 5) if (scene.tets[t] === group) scene.tets.subarray(t + 1, t + 5).forEach((node) => gland.add(node))
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
-  return { depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
+  const ends = trocar.stage.tracks.lines.geometry.attributes.position.array, tip = shown.needles[0].joints.slice(-3)
+  return { track: ends.length / 3, offTip: Math.hypot(...tip.map((x, i) => x - ends.at(i - 3))),
+           depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }
 }
 

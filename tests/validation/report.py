@@ -4,6 +4,7 @@
 usage: report.py FOLDER     FOLDER: the output of scripts/validate, out/validate
 """
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -51,11 +52,11 @@ def draw(curves, path):
     plt.close(figure)
 
 
-def report_lines(entries):
+def report_lines(entries, commit):
     rows = [entry for entry in entries if entry["entry"] == "row"]
     yield "# Validation report\n"
     yield ("Made by `scripts/validate`; do not edit. What the words mean, and what was left out, is in [docs/validation.md](../../docs/validation.md). "
-           "Each experiment is described at the head of its script in this folder.\n")
+           f"Each experiment is described at the head of its script in this folder. Commit {commit}.\n")
     groups = (("predictions of numbers are inside", lambda r: r["kind"] == "predicted" and not r["trend"]),
               ("predictions of a tendency hold", lambda r: r["kind"] == "predicted" and r["trend"]),
               ("rows of consistency hold", lambda r: r["kind"] == "consistency"), ("fits are inside", lambda r: r["kind"] == "fitted"))
@@ -84,10 +85,11 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE).stdout.strip() or "unknown"
     PLOTS.mkdir(exist_ok=True)
     for old in PLOTS.glob("*.svg"):
         old.unlink()
-    (HERE / "REPORT.md").write_text("\n".join(report_lines(entries)))
+    (HERE / "REPORT.md").write_text("\n".join(report_lines(entries, commit)))
     return 0
 
 

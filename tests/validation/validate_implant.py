@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """meshes/implant.yaml against what is seen in patients.
 
-The friction in the scene was fitted once, so that an 18 G needle meets about 9 N at 80 mm/s. All else is a prediction: the range over hand
-speeds, other gauges, motion and rotation of the gland, where seeds end up.
+The scene was fitted once to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, friction so that it
+then meets 5.6 N in the gland, both at 80 mm/s. Other gauges, motion and rotation of the gland, and where seeds end up are predictions.
 """
 import sys
 
@@ -16,7 +16,8 @@ STONE = "Stone et al. 2002, 19 patients, 16 needles"
 LAGERBURG = "Lagerburg et al. 2005, Radiotherapy and Oncology 77"
 MCLAUGHLIN = "McLaughlin et al., AAPM 2022, videos of 50 patients, and phantom"
 SEEDS = "Intraoperative factors associated with stranded source placement accuracy, University of Alberta, 15 patients, 1197 seeds"
-FRICTION = "friction per length, to the force of 18 G at 80 mm/s"
+PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
+FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
 DEEP = 0.080             # m, tip beyond the skin: 5 mm beyond the gland
 HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, of the template
 
@@ -72,22 +73,28 @@ gland = Gland(model)
 # ---- force ----
 speeds = (0.05, 0.12) if rows.short else (0.05, 0.08, 0.12)
 holes = HOLES[:1] if rows.short else HOLES
-peaks, bent = {}, 0.0
+peaks, deep, bent = {}, {}, 0.0
 for hole in holes:
     for speed in speeds:
         sim = trocar.Sim(model)
-        outputs = Needle(sim, hole).move(DEEP, speed)
+        needle, outputs = Needle(sim, hole), []
+        for to in np.arange(0.001, DEEP + 1e-9, 0.001):
+            outputs += needle.move(to, speed)
+            bent = max(bent, sideways(sim, hole))
         force = np.array([-out.force[2] for out in outputs])
         peaks[hole, speed] = force.max()
-        bent = max(bent, sideways(sim, hole))
+        capsule = next(i for i, out in enumerate(outputs) if out.events & trocar.Event.PUNCTURED and out.membrane == 1)
+        deep[hole, speed] = force[capsule:].max()
         if hole == holes[0]:
             rows.curve("implant", f"{1e3 * speed:g} mm/s", (np.arange(len(force)) * speed)[::10] * DT * 1e3 - 1, force[::10], "travel beyond the skin (mm)", "force against pushing in (N)")
-rows.curve("implant", "published: greatest force, 18 G", [0, 80], [8.9, 8.9], "travel beyond the skin (mm)", "force against pushing in (N)", published=True)
-at_fit = peaks[holes[0], speeds[len(speeds) // 2]]
-rows.add("greatest force, 18 G, 80 mm/s", PODDER, "secondary: paper and abstract not at hand", (8.0, 9.8), at_fit, "N", published="8.9 N (judged within 10 %)", kind=FITTED, fitted=FRICTION)
+rows.curve("implant", "published: perineum", [0, 30], [8.96, 8.96], "travel beyond the skin (mm)", "force against pushing in (N)", published=True)
+rows.curve("implant", "published: prostate", [40, 80], [5.63, 5.63], "travel beyond the skin (mm)", "force against pushing in (N)", published=True)
+fit = holes[0], speeds[len(speeds) // 2]
+rows.add("greatest force, 18 G, 80 mm/s", PODDER, "secondary: paper and abstract not at hand", (8.0, 9.8), peaks[fit], "N", published="8.9 N (judged within 10 %)", kind=FITTED, fitted=FORCES)
+rows.add("greatest force in the gland, 18 G, 80 mm/s", PREPRINT, "secondary", (5.1, 6.2), deep[fit], "N", published="5.63 +- 0.13 N (judged within 10 %)", kind=FITTED, fitted=FORCES)
 values = np.array(list(peaks.values()))
-rows.add(f"the same at 50 to 120 mm/s in {len(holes)} holes", f"{PODDER}; preprint of a simulator: perineum 8.96 +- 1.31 N", "secondary", (7.65, 10.27), values.mean(), "N",
-         published="8.96 +- 1.31 N", kind=CONSISTENT, fitted=FRICTION, scatter=f"{values.min():.1f} to {values.max():.1f}; needle bent by at most {1e3 * bent:.1f} mm")
+rows.trend(f"greatest force at 50 to 120 mm/s in {len(holes)} holes", f"{PODDER}; {PREPRINT}: perineum 8.96 +- 1.31 N", "secondary", "8 to 10 N, without buckling",
+           values.min() >= 8 and values.max() <= 10 and bent < 2e-3, f"{values.min():.1f} to {values.max():.1f} N; needle bent by at most {1e3 * bent:.1f} mm", kind=CONSISTENT, fitted=FORCES)
 if not rows.short:
     thick = scene()
     thick["needle.outer_diameter"] = 1.47e-3
@@ -96,9 +103,11 @@ if not rows.short:
     for region in ("prostate", "surrounding", "perineum", "muscle"):
         for key, power in (("friction.static", 1), ("friction.kinetic", 1), ("friction.viscous", 1), ("cutting_force", 2)):
             thick[f"regions[{region}].{key}"] = thick[f"regions[{region}].{key}"] * ratio**power
+    for membrane in ("skin", "capsule"):
+        thick[f"membranes[{membrane}].puncture_force"] = thick[f"membranes[{membrane}].puncture_force"] * ratio**2
     force = max(-out.force[2] for out in Needle(trocar.Sim(trocar.Model(thick)), HOLES[0]).move(DEEP, 0.08))
-    rows.add("greatest force, 17 G (1.47 mm)", PODDER, "secondary", (13.0, 18.0), force, "N", published="15.6 N (judged within 15 %)", kind=PREDICTED, fitted=f"{FRICTION}; friction as the circumference, cutting as the area",
-             reason="the measured ratio of 1.75 cannot come from the diameter, which is 1.16 times as large; what else differed is not known here")
+    rows.add("greatest force, 17 G (1.47 mm)", PODDER, "secondary", (13.0, 18.0), force, "N", published="15.6 N (judged within 15 %)", kind=PREDICTED, fitted=f"{FORCES}; friction as the circumference, cutting and puncture as the area",
+             reason="the ratio of 1.75 is that of the diameters, 1.16, to the power of 3.8; areas grow with the power of 2; what else differed is not known here")
 
 # ---- the gland ----
 if not rows.short:
@@ -112,7 +121,7 @@ if not rows.short:
         for other in needles:
             sim.step(other.pose(), DT, other.index)
         shifts.append(1e3 * gland.motion(sim)[1])
-    rows.add("shift of the gland's base, 4 needles", STONE, "abstract", (0, 30), shifts[-1], "mm", published="median 15 mm (0 to 30), with 16 needles", kind=PREDICTED, fitted=FRICTION,
+    rows.add("shift of the gland's base, 4 needles", STONE, "abstract", (0, 30), shifts[-1], "mm", published="median 15 mm (0 to 30), with 16 needles", kind=PREDICTED, fitted=FORCES,
              scatter=f"{shifts[1]:.1f} with one needle", note="weak: the range begins at 0, and the median is far above; 16 needles were not tried")
     rows.curve("gland-shift", "model", range(5), shifts, "needles", "shift of the gland's base (mm)")
     shift = {}
@@ -121,7 +130,7 @@ if not rows.short:
         Needle(sim, HOLES[0]).move(DEEP, speed)
         shift[speed] = 1e3 * gland.motion(sim)[0]
     rows.trend("the gland is moved less by a fast needle", MCLAUGHLIN, "abstract, trend", "up to 20 mm with a slow needle, 1 mm with a fast one", shift[0.12] < shift[0.005],
-               f"{shift[0.005]:.1f} mm at 5 mm/s, {shift[0.12]:.1f} mm at 120 mm/s", kind=PREDICTED, fitted=FRICTION,
+               f"{shift[0.005]:.1f} mm at 5 mm/s, {shift[0.12]:.1f} mm at 120 mm/s", kind=PREDICTED, fitted=FORCES,
                note="the tendency only: neither 20 nor 1 mm is reached")
     turns = []
     for x in (-0.02, 0.02):
@@ -130,7 +139,7 @@ if not rows.short:
         for to in (*np.arange(0.04, DEEP + 0.001, 0.01), *np.arange(DEEP - 0.01, 0.03, -0.01)):
             needle.move(to, 0.05)
             turns.append(gland.motion(sim)[2])
-    rows.add("rotation of the gland in the coronal plane", LAGERBURG, "abstract", (-11.2, 13.8), max(turns, key=abs), "degrees", kind=PREDICTED, fitted=FRICTION,
+    rows.add("rotation of the gland in the coronal plane", LAGERBURG, "abstract", (-11.2, 13.8), max(turns, key=abs), "degrees", kind=PREDICTED, fitted=FORCES,
              scatter=f"{min(turns):.1f} to {max(turns):.1f}, needles 20 mm beside the middle", note="weak: the range holds 0")
 
 # ---- seeds ----
@@ -144,5 +153,6 @@ for hole in holes:
         outputs = needle.move(at, 0.05)
         off.append(1e3 * (outputs[-1].depth - at))
 rows.add("misplacement of seeds along the needle, mean", SEEDS, "abstract", (1.9, 5.7), float(np.mean(np.abs(off))), "mm", published="3.8 mm (no scatter given; judged within half)", kind=PREDICTED,
-         fitted=FRICTION, scatter=f"{min(off):.1f} to {max(off):.1f}; only what the tissue's motion does")
+         fitted=FORCES, scatter=f"{min(off):.1f} to {max(off):.1f}; only what the tissue's motion does",
+         reason="the model has the tissue's motion alone; images, hands and seeds that drift add to what was measured")
 sys.exit(rows.end())

@@ -12,7 +12,7 @@ LAG_SOURCE = f"{REED}; Reed 2008 (PMC2905605): more than 40 degrees"
 LIN = "Lin and Huang 2020, IEEE Trans. Biomed. Eng. 67, gelatine"
 NITINOL = {"outer_diameter": 0.57e-3, "inner_diameter": 0, "youngs_modulus": 75e9, "poisson_ratio": 0.33, "length": 0.105}
 DEPTH = 0.099            # m; the far face of the block is at 100 mm
-PATIENT = (110, 90, 0)   # N/m, N/m, N s/m^2: friction in the gland of meshes/implant.yaml, of a needle of 1.27 mm
+PATIENT = (63, 51, 0)   # N/m, N/m, N s/m^2: friction in the gland of meshes/implant.yaml, of a needle of 1.27 mm
 
 
 def lag(friction, depths):

@@ -465,7 +465,7 @@ static void documented_parameter_table_is_correct(void **state) {
         figure8.simulation.regions[0].material.field, figure8.simulation.regions[1].material.field}}
     const parameter expected[] = {
         OF_REGIONS("youngs_modulus", youngs_modulus), OF_REGIONS("poisson_ratio", poisson_ratio),
-        OF_REGIONS("cutting_force", cutting_force), OF_REGIONS("cutting_viscosity", cutting_viscosity),
+        OF_REGIONS("stiffening", stiffening), OF_REGIONS("cutting_force", cutting_force), OF_REGIONS("cutting_viscosity", cutting_viscosity),
         OF_REGIONS("friction.static", friction_static), OF_REGIONS("friction.kinetic", friction_kinetic),
         OF_REGIONS("friction.viscous", friction_viscous), OF_REGIONS("spreading_force", spreading_force),
         ONCE("tracks.reach", simulation.insertion.track_reach), ONCE("tracks.angle", simulation.insertion.track_angle),

@@ -1,10 +1,9 @@
 #include "insertion/stiffening.h"
 
-#include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
-static const double AGREEMENT = 1e-6; /* m: passes go on until the displacements that were linearised are right to this */
+static const double AGREEMENT = 1e-6; /* m: the passes end when the error of the linearised displacements is below this */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 

@@ -1,4 +1,4 @@
-/* Stiffening tissue in the contact problem: what its local compliances lack of linear ones. Nothing changes where no tissue stiffens. See
+/* Stiffening tissue in the contact problem: the non-linear part of its local compliances. Nothing changes where no tissue stiffens. See
    README.md, "Stiffening". */
 #ifndef TROCAR_STIFFENING_H
 #define TROCAR_STIFFENING_H
@@ -27,7 +27,7 @@ void stiffening_linearise(const tick_context *tick);
 void stiffening_add_compliance(const tick_context *tick);
 void stiffening_shift_gaps(const tick_context *tick);
 
-/* Is the displacement with the new forces the one that was linearised? RT */
+/* Do the displacements under the new forces agree with the linearised ones? RT */
 bool stiffening_agrees(const tick_context *tick);
 
 #endif

@@ -2,23 +2,23 @@
 #ifndef TROCAR_STIFFENING_LAW_H
 #define TROCAR_STIFFENING_LAW_H
 
-/* How far the displacement under a force lies off the linear one: `unit` times a function of `scale` times the force. The function
-   depends on the field: that of a line force around the shaft, or that in front of the tip. */
+/* What stiffening adds to the linear displacement under a force: `unit` times a function of `scale` times the force. There is one function
+   for the field around the shaft and one for the field in front of the tip. */
 typedef struct {
     enum { NOT_STIFFENING, STIFFENING_SHAFT, STIFFENING_TIP } field;
     double unit;             /* m */
     double scale;            /* 1/N */
-    double most;             /* by how much of the linear compliance the tangent may fall at most */
+    double most;             /* limit of the tangent, as a multiple of unit * scale */
 } stiffening_law;
 
 /* At one force. */
 typedef struct {
-    double shift;            /* m, on top of the linear displacement; against the force */
-    double slope;            /* m/N, its derivative by the force; at most 0 */
+    double shift;            /* m, added to the linear displacement; its sign is opposite to the force's */
+    double slope;            /* m/N, derivative of `shift` by the force; at most 0 */
 } stiffening_shift;
 
 /* A line force over a shaft of this radius, m. `stiffness`: length over the linear compliance of a line force per logarithm, N/m.
-   `room`: m/N, by which the compliance may fall. RT */
+   `room`: m/N, by which the compliance may fall; beyond, the law goes on with constant slope. RT */
 stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room);
 
 /* A disc of this radius, m, of linear compliance `disc`, m/N, in tissue of compliance `softness` = 1 / mu, m^2/N, that fills

@@ -63,7 +63,7 @@ static const struct argp_option option_list[] = {
     {"needle", OPTION_NEEDLE, "N", 0, "Replay only needle N of a log with several (default: the needle of the first pose)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, roll of the tip less the base's", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
@@ -134,7 +134,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     if (r->shift_file.file)
         fprintf(r->shift_file.file, "t [s],right [mm],anterior [mm],superior [mm],sagittal [deg],coronal [deg],axial [deg]\n");
     if (r->csv_file.file)
-        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle\n");
+        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad]\n");
     return status;
 }
 
@@ -235,8 +235,8 @@ static void csv_tick(const replay *r, int tick) {
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     events_text(w->events, membrane, events, sizeof events);
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d\n", pose_log_time(&r->poses, tick), w->force[0],
-            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events, r->poses.needle);
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g\n", pose_log_time(&r->poses, tick), w->force[0],
+            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events, r->poses.needle, trocar_sim_tip_lead(r->sim, 0));
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */

@@ -422,11 +422,12 @@ TROCAR_API void trocar_picture_free(trocar_picture *picture);
 TROCAR_API void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture);
 TROCAR_API void trocar_picture_copy(const trocar_picture *from, trocar_picture *to);
 
-/* As trocar_sim_contacts, trocar_sim_tracks, trocar_sim_centreline and trocar_sim_base. RT */
+/* As trocar_sim_contacts, trocar_sim_tracks, trocar_sim_centreline, trocar_sim_base and trocar_sim_tip_lead. RT */
 TROCAR_API int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_contact *contacts, int room);
 TROCAR_API int trocar_picture_tracks(const trocar_picture *picture, int needle, trocar_track_point *points, int room);
 TROCAR_API int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room);
 TROCAR_API trocar_pose trocar_picture_base(const trocar_picture *picture, int needle);
+TROCAR_API double trocar_picture_tip_lead(const trocar_picture *picture, int needle);
 
 /* As trocar_sim_displacements: the first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error);

@@ -15,7 +15,7 @@ static int64_t length_at(const void *data, size_t size, size_t offset) {
 }
 
 bool contacts_fit(const void *data, size_t size) {
-    enum { JOINTS = FINGERPRINT + 4 * 8 + 4 * 8 + 4, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 + 1 };
+    enum { JOINTS = FINGERPRINT + 4 * 8 + 4 * 8 + 8 + 4, JOINT = 3 * 8, CONTACT = 3 * 8 + 3 * 8 + 8 + 1 + 1 };
     int64_t joints = length_at(data, size, JOINTS);
     if (joints < 2 || joints > TROCAR_MAX_JOINTS) return false;
     size_t count_at = JOINTS + 4 + JOINT * (size_t)joints;

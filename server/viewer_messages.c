@@ -40,7 +40,8 @@ void viewer_messages_free(viewer_messages *v) {
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime) {
     trocar_contact contacts[VIEWER_CONTACTS];
     trocar_pose base = trocar_picture_base(v->picture, needle);
-    v->contacts = (trocar_contacts_t){.needle = needle, .tick = tick, .pose_utime = pose_utime, .centreline = v->joint_rows,
+    v->contacts = (trocar_contacts_t){.needle = needle, .tick = tick, .pose_utime = pose_utime,
+                                      .tip_lead = trocar_picture_tip_lead(v->picture, needle), .centreline = v->joint_rows,
                                       .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding, .kind = v->kind};
     memcpy(v->contacts.orientation, base.orientation, sizeof base.orientation);
     v->contacts.joint_count = trocar_picture_centreline(v->picture, needle, v->joints[0], TROCAR_MAX_JOINTS);

@@ -39,7 +39,7 @@ static void contacts_must_have_their_exact_size(void **unused) {
 
 static void contacts_with_wrong_counts_are_rejected(void **unused) {
     (void)unused;
-    size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8 + 4;
+    size_t size = pack_contacts(), joint_count_at = 8 + 4 * 8 + 4 * 8 + 8 + 4;
     for (size_t byte = joint_count_at; byte < joint_count_at + 4; byte++)
         for (int value = 1; value < 256; value++) {
             bytes[byte] ^= (unsigned char)value;

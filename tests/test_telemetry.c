@@ -79,12 +79,15 @@ static int close_fixture(void **state) {
 }
 
 /* Pushes a needle 20 mm into the tissue in lockstep and publishes it as the haptic thread would. */
-static void show_a_needle(fixture *f) {
+/* Pushed in, and turned on its way. */
+static void show_turned_needle(fixture *f, double turn) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
     assert_int_equal(trocar_sim_reset(f->host.sim, 0, &base, NULL), TROCAR_OK);
     for (int i = 0; i < 500; i++) {
         base.position[2] += 0.05e-3;
+        base.orientation[0] = cos(0.5 * turn * i / 500);
+        base.orientation[3] = sin(0.5 * turn * i / 500);
         host_step(&f->host, &base);
     }
     trocar_sim_take_picture(f->host.sim, view->picture);
@@ -96,6 +99,8 @@ static void show_a_needle(fixture *f) {
     view->wrench_dropped = 3;
     triple_buffer_publish(&f->exchange.views);
 }
+
+static void show_a_needle(fixture *f) { show_turned_needle(f, 0.0); }
 
 static void show_the_rest(fixture *f) {
     loop_record *loop = triple_buffer_slot(&f->exchange.loops);
@@ -225,6 +230,15 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_true(pull > 0.2); /* the tissue is pushed forward */
 }
 
+static void the_tip_lags_behind_a_turned_base(void **state) {
+    fixture *f = *state;
+    show_turned_needle(f, 1.0);
+    receive(f);
+    assert_non_null(f->contacts);
+    assert_true(f->contacts->tip_lead < -1e-5);
+    assert_true(f->contacts->tip_lead == trocar_sim_tip_lead(f->host.sim, 0));
+}
+
 static void count_status(const lcm_recv_buf_t *b, const char *channel, const trocar_status_t *m, void *context) {
     (void)b, (void)channel;
     fixture *f = context;
@@ -301,6 +315,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_track_is_published, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_tip_lags_behind_a_turned_base, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_first_malformed_pose_is_reported, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(each_needle_has_its_messages, open_pair, close_fixture),
     };

@@ -224,8 +224,10 @@ typedef struct {
     double pose_ms;
     float orientation[4];
     uint32_t needle, joints, contacts, track_points;
+    float tip_lead;
+    uint32_t unused;
 } needle_head;
-_Static_assert(sizeof(needle_head) == 40, "decode.js reads 40 bytes");
+_Static_assert(sizeof(needle_head) == 48, "decode.js: NEEDLE_BYTES");
 
 /* Metres per count of a displacement. */
 static float displacement_scale(const trocar_deformation_t *d) {
@@ -255,7 +257,7 @@ static void append_needle(byte_buffer *b, const needle_shown *shown) {
     const double *q = c->orientation;
     needle_head head = {.pose_ms = 1e-3 * (double)c->pose_utime, .orientation = {(float)q[0], (float)q[1], (float)q[2], (float)q[3]},
                         .needle = (uint32_t)c->needle, .joints = (uint32_t)c->joint_count, .contacts = (uint32_t)c->contact_count,
-                        .track_points = shown->tracks ? (uint32_t)shown->tracks->point_count : 0};
+                        .track_points = shown->tracks ? (uint32_t)shown->tracks->point_count : 0, .tip_lead = (float)c->tip_lead};
     bytes_append(b, &head, sizeof head);
     for (int j = 0; j < c->joint_count; j++) {
         float x[3] = {(float)c->centreline[j][0], (float)c->centreline[j][1], (float)c->centreline[j][2]};

@@ -41,6 +41,8 @@ typedef struct {
     int64_t asked[REQUESTS_REMEMBERED]; /* ns, when the request of this serial (modulo) was handed over */
     tissue_loads others;     /* forces of the other needles now, */
     tissue_loads posted_others; /* and as they were when they were last handed over */
+    bool loaded;             /* the worker's: as in the last snapshot, */
+    vec3 u_free[MAX_HANDLES]; /* m, likewise: found once for each request */
 } needle_track;
 
 struct trocar_sim {

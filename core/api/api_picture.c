@@ -63,6 +63,11 @@ trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
     return pose_out(state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}});
 }
 
+double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
+    const insertion_state *state = state_of(picture, needle);
+    return state ? state->tip_lead : 0.0;
+}
+
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];
 }

@@ -206,11 +206,18 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     return longest;
 }
 
-/* Hands the next snapshot to the tick if it could be filled. Worker's side. */
+/* Hands the next snapshot to the tick if it could be filled: the first one that answers this request, or one that knows more. Worker's side. */
 static trocar_status publish(trocar_sim *sim, needle_track *needle, trocar_status status, const remesh_request *request, const tissue_loads *others,
-                             report *why) {
-    if (status == TROCAR_OK)
-        status = free_displacement_find(sim->model->parts.inverse, request, others, triple_buffer_slot(&needle->snapshots), why);
+                             bool first, report *why) {
+    compliance_snapshot *snapshot = triple_buffer_slot(&needle->snapshots);
+    if (status == TROCAR_OK && first) {
+        status = free_displacement_find(sim->model->parts.inverse, request, others, snapshot, why);
+        needle->loaded = snapshot->loaded;
+        memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
+    } else {
+        snapshot->loaded = needle->loaded;
+        memcpy(snapshot->u_free, needle->u_free, sizeof snapshot->u_free);
+    }
     if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     return status;
 }
@@ -229,7 +236,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (same && alone) return TROCAR_OK;
     floating_mode before = flush_denormals();
     status = remesher_answer(track->remesher, &track->state.request, triple_buffer_slot(&track->snapshots), why);
-    status = publish(sim, track, status, &track->state.request, &track->others, why);
+    status = publish(sim, track, status, &track->state.request, &track->others, true, why);
     restore_floating_mode(before);
     return status;
 }
@@ -243,11 +250,11 @@ static trocar_status answer_request(trocar_sim *sim, needle_track *needle, troca
     floating_mode before = flush_denormals();
     const remesh_request *request = &posted->request;
     trocar_status status = remesher_serve(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
-    status = publish(sim, needle, status, request, &posted->others, why);
+    status = publish(sim, needle, status, request, &posted->others, true, why);
     if (status == TROCAR_OK && sim->clock) work->latency = sim->clock() - posted->asked;
     while (status == TROCAR_OK && remesher_must_measure(needle->remesher, request) && !triple_buffer_waits(&needle->requests)) {
         status = remesher_measure(needle->remesher, request, 1, triple_buffer_slot(&needle->snapshots), why);
-        status = publish(sim, needle, status, request, &posted->others, why);
+        status = publish(sim, needle, status, request, &posted->others, false, why);
     }
     restore_floating_mode(before);
     work->more = 1;

@@ -48,6 +48,10 @@ static void eliminate_sideways(contact_problem *p) {
         for (int i = c + 2; i < all; i++) {
             double f0 = inverse0 * v0[i], f1 = inverse1 * v1[i];
             double *restrict row = a[i];
+            if (v0[i] == 0.0 && v1[i] == 0.0) { /* not coupled, as to the edge of a hole that is not touched */
+                row[c] = row[c + 1] = 0.0;
+                continue;
+            }
             for (int j = c + 2; j <= i; j++) row[j] -= f0 * v0[j] + f1 * v1[j];
             p->gap[i] -= f0 * p->gap[c] + f1 * p->gap[c + 1];
             row[c] = f0, row[c + 1] = f1;

@@ -229,6 +229,10 @@ void assemble_compliance(const tick_context *tick) {
         for (int j = 0; j <= i; j++) {
             const contact_point *at = &w->points[i], *other = &w->points[j];
             mat3 sum = {{{0}}};
+            if (guides_is_open(w, i) || guides_is_open(w, j)) {
+                put_block(p, i, j, &sum, &at->at.frame, &other->at.frame);
+                continue;
+            }
             if (at->kind == POINT_TIP) sum = w->tip_row[j];
             else if (j >= w->guided) sum = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
             mat3 needle = needle_block(&w->tangent, &at->at, &other->at);

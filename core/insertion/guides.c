@@ -233,28 +233,15 @@ void guides_bound(const tick_context *tick, int point) {
     p->state[point] = face->friction;
 }
 
-/* An unknown without any coupling: its force is zero. */
-static void decouple(contact_problem *p, int index) {
-    int all = 2 * p->count + p->axial_count;
-    for (int j = 0; j < index; j++) p->compliance[index][j] = 0.0;
-    for (int i = index + 1; i < all; i++) p->compliance[i][index] = 0.0;
-    p->compliance[index][index] = 1.0;
-}
-
 void guides_add_compliance(const tick_context *tick, int point) {
     contact_problem *p = &tick->scratch->problem;
     const hole_edge *edge = &tick->scratch->edges[point];
     int x = unknown(p->count, point, 0), along = unknown(p->count, point, 2);
-    if (edge->touched) {
-        p->compliance[x][x] += edge->lateral[0];
-        p->compliance[x + 1][x] += edge->lateral[1];
-        p->compliance[x + 1][x + 1] += edge->lateral[2];
-        p->compliance[along][along] += 1.0 / guide_of(tick, point)->stiffness;
-    } else {
-        decouple(p, x);
-        decouple(p, x + 1);
-        decouple(p, along);
-    }
+    bool touched = edge->touched; /* otherwise not coupled to anything, and without force */
+    p->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
+    p->compliance[x + 1][x] += touched ? edge->lateral[1] : 0.0;
+    p->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;
+    p->compliance[along][along] += touched ? 1.0 / guide_of(tick, point)->stiffness : 1.0;
 }
 
 void guides_close_gap(const tick_context *tick, int point) {

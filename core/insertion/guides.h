@@ -22,7 +22,10 @@ void guides_locate(const tick_context *tick);
 /* Bounds of its force along the needle: Coulomb friction, of the normal force in the last pass. RT */
 void guides_bound(const tick_context *tick, int point);
 
-/* Adds its compliance to the contact problem, and takes it out of the problem while the needle does not touch the hole. RT */
+/* Is this point at a hole whose edge the needle does not touch? It is not coupled to the others, and bears no force. RT */
+static inline bool guides_is_open(const insertion_workspace *w, int point) { return point < w->guided && !w->edges[point].touched; }
+
+/* Adds the edge's compliance to the contact problem. RT */
 void guides_add_compliance(const tick_context *tick, int point);
 void guides_close_gap(const tick_context *tick, int point);
 

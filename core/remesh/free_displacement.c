@@ -22,9 +22,9 @@ static void list_node(node_field *field, int node) {
 }
 
 /* The window's nodes and the corners around the contact nodes. */
-static void list_nodes(const mesh *m, const remesh_request *request, const compliance_snapshot *snapshot, node_field *field) {
+static void list_nodes(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], node_field *field) {
     for (int k = 0; k < MAX_WINDOW; k++)
-        if (snapshot->window[k] >= 0) list_node(field, snapshot->window[k]);
+        if (window[k] >= 0) list_node(field, window[k]);
     for (int i = 0; i < request->wanted.count; i++)
         for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
@@ -45,9 +45,9 @@ static trocar_status add_forces(inverse *inv, int tet, const double weights[4], 
 }
 
 /* Displacements of the handles (MAX_HANDLES) in one set. */
-static void read_handles(const mesh *m, const remesh_request *request, const compliance_snapshot *snapshot, const node_field *field, int set, vec3 *handles) {
+static void read_handles(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], const node_field *field, int set, vec3 *handles) {
     for (int k = 0; k < MAX_WINDOW; k++)
-        if (snapshot->window[k] >= 0) handles[MAX_CONTACTS + k] = field->displacement[set][place_of(field, snapshot->window[k])];
+        if (window[k] >= 0) handles[MAX_CONTACTS + k] = field->displacement[set][place_of(field, window[k])];
     for (int i = 0; i < request->wanted.count; i++) {
         int slot = request->wanted.order[i];
         const added_node *node = &request->wanted.nodes[slot];
@@ -64,29 +64,29 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     memset(snapshot->u_free, 0, sizeof snapshot->u_free);
     if (!snapshot->loaded) return TROCAR_OK;
     node_field field = {.count = 0};
-    list_nodes(m, request, snapshot, &field);
+    list_nodes(m, request, snapshot->window, &field);
     for (int i = 0; i < loads->count; i++) {
         trocar_status status = add_forces(inv, loads->loads[i].tet, loads->loads[i].weights, 1, &loads->loads[i].force, &field, why);
         if (status != TROCAR_OK) return status;
     }
-    read_handles(m, request, snapshot, &field, 0, snapshot->u_free);
+    read_handles(m, request, snapshot->window, &field, 0, snapshot->u_free);
     return TROCAR_OK;
 }
 
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
-    snapshot->left = request->left.count > 0;
-    snapshot->left_time = request->left.time;
-    if (!snapshot->left) return TROCAR_OK;
+    left->any = request->left.count > 0;
+    left->time = request->left.time;
+    if (!left->any) return TROCAR_OK;
     node_field field = {.count = 0};
-    list_nodes(m, request, snapshot, &field);
+    list_nodes(m, request, window, &field);
     for (int i = 0; i < request->left.count; i++) {
-        const left_load *left = &request->left.loads[i];
-        trocar_status status = add_forces(inv, left->tet, left->weights, MAX_RELAXATION, left->load, &field, why);
+        const left_load *load = &request->left.loads[i];
+        trocar_status status = add_forces(inv, load->tet, load->weights, MAX_RELAXATION, load->load, &field, why);
         if (status != TROCAR_OK) return status;
     }
-    memset(snapshot->u_left, 0, sizeof snapshot->u_left);
-    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, snapshot, &field, s, snapshot->u_left[s]);
+    memset(left->u, 0, sizeof left->u);
+    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, left->u[s]);
     return TROCAR_OK;
 }
 

@@ -11,8 +11,13 @@
    side; allocates nothing. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why);
 
-/* The same for u_left: the displacement that each term of the request's left loads causes. */
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, compliance_snapshot *snapshot, report *why);
+/* The same for u_left, which a remesher finds once for each request: the displacement that each term of its left loads causes. */
+typedef struct {
+    bool any;                /* of these is not zero */
+    double time;             /* s, left_loads.time of the request */
+    vec3 u[MAX_RELAXATION][MAX_HANDLES]; /* m */
+} left_field;
+trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why);
 
 /* Adds the loads to nodal forces (node_count), N. */
 void loads_spread(const mesh *m, const tissue_loads *loads, vec3 *nominal);

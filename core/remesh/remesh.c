@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "remesh/free_displacement.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -204,7 +203,7 @@ bool remesher_look_ahead(remesher *r) {
 
 /* ---- a request ------------------------------------------------------------------------------------------------------- */
 
-static trocar_status fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
+static void fill(remesher *r, const remesh_request *request, compliance_snapshot *snapshot) {
     snapshot->serial = request->serial;
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
@@ -216,7 +215,9 @@ static trocar_status fill(remesher *r, const remesh_request *request, compliance
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
-    return left_displacement_find(r->inverse, request, snapshot, why);
+    snapshot->left = r->left.any;
+    snapshot->left_time = r->left.time;
+    if (r->left.any) memcpy(snapshot->u_left, r->left.u, sizeof snapshot->u_left);
 }
 
 static trocar_status update(remesher *r, const remesh_request *request, report *why) {
@@ -225,19 +226,22 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
-    return status == TROCAR_OK && r->operations->gather ? r->operations->gather(r, why) : status;
+    if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
+    return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
 }
 
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     trocar_status status = update(r, request, why);
-    return status == TROCAR_OK ? fill(r, request, snapshot, why) : status;
+    if (status == TROCAR_OK) fill(r, request, snapshot);
+    return status;
 }
 
 bool remesher_must_measure(const remesher *r, const remesh_request *request) { return lines_are_new(r, request); }
 
 trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why) {
     trocar_status status = resolve_pieces(r, request, most, why);
-    return status == TROCAR_OK ? fill(r, request, snapshot, why) : status;
+    if (status == TROCAR_OK) fill(r, request, snapshot);
+    return status;
 }
 
 trocar_status remesher_answer(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -257,6 +261,9 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->contacts, snapshot->contacts, sizeof r->contacts);
+    r->left.any = snapshot->left;
+    r->left.time = snapshot->left_time;
+    memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);
     memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
     return status;
 }

@@ -3,6 +3,7 @@
 #define TROCAR_REMESH_METHOD_H
 
 #include "inverse/inverse.h"
+#include "remesh/free_displacement.h"
 #include "remesh/patch.h"
 #include "remesh/snapshot.h"
 
@@ -45,6 +46,7 @@ struct remesher {
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* of the last request */
     contact_field contacts[MAX_CONTACTS];
+    left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };

@@ -83,6 +83,14 @@ static inline random_hand random_hand_create(unsigned seed) {
     return hand;
 }
 
+/* One insertion with two moves, a few seconds long. */
+static inline random_hand random_hand_brief(unsigned seed) {
+    random_hand whole = random_hand_create(seed), hand = {.start = whole.start, .bevel_slope = whole.bevel_slope};
+    seed += 1000;
+    hand_insert_and_withdraw(&hand, &seed, 2);
+    return hand;
+}
+
 /* Pose at time t of a leg that started at `from`; a tilt rotates about the point `free_length` ahead of the base. */
 static inline pose hand_pose(const hand_leg *leg, pose from, double free_length, double t) {
     double f = motion_fraction(0.0, leg->seconds, t);

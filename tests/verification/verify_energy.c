@@ -8,14 +8,17 @@
      given forces this alone releases or stores the energy 1/2 f dC f, C being the compliance at the tip, like a crack's energy
      release rate; the tissue springs back and reduces the work of cutting. Computed by another solve: the forces after the
      tick with the tip at its position before it.
+   - the shaft turns in the tissue by the angle of the later solve: friction dissipates the torque times it;
    - the damper at the tip, which keeps the tissue from springing back faster than waves propagate, dissipates its force times the
      motion of the tissue there.
    These are all physical terms. The rest of the imbalance is due to the method:
    - contact nodes are added and removed and tributary lengths change, so that local compliances change under load. Computed as
-     the work f.(du + de) on tissue (du) and local compliances (de), minus the energy that they store and that the tip releases.
+     the work f.(du + de) on tissue (du) and local compliances (de), and that of the torques on the tissue around the shaft, minus the
+     energy that they store and that the tip releases.
    Displacements and the energy stored in the tissue come from a solve with the full K, not from the tick's condensed rows. */
 #include "lockstep.h"
 #include "rows.h"
+#include "twist.h"
 
 enum { POINTS = MAX_CONTACTS + 2 };
 static const uint64_t TIP = UINT64_MAX, TIP_SHAFT = UINT64_MAX - 1;
@@ -30,6 +33,9 @@ typedef struct {
     vec3 moved;              /* m, displacement of the tissue and stretch of the local compliance */
     vec3 tangent;            /* of the needle there */
     double slip;             /* m, of the last solve */
+    double torque;           /* N m, of the shaft on the tissue around it */
+    double twisted;          /* rad, by which it has turned that tissue */
+    double turned;           /* rad, by which the shaft slid round in the last solve */
     double end;              /* m/N, local compliance under the tip's end face; 0: not the tip */
 } point;
 
@@ -74,6 +80,15 @@ static void add_local(picture *s, point *p, double lateral, double axial) {
     s->local += 0.5 * (lateral * v3_dot(across, across) + axial * along * along);
 }
 
+/* A tip's share of the shaft turns with TIP_SHAFT. */
+static void add_twist(const lockstep *l, picture *s, point *p, const contact_point *at) {
+    const roll_friction *roll = twist_at(l, at);
+    p->torque = roll->torque;
+    p->twisted = twist_yielding(l, at) * roll->torque;
+    p->turned = roll->turned;
+    s->local += 0.5 * p->torque * p->twisted;
+}
+
 /* Displacement at a nominal point in this state: of the refined mesh, or of the nominal mesh where the tip's force acts. */
 static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
     leaf_point leaf = refinement_locate(m, &s->refined, p->id >= TIP_SHAFT ? 0 : s->refined.count, p->tet, p->nominal);
@@ -109,8 +124,9 @@ static void take_picture(lockstep *l, picture *s) {
         p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(load_at(p), p->moved);
         add_local(s, p, i == at ? w->lateral[at] : 0.0, w->axial[i]);
+        if (p->id != TIP) add_twist(l, s, p, &w->points[at]);
     }
-    s->needle = needle_energy(&l->simulation.needle, &l->state.needle);
+    s->needle = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l);
     s->base = l->base;
     s->force = l->wrench.force;
     s->torque = l->wrench.torque;
@@ -122,7 +138,7 @@ static point find(const mesh *m, const picture *s, const point *p) {
         if (s->points[i].id == p->id) return s->points[i];
     point absent = *p;
     absent.force = absent.damping = v3(0, 0, 0);
-    absent.slip = 0.0;
+    absent.slip = absent.torque = absent.twisted = absent.turned = 0.0;
     absent.moved = displacement_at(m, s, p);
     return absent;
 }
@@ -131,8 +147,10 @@ static void add_point(const point *before, const point *after, energies *e) {
     vec3 mean = v3_scale(0.5, v3_add(before->force, after->force)), moved = v3_sub(after->moved, before->moved);
     double damped = -0.5 * v3_dot(v3_add(before->damping, after->damping), moved);
     double along = v3_dot(mean, after->tangent);
+    double torque = 0.5 * (before->torque + after->torque);
     e->damping += damped;
-    e->handed += v3_dot(mean, moved) - damped;
+    e->handed += v3_dot(mean, moved) - damped + torque * (after->twisted - before->twisted);
+    e->friction += torque * after->turned;
     if (after->id == TIP) e->cutting += v3_dot(mean, v3_sub(after->nominal, before->nominal)) + along * (after->slip - before->slip);
     else e->friction += along * after->slip;
 }
@@ -180,6 +198,10 @@ typedef struct { double seconds; vec3 shift, turn; } leg;
 static const leg straight[] = {{1.0, {0, 0, 0.071}, {0, 0, 0}}, {1.0, {0, 0, -0.075}, {0, 0, 0}}};
 static const leg steered[] = {{0.6, {0, 0, 0.051}, {0, 0, 0}}, {0.2, {0.001, 0.004, 0}, {0.01, 0, 0.5}}, {0.3, {0, 0, 0.02}, {0, 0, 1.0}},
                               {0.3, {0, 0, -0.03}, {0, 0, 0}}, {0.3, {0, -0.003, 0.02}, {0, 0, 0}}, {1.0, {-0.001, -0.001, -0.066}, {0, 0, 0}}};
+
+/* Turned to and fro: at rest, while it goes in, and while it is drawn out. */
+static const leg turned[] = {{0.4, {0, 0, 0.041}, {0, 0, 0}}, {0.3, {0, 0, 0}, {0, 0, 3.0}}, {0.3, {0, 0, 0}, {0, 0, -3.0}}, {0.3, {0, 0, 0.025}, {0, 0, 3.0}},
+                             {0.2, {0, 0, 0}, {0, 0, -2.0}}, {0.5, {0, 0, -0.03}, {0, 0, -3.0}}, {0.4, {0, 0, -0.04}, {0, 0, 0}}};
 
 typedef struct {
     energies total;
@@ -299,5 +321,6 @@ int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Coupled: energy balance");
     check(&r, "straight insertion by 70 mm and retraction", "energy-straight", straight, sizeof straight / sizeof *straight, false);
     check(&r, "steered with a bevel: insertion, steering and retraction", "energy-steered", steered, sizeof steered / sizeof *steered, true);
+    check(&r, "straight, turned at rest and while it moves", "energy-turned", turned, sizeof turned / sizeof *turned, false);
     return rows_end(&r);
 }

@@ -9,6 +9,7 @@ import { browser, check, checkLayout, faults, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
 const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
+const SMALL = { width: 500, height: 400 } // quickly drawn
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
 const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
@@ -114,6 +115,7 @@ try {
     assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
     assert(await second.isDisabled('#take'))
     assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots from before it connected')
+    await second.setViewportSize(SMALL)
   })
 
   await check('every layer and cut draws', async () => {
@@ -205,6 +207,7 @@ try {
   })
 
   await check('the needle is released with its browser', async () => {
+    await second.setViewportSize({ width: 700, height: 900 })
     await first.context().close()
     await until(second, '!trocar.status.driven && trocar.status.owned === "nobody"')
     await until(second, '!document.getElementById("take").disabled')
@@ -273,6 +276,7 @@ try {
   await check('of two needles each is driven, shown and plotted', async () => {
     await stop(view)
     await stop(server)
+    await second.setViewportSize(SMALL)
     const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
     await writeFile(two, `${text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`)}\nneedles: 2\n`)
     server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)

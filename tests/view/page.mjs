@@ -28,8 +28,9 @@ export async function until(page, expression) {
 }
 
 export async function check(name, body) {
+  const start = Date.now()
   await body()
-  console.log(`ok ${name}`)
+  console.log(`ok ${name} (${((Date.now() - start) / 1000).toFixed(1)} s)`)
 }
 
 /** In both themes: no violations found by axe-core, and nothing overlaps or is cut off. */

@@ -344,15 +344,13 @@ class Sim:
         _check(lib.trocar_sim_displacements(self._handle, ffi.from_buffer("double[]", field, require_writable=True), why), why)
         return field
 
-    @property
-    def tip_lead(self) -> float:
+    def tip_lead(self, needle: int = 0) -> float:
         """Turn of the tip about the needle's axis less that of the base, rad. Negative: the tip lags behind a base turned forward."""
-        return lib.trocar_sim_tip_lead(self._handle, 0)
+        return lib.trocar_sim_tip_lead(self._handle, needle)
 
-    @property
-    def needle_energy(self) -> float:
+    def needle_energy(self, needle: int = 0) -> float:
         """Elastic energy of the bent needle, J."""
-        return lib.trocar_sim_needle_energy(self._handle, 0)
+        return lib.trocar_sim_needle_energy(self._handle, needle)
 
 
 _TRACK_POINT = np.dtype([("position", "f8", 3), ("tet", "i4"), ("track", "i4"), ("membrane", "i4"), ("reserved", "i4")], align=True)

@@ -2,6 +2,7 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
 const SAMPLE_BYTES = 64
+const NEEDLE_BYTES = 48 // before a needle's joints
 export const CONTACT_NUMBERS = 9 // of each contact
 export const TRACK_NUMBERS = 6 // of each point of a track
 export const GUIDE = 2 // kind of a contact
@@ -47,7 +48,7 @@ function decodePicture(message, at, length) {
   let place = 32
   for (let left = head.getUint32(20, true); left > 0; left--) {
     const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true), points = head.getUint32(place + 36, true)
-    const tracks = place + 40 + 12 * joints + 4 * CONTACT_NUMBERS * contacts
+    const tracks = place + NEEDLE_BYTES + 12 * joints + 4 * CONTACT_NUMBERS * contacts
     needles[head.getUint32(place + 24, true)] = { ...decodeNeedle(body, place, joints, contacts), tracks: decodeTracks(body, tracks, points) }
     place = tracks + 4 * TRACK_NUMBERS * points
   }
@@ -58,13 +59,14 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind. */
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll less the base's. */
 function decodeNeedle(body, at, joints, contacts) {
-  const head = new DataView(body, at, 40)
+  const head = new DataView(body, at, NEEDLE_BYTES)
   return {
     poseTime: head.getFloat64(0, true), orientation: [0, 1, 2, 3].map((i) => head.getFloat32(8 + 4 * i, true)),
-    joints: new Float32Array(body, at + 40, 3 * joints),
-    contacts: new Float32Array(body, at + 40 + 12 * joints, CONTACT_NUMBERS * contacts),
+    tipLead: head.getFloat32(40, true),
+    joints: new Float32Array(body, at + NEEDLE_BYTES, 3 * joints),
+    contacts: new Float32Array(body, at + NEEDLE_BYTES + 12 * joints, CONTACT_NUMBERS * contacts),
   }
 }
 

@@ -1,0 +1,37 @@
+/* Energy of the needle's twist and of the tissue that it turns: see core/README.md, "Roll". */
+#ifndef TROCAR_VERIFICATION_TWIST_H
+#define TROCAR_VERIFICATION_TWIST_H
+
+#include "lockstep.h"
+
+/* The shaft at a point of the last solve. */
+static inline const roll_friction *twist_at(const lockstep *l, const contact_point *p) {
+    return p->kind == POINT_TIP ? &l->state.tip.roll : &l->state.contacts[p->handle].roll;
+}
+
+/* rad / N m, at once: the torque m' per length turns the tissue at the shaft by m' / (4 pi mu r^2). */
+static inline double twist_yielding(const lockstep *l, const contact_point *p) {
+    const insertion_model *model = &l->simulation.insertion;
+    return 1.0 / (2.0 * pow(model->needle->radius, 2) * shaft_resistance_of(model, &l->state, p->share, 0.0).axial);
+}
+
+/* J, of the needle: each piece between two points bears the torques of all points beyond it. */
+static inline double twist_energy_of_needle(const lockstep *l) {
+    const insertion_workspace *w = l->simulation.workspace;
+    double sum = 0.0, torque = 0.0;
+    for (int i = w->point_count - 1; i >= w->guided; i--) {
+        torque += twist_at(l, &w->points[i])->torque;
+        sum += torque * torque * (w->points[i].arc - (i > w->guided ? w->points[i - 1].arc : 0.0));
+    }
+    return 0.5 * sum / l->simulation.needle.torsion;
+}
+
+/* J, of the tissue around the shaft, under the needle's torques. */
+static inline double twist_energy_of_tissue(const lockstep *l) {
+    const insertion_workspace *w = l->simulation.workspace;
+    double sum = 0.0;
+    for (int i = w->guided; i < w->point_count; i++) sum += twist_yielding(l, &w->points[i]) * pow(twist_at(l, &w->points[i])->torque, 2);
+    return 0.5 * sum;
+}
+
+#endif

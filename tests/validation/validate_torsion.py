@@ -24,7 +24,7 @@ def lag(friction, depths):
         bench.tip = depth
         bench.sim.reset(bench.pose())
         bench.rotate(3 * np.pi, 6.0)
-        lags.append(-bench.sim.tip_lead)
+        lags.append(-bench.sim.tip_lead())
     return np.array(lags)
 
 

@@ -3,7 +3,8 @@
 
 The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
 from the skin (z = 0) into the body. Physical volumes: `prostate`, `surrounding`; physical surfaces: `skin` (z = 0),
-`capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y).
+`capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y). Layers between the skin and
+the gland are further volumes (--layer).
 """
 import argparse
 import math
@@ -17,17 +18,22 @@ BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 
 
-def build_geometry(centre, half_axes):
-    """Fragments a box with an ellipsoid; returns the tags (prostate, surrounding)."""
+def build_geometry(centre, half_axes, layers):
+    """Fragments a box with an ellipsoid and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
     occ = gmsh.model.occ
-    box = occ.addBox(*BOX_LOW, *(high - low for low, high in zip(BOX_LOW, BOX_HIGH)))
+    width, height, depth = (high - low for low, high in zip(BOX_LOW, BOX_HIGH))
+    box = occ.addBox(*BOX_LOW, width, height, depth)
     gland = occ.addSphere(*centre, 1.0)
     occ.dilate([(3, gland)], *centre, *half_axes)
-    pieces, parents = occ.fragment([(3, box)], [(3, gland)])
+    parts, start = [(3, gland)], 0.0
+    for _, end in layers:
+        parts.append((3, occ.addBox(*BOX_LOW[:2], start, width, height, end - start)))
+        start = end
+    pieces, parents = occ.fragment([(3, box)], parts)
     occ.synchronize()
-    prostate = parents[1][0][1]
-    surrounding = next(tag for _, tag in pieces if tag != prostate)
-    return prostate, surrounding
+    regions = {name: parent[0][1] for name, parent in zip(["prostate"] + [name for name, _ in layers], parents[1:])}
+    regions["surrounding"] = next(tag for _, tag in pieces if tag not in regions.values())
+    return regions
 
 
 def faces_on(axis, coordinate):
@@ -38,10 +44,11 @@ def faces_on(axis, coordinate):
     return [tag for _, tag in gmsh.model.getEntities(2) if is_flat(tag)]
 
 
-def name_groups(prostate, surrounding):
-    capsule = [abs(tag) for _, tag in gmsh.model.getBoundary([(3, prostate)])]
+def name_groups(regions):
+    capsule = [abs(tag) for _, tag in gmsh.model.getBoundary([(3, regions["prostate"])])]
     fixed = faces_on(2, BOX_HIGH[2]) + faces_on(1, BOX_LOW[1])
-    groups = [(3, [prostate], "prostate"), (3, [surrounding], "surrounding"),
+    names = ["prostate", "surrounding"] + [name for name in regions if name not in ("prostate", "surrounding")]
+    groups = [(3, [regions[name]], name) for name in names] + [
               (2, faces_on(2, BOX_LOW[2]), "skin"), (2, capsule, "capsule"), (2, fixed, "fixed")]
     for number, (dimension, tags, name) in enumerate(groups, 1):
         gmsh.model.addPhysicalGroup(dimension, tags, number)
@@ -139,18 +146,27 @@ def main():
     parser.add_argument("--centre", type=float, nargs=3, default=(0, 0, 55), metavar="MM", help="centre of the gland")
     parser.add_argument("--half-axes", type=float, nargs=3, default=(24, 17, 20), metavar="MM", help="semi-axes of the gland")
     parser.add_argument("--ratio", type=float, default=3.0, help="element size at the corners of the box relative to the gland's")
+    parser.add_argument("--layer", nargs=2, action="append", default=[], metavar=("NAME", "MM"),
+                        help="a layer under the skin, or under the last layer, that ends at this depth, above the gland")
     parser.add_argument("--output", default="prostate-570.msh", help="any format that Gmsh writes (default %(default)s)")
     options = parser.parse_args()
     if options.nodes < 100 or min(options.half_axes) <= 0 or options.ratio < 1:
         parser.error("--nodes must be at least 100, --half-axes positive, --ratio at least 1")
     centre = [c * MM for c in options.centre]
     half_axes = [a * MM for a in options.half_axes]
+    try:
+        layers = [(name, float(end) * MM) for name, end in options.layer]
+    except ValueError as error:
+        parser.error(f"--layer: {error}")
+    ends = [0.0] + [end for _, end in layers] + [centre[2] - half_axes[2]]
+    if not all(above < below for above, below in zip(ends, ends[1:])):
+        parser.error("--layer: every layer must end below the one before it, and above the gland")
 
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
-    name_groups(*build_geometry(centre, half_axes))
+    name_groups(build_geometry(centre, half_axes, layers))
     generate_nodes(options.nodes, centre, half_axes, options.ratio)
     for name, value in quality().items():
         print(f"{name}: {value}")

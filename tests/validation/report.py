@@ -1,0 +1,97 @@
+#!/usr/bin/python3
+"""Makes the validation report (REPORT.md next to this script, figures in plots/) from the experiments' JSON files.
+
+usage: report.py FOLDER     FOLDER: the output of scripts/validate, out/validate
+"""
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("svg")
+matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
+matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
+import matplotlib.pyplot as plt  # noqa: E402
+
+HERE = Path(__file__).resolve().parent
+PLOTS = HERE / "plots"
+# Colours of Okabe and Ito, with line styles: readable without colour vision. Published curves are black and dotted.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+STYLES = ("-", "--", "-.")
+
+
+def cell(text):
+    return str(text).replace("|", "\\|")
+
+
+def verdict(row):
+    comment = row["note"] if row["inside"] else row["reason"]
+    return ("inside" if row["inside"] else "**outside**") + (f"; {comment}" if comment else "")
+
+
+def table(rows):
+    yield "| quantity | source | how sure | published | trocar | | fitted | |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for row in rows:
+        ours = row["ours"] + (f" ({row['scatter']})" if row["scatter"] else "")
+        yield "| " + " | ".join(map(cell, (row["quantity"], row["source"], row["sure"], row["published"], ours, row["kind"], row["fitted"], verdict(row)))) + " |"
+
+
+def draw(curves, path):
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    for i, curve in enumerate(curves):
+        look = {"color": "black", "linestyle": ":", "marker": "o" if len(curve["x"]) == 1 else None} if curve["published"] else {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
+        axes.plot(curve["x"], curve["y"], label=curve["label"], linewidth=1.4, **look)
+    axes.set_xlabel(curves[0]["x_label"])
+    axes.set_ylabel(curves[0]["y_label"])
+    axes.grid(color="0.9", linewidth=0.6)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def report_lines(entries, commit):
+    rows = [entry for entry in entries if entry["entry"] == "row"]
+    yield "# Validation report\n"
+    yield ("Made by `scripts/validate`; do not edit. What the words mean, and what was left out, is in [docs/validation.md](../../docs/validation.md). "
+           f"Each experiment is described at the head of its script in this folder. Commit {commit}.\n")
+    groups = (("predictions of numbers are inside", lambda r: r["kind"] == "predicted" and not r["trend"]),
+              ("predictions of a tendency hold", lambda r: r["kind"] == "predicted" and r["trend"]),
+              ("rows of consistency hold", lambda r: r["kind"] == "consistency"), ("fits are inside", lambda r: r["kind"] == "fitted"))
+    for text, chosen in groups:
+        group = [r for r in rows if chosen(r)]
+        yield f"- **{sum(r['inside'] for r in group)} of {len(group)}** {text}"
+    yield ""
+    outside = [r for r in rows if not r["inside"]]
+    if outside:
+        yield "Outside, each with the reason:\n"
+        yield "\n".join(f"- {r['section']}: {r['quantity']}: {r['ours']}, published {r['published']}: {r['reason'] or 'not explained'}" for r in outside) + "\n"
+    for section in sorted({entry["section"] for entry in entries}):
+        yield f"## {section}\n"
+        yield "\n".join(table([r for r in rows if r["section"] == section])) + "\n"
+        figures = {}
+        for entry in entries:
+            if entry["entry"] == "curve" and entry["section"] == section:
+                figures.setdefault(entry["figure"], []).append(entry)
+        for name, curves in figures.items():
+            draw(curves, PLOTS / f"{name}.svg")
+            yield f"![{name}](plots/{name}.svg)\n"
+
+
+def main():
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        print(__doc__)
+        return 0 if "--help" in sys.argv else 2
+    entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE).stdout.strip() or "unknown"
+    PLOTS.mkdir(exist_ok=True)
+    for old in PLOTS.glob("*.svg"):
+        old.unlink()
+    (HERE / "REPORT.md").write_text("\n".join(report_lines(entries, commit)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

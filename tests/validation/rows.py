@@ -1,0 +1,57 @@
+"""Rows of the validation report: `validate_NAME.py [--short] FOLDER` writes FOLDER/NAME.json.
+
+    rows = Rows.from_arguments(__doc__, "Relaxation of a held needle")
+    rows.add("force after 8 s", source, "abstract", (0.4, 0.6), ours, "of the peak", kind=FITTED, fitted="the series")
+    sys.exit(rows.end())
+"""
+import argparse
+import json
+import sys
+from pathlib import Path
+
+
+FITTED = "fitted"              # parameters were fitted to this very number
+CONSISTENT = "consistency"     # follows from what was fitted or assumed, if the model does what it should; judged nearly on what it was fitted to
+PREDICTED = "predicted"        # fitted on something else
+
+
+class Rows:
+    """Collects rows and curves of one experiment or group of experiments."""
+
+    def __init__(self, name, section, folder, short):
+        self.name, self.section, self.folder, self.short = name, section, Path(folder), short
+        self.entries = []
+
+    @classmethod
+    def from_arguments(cls, description, section):
+        parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("--short", action="store_true", help="fewer cases: a few seconds")
+        parser.add_argument("folder", help="for output; must exist")
+        options = parser.parse_args()
+        return cls(Path(sys.argv[0]).stem.removeprefix("validate_"), section, options.folder, options.short)
+
+    def _add(self, quantity, source, sure, published, inside, ours, kind, fitted, reason, note, scatter="", trend=False):
+        self.entries.append({"entry": "row", "section": self.section, "quantity": quantity, "source": source, "sure": sure, "published": published, "ours": ours,
+                             "scatter": scatter, "kind": kind, "trend": trend, "fitted": fitted, "inside": bool(inside), "reason": reason, "note": note})
+        print(f"{'inside ' if inside else 'OUTSIDE'}  {quantity}: {ours}{' (' + scatter + ')' if scatter else ''}; published {published}", flush=True)
+
+    def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3):
+        """A number; it is inside if it lies in the interval (low, high). `published` says what was published, if not simply low to high;
+        `scatter` is how much our number varies. A row outside needs a reason."""
+        low, high = interval
+        self._add(quantity, source, sure, published or f"{low:g} to {high:g} {unit}", low <= ours <= high, f"{ours:.{digits}g} {unit}".strip(),
+                  kind, fitted, reason, note, scatter)
+
+    def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note=""):
+        """A tendency, published without numbers that could be compared."""
+        self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, trend=True)
+
+    def curve(self, figure, label, x, y, x_label, y_label, published=False):
+        """A line in FIGURE.svg, into which all curves of one figure are drawn."""
+        self.entries.append({"entry": "curve", "section": self.section, "figure": figure, "label": label, "x": [float(v) for v in x],
+                             "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
+
+    def end(self):
+        """Writes the file; returns the program's exit status: 1 if a row is outside and no reason is known, else 0."""
+        (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
+        return int(any(e["entry"] == "row" and not e["inside"] and not e["reason"] for e in self.entries))

@@ -34,7 +34,7 @@ SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # volume left of the flattes
 KINDS = ("Kuhn", "five")
 COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff under smooth loads as well (Tissue: error of the elements on coarse meshes)"
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
-LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size it is within the limit"
+LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
 FEW = ("on edges", "in faces", "within elements")   # places in the finest meshes, of 42 000 nodes
 

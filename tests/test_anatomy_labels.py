@@ -151,7 +151,9 @@ def two_boxes():
     """Two cubes of side 1 on top of each other, of tetrahedra."""
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
-    return points, np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube]), np.repeat([0, 1], 6), ["low", "high"]
+    tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
+    tets[::3, :2] = tets[::3, 1::-1]    # of either orientation, as files have them
+    return points, tets, np.repeat([0, 1], 6), ["low", "high"]
 
 
 class Names(unittest.TestCase):

@@ -24,8 +24,6 @@ TRIES = 16
 MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
 MOST_MISSED = 0.02      # of a region's surface
 FAILURES = 3            # of Gmsh, after which no other element sizes are tried
-SHARED_FAILURES = 6     # the same, of surfaces from a label image, which differ more from size to size
-FINER = 0.95            # ratio of their sizes after a failure
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
 OFF = 0.10              # of the wanted number of nodes: meshes further off are refused
@@ -386,9 +384,9 @@ def search(domain, nodes, path):
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and failures == min(SHARED_FAILURES if domain.regions else FAILURES, TRIES):
+            if best is None and failures == min(FAILURES, TRIES):
                 raise
-            fine *= FINER if domain.regions else 0.98
+            fine *= 0.98
             continue
         mesh = made.mesh
         count = len(mesh.points)

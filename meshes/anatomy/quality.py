@@ -33,9 +33,12 @@ class Mesh:
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
 
     def boundary(self, name):
-        """The triangles around a region, which others may share."""
+        """The triangles around a region, which others may share, normals outward."""
         tets = self.tets[self.region == self.regions.index(name)]
         faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
+        a, b, c, opposite = (self.points[corner] for corner in (*faces.T, tets.T.ravel()))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), opposite - a) > 0
+        faces[inward] = faces[inward, ::-1]
         _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         return Shell(self.points, faces[first[count == 1]])
 

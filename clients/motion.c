@@ -3,8 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-/* The world of the scenes: skin at z = 0, the needle along +z, y up. From the default start the tip of a needle
-   200 mm long is 1 mm in front of the skin. */
+/* From the default start, the tip of a needle 200 mm long is 1 mm in front of the skin of the supplied scenes, at z = 0. */
 static const motion scripts[] = {
     {"figure8", "push in, move the base up, pull back: figure 8 of the paper", 2.4, 2.8, 4,
      {{0.0, 1.3, {0, 0, 0.066}, {0, 0, 0}},
@@ -61,7 +60,7 @@ pose motion_pose(const motion *script, pose start, double t) {
     for (int i = 0; i < script->leg_count; i++) {
         const motion_leg *leg = &script->legs[i];
         double fraction = motion_fraction(leg->from, leg->to, t);
-        p.position = v3_axpy(fraction, leg->shift, p.position);
+        p.position = v3_axpy(fraction, q_rotate(start.orientation, leg->shift), p.position);
         p.orientation = q_multiply(p.orientation, q_exp(v3_scale(fraction, leg->turn)));
     }
     return p;

@@ -27,23 +27,26 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
+/* In the frame of the home pose, whose origin is the home position. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
-    vec3 x = d->base.position, home = d->home.position;
-    return v3(move(x.x, &d->velocity.x, dt, home.x - l->max_sideways, home.x + l->max_sideways),
-              move(x.y, &d->velocity.y, dt, home.y - l->max_sideways, home.y + l->max_sideways),
-              move(x.z, &d->velocity.z, dt, home.z - l->max_back, home.z + l->max_forward));
+    quat home = d->home.orientation;
+    vec3 x = q_rotate(q_conjugate(home), v3_sub(d->base.position, d->home.position));
+    vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
+                    move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways),
+                    move(x.z, &d->velocity.z, dt, -l->max_back, l->max_forward));
+    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* unchanged at rest */
 }
 
-static double tilt_of(quat q) {
-    double along = q_rotate(q, v3(0, 0, 1)).z;
+static double tilt_of(quat q, quat home) {
+    double along = v3_dot(q_axis(q), q_axis(home));
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts in the world frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
+/* Tilts in the home pose's frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
-    quat q = d->base.orientation;
-    quat tilted = q_multiply(q_exp(v3(d->turn.x * dt, d->turn.y * dt, 0)), q);
-    if (tilt_of(tilted) <= fmax(l->max_tilt, tilt_of(q))) q = tilted;
+    quat q = d->base.orientation, home = d->home.orientation;
+    quat tilted = q_multiply(q_exp(q_rotate(home, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);
+    if (tilt_of(tilted, home) <= fmax(l->max_tilt, tilt_of(q, home))) q = tilted;
     else d->turn.x = d->turn.y = 0;
     return q_unit(q_multiply(q, q_exp(v3(0, 0, d->turn.z * dt))));
 }

@@ -17,6 +17,7 @@
 #include "messages.h"
 #include "options.h"
 #include "output.h"
+#include "patient.h"
 #include "pose_publisher.h"
 #include "playback.h"
 #include "realtime.h"
@@ -312,9 +313,14 @@ static void find_box(view *v) {
     }
 }
 
-/* Along z with the tip 2 mm in front of the surface, side by side, the first one at the middle of the body. */
+/* The scene's start, or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
 static pose find_home(const view *v, int needle) {
     static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
+    pose start;
+    if (scene_start(v->scene, &start)) {
+        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside[needle], 0, 0)));
+        return start;
+    }
     double x = 0.5 * (v->low.x + v->high.x) + aside[needle], y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
     const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
     double skin[3] = {x, y, v->low.z};

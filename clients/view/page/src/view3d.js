@@ -33,7 +33,10 @@ function drawsInSoftware() {
 
 /** Picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
-  const needles = homes.map(([x, y, z]) => ({ orientation: [1, 0, 0, 0], joints: new Float32Array([x, y, z, x, y, z + length]), contacts: new Float32Array(0) }))
+  const needles = homes.map(({ position, orientation: [w, x, y, z] }) => {
+    const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
+    return { orientation: [w, x, y, z], joints: new Float32Array([...position, ...tip]), contacts: new Float32Array(0) }
+  })
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 

@@ -9,6 +9,7 @@
 #include "motion.h"
 #include "options.h"
 #include "output.h"
+#include "patient.h"
 #include "tick_timing.h"
 
 enum { MAX_COUNTS = TROCAR_MAX_CONTACTS };
@@ -18,7 +19,8 @@ typedef struct {
     int counts[MAX_COUNTS], count_count;   /* numbers of contacts */
     int ticks;
     double spacing;                        /* m, replaces the scene's if positive */
-    vec3 start;                            /* m */
+    vec3 start;                            /* m, or mm of the patient's; its x is NAN: the scene's */
+    bool patient;
 } options;
 
 typedef struct {
@@ -27,6 +29,7 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     double spacing;          /* m, between contact nodes */
+    pose start;              /* of the base */
     histogram baseline;
     tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];
     output json_file;
@@ -34,14 +37,15 @@ typedef struct {
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
 
-enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_SPACING, OPTION_START };
+enum { OPTION_TICKS = 256, OPTION_JSON, OPTION_SPACING, OPTION_START, OPTION_PATIENT };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"contacts", 'c', "N,...", 0, "Numbers of contacts to measure (default 5,10)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each number of contacts and each motion (default 1000)", 0},
     {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes (default: the scene's)", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m; the needle goes in along +z (default 0.005,0.003,-0.201)", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where the base starts, m (default: the scene's needle.start, or 0.005,0.003,-0.201 along +z)", 0},
+    {"patient", OPTION_PATIENT, 0, 0, "--start is in the patient's coordinates, mm", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };
@@ -72,6 +76,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         parse_numbers(state, "start", text, 3, position);
         o->start = v3(position[0], position[1], position[2]);
         break;
+    case OPTION_PATIENT: o->patient = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (!o->scene_path) argp_error(state, "--scene is missing");
@@ -88,11 +93,22 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
+static trocar_status find_start(bench *b, report *why) {
+    const options *o = b->options;
+    patient_frame patient;
+    trocar_status status = o->patient ? patient_frame_read(b->scene, &patient, why) : TROCAR_OK;
+    b->start = MOTION_START;
+    scene_start(b->scene, &b->start);
+    if (status == TROCAR_OK && !isnan(o->start.x)) b->start.position = o->patient ? patient_to_mesh(&patient, o->start) : o->start;
+    return status;
+}
+
 static trocar_status prepare(bench *b, report *why) {
     const options *o = b->options;
     trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
     if (status == TROCAR_OK && o->spacing > 0.0) status = trocar_scene_set_number(b->scene, "contact.spacing", o->spacing, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(b->scene, "contact.spacing", &b->spacing, why);
+    if (status == TROCAR_OK) status = find_start(b, why);
     if (status == TROCAR_OK && o->json_path) status = output_open(&b->json_file, o->json_path, why);
     if (status == TROCAR_OK) status = trocar_model_create(b->scene, NULL, &b->model, why);
     return status == TROCAR_OK ? trocar_sim_create(b->model, &b->sim, why) : status;
@@ -103,7 +119,7 @@ static trocar_status measure(bench *b, report *why) {
     baseline_measure(&b->baseline);
     for (int i = 0; i < o->count_count; i++)
         for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) {
-            timing_case wanted = {.start = {o->start, {1, 0, 0, 0}}, .dt = 1.0 / trocar_model_rate(b->model), .contacts = o->counts[i],
+            timing_case wanted = {.start = b->start, .dt = 1.0 / trocar_model_rate(b->model), .contacts = o->counts[i],
                                   .ticks = o->ticks, .motion = motion};
             trocar_status status = tick_timing_measure(b->sim, b->scene, &wanted, &b->rows[i][motion], why);
             if (status != TROCAR_OK) return status;
@@ -174,7 +190,7 @@ static void write_json(const bench *b, FILE *out) {
 }
 
 trocar_status bench_tick(int count, char **arguments, report *why) {
-    options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = MOTION_START.position};
+    options o = {.counts = {5, 10}, .count_count = 2, .ticks = 1000, .start = {NAN, NAN, NAN}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
 
     static bench b;

@@ -4,9 +4,9 @@
 
 #include "options.h"
 #include "output.h"
+#include "patient.h"
 #include "player.h"
 #include "poselog.h"
-#include "trocar.h"
 
 const char *argp_program_version = "trocar-device " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
@@ -14,20 +14,20 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path;
-    bool start_given;
+    bool start_given, patient;
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
-       OPTION_WAIT, OPTION_SETTLE,
-       OPTION_NEEDLE, OPTION_SCENE };
+       OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
     {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default 0.005,0.003,-0.201)", 0},
-    {"scene", OPTION_SCENE, "FILE", 0, "Start at this scene's needle.start, and move along the needle's axes there", 0},
+    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
+    {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
@@ -77,11 +77,12 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
     case 'd': o->play.duration = parse_number(state, "duration", text, 1e-3, 1e5); break;
     case OPTION_SPEED: o->play.speed = parse_number(state, "speed", text, 1e-3, 10); break;
+    case OPTION_SCENE: o->scene_path = text; break;
     case OPTION_START:
         o->play.start.position = parse_vector(state, "start", text);
         o->start_given = true;
         break;
-    case OPTION_SCENE: o->scene_path = text; break;
+    case OPTION_PATIENT: o->patient = true; break;
     case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
@@ -96,9 +97,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_LOG: o->log_path = text; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
-        if (o->scene_path && o->start_given) argp_error(state, "--start and --scene both say where the needle starts: give one of them");
         if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
             argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
+        if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
         break;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -136,43 +137,45 @@ static trocar_status write_log(const options *o, report *why) {
     return status;
 }
 
-static trocar_status play_and_report(const options *o, output *report_file, output *csv_file, recording *r, report *why) {
+static trocar_status play_and_report(const options *o, const patient_frame *patient, output *report_file, output *csv_file, recording *r, report *why) {
     recording_summary summary;
     trocar_status status = play(&o->play, r, why);
     if (status == TROCAR_OK) status = recording_summarise(r, &summary, why);
     if (status != TROCAR_OK) return status;
     summary_print(&summary, stdout);
     if (report_file->file) summary_write_json(&summary, report_file->file);
-    if (csv_file->file) recording_write_csv(r, csv_file->file);
+    if (csv_file->file) recording_write_csv(r, patient, csv_file->file);
     status = output_commit(report_file, why);
     return status == TROCAR_OK ? output_commit(csv_file, why) : status;
 }
 
 /* Opens the outputs first: a bad path should not cost a run. */
-static trocar_status run_live(const options *o, report *why) {
+static trocar_status run_live(const options *o, const patient_frame *patient, report *why) {
     output report_file = {0}, csv_file = {0};
     recording r = {0};
     trocar_status status = TROCAR_OK;
     if (o->report_path) status = output_open(&report_file, o->report_path, why);
     if (status == TROCAR_OK && o->csv_path) status = output_open(&csv_file, o->csv_path, why);
-    if (status == TROCAR_OK) status = play_and_report(o, &report_file, &csv_file, &r, why);
+    if (status == TROCAR_OK) status = play_and_report(o, patient, &report_file, &csv_file, &r, why);
     output_abandon(&report_file);
     output_abandon(&csv_file);
     recording_free(&r);
     return status;
 }
 
-/* The scene's start, if it has one. */
-static trocar_status find_start(const char *path, pose *start, report *why) {
+/* The start from the scene, unless it is given, and in the mesh's coordinates. */
+static trocar_status find_start(options *o, patient_frame *patient, report *why) {
     trocar_scene *scene;
-    trocar_pose p;
-    trocar_status status = trocar_scene_load(path, &scene, why);
+    pose given = o->play.start;
+    if (!o->scene_path) return TROCAR_OK;
+    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
     if (status != TROCAR_OK) return status;
-    if (trocar_scene_start(scene, &p))
-        *start = (pose){v3(p.position[0], p.position[1], p.position[2]), {p.orientation[0], p.orientation[1], p.orientation[2], p.orientation[3]}};
-    else fprintf(stderr, "trocar-device: %s has no needle.start: starting at the usual place\n", path);
+    if (o->patient) status = patient_frame_read(scene, patient, why);
+    if (!scene_start(scene, &o->play.start) && !o->start_given && status == TROCAR_OK)
+        status = fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", o->scene_path);
+    if (o->start_given) o->play.start.position = o->patient ? patient_to_mesh(patient, given.position) : given.position;
     trocar_scene_free(scene);
-    return TROCAR_OK;
+    return status;
 }
 
 int main(int count, char **arguments) {
@@ -182,8 +185,9 @@ int main(int count, char **arguments) {
     if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
 
     report why;
-    trocar_status status = o.scene_path ? find_start(o.scene_path, &o.play.start, &why) : TROCAR_OK;
-    if (status == TROCAR_OK) status = o.log_path ? write_log(&o, &why) : run_live(&o, &why);
+    patient_frame patient;
+    trocar_status status = find_start(&o, &patient, &why);
+    if (status == TROCAR_OK) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;

@@ -8,7 +8,7 @@
    overlap: their shifts add, their turns multiply in order. */
 typedef struct {
     double from, to;         /* s */
-    vec3 shift;              /* m, in the frame of the start */
+    vec3 shift;              /* m, in the needle's frame at the start: z is its axis */
     vec3 turn;               /* rad, rotation vector in the needle's frame, about the base point */
 } motion_leg;
 

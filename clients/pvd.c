@@ -25,13 +25,13 @@ static void list_state(pvd_series *p, double time) {
 
 bool pvd_is_due(const pvd_series *p, double time) { return p->list.file && time >= (double)p->count / PVD_HZ - 1e-9; }
 
-trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output, double time,
-                       report *why) {
+trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
+                       const patient_frame *patient, double time, report *why) {
     char prefix[1024];
     if (snprintf(prefix, sizeof prefix, "%s-%04d", p->prefix, p->count) >= (int)sizeof prefix)
         return fail(why, TROCAR_BAD_INPUT, "%s: path too long", p->prefix);
-    trocar_status status = vtu_write_tissue(model, picture, prefix, why);
-    if (status == TROCAR_OK) status = vtu_write_needle(model, picture, output, prefix, why);
+    trocar_status status = vtu_write_tissue(model, picture, patient, prefix, why);
+    if (status == TROCAR_OK) status = vtu_write_needle(model, picture, output, patient, prefix, why);
     if (status == TROCAR_OK) list_state(p, time);
     p->count++;
     return status;

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 #include "output.h"
+#include "patient.h"
 #include "trocar.h"
 
 enum { PVD_HZ = 30 };        /* states per second of simulated time */
@@ -18,9 +19,9 @@ typedef struct {
 /* BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive it. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 
-/* Writes this state with its time (s). */
-trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output, double time,
-                       report *why);
+/* Writes this state with its time (s), in the patient's coordinates if `patient` is not NULL. */
+trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
+                       const patient_frame *patient, double time, report *why);
 
 /* Whether the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);

@@ -209,26 +209,40 @@ void summary_write_json(const recording_summary *s, FILE *out) {
     fputs("\n", out);
 }
 
-static void csv_row(const received_wrench *row, double start, const pose *base, FILE *out) {
+static void csv_numbers(const double *numbers, int count, FILE *out) {
+    for (int i = 0; i < count; i++) fprintf(out, "%.9g,", numbers[i]);
+}
+
+/* A force or torque, in the mesh's axes or, if `patient` is given, in the patient's. */
+static void csv_vector(const patient_frame *patient, const double v[3], FILE *out) {
+    vec3 shown = patient ? axes_to_patient(patient, v3(v[0], v[1], v[2])) : v3(v[0], v[1], v[2]);
+    csv_numbers(&shown.x, 3, out);
+}
+
+static void csv_row(const received_wrench *row, double start, pose base, const patient_frame *patient, FILE *out) {
     const trocar_needle_wrench_t *w = &row->wrench;
     char membrane[16], events[160];
     snprintf(membrane, sizeof membrane, "%d", w->membrane);
     events_text((unsigned)w->events, membrane, events, sizeof events);
-    fprintf(out, "%.6f,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%d,%s,", row->time - start, w->force[0], w->force[1], w->force[2],
-            w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events);
-    fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,", w->raw_force[0], w->raw_force[1], w->raw_force[2], w->raw_torque[0],
-            w->raw_torque[1], w->raw_torque[2]);
-    fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,", base->position.x, base->position.y, base->position.z,
-            base->orientation.w, base->orientation.x, base->orientation.y, base->orientation.z);
+    if (patient) base = (pose){mesh_to_patient(patient, base.position), turn_to_patient(patient, base.orientation)};
+    fprintf(out, "%.6f,", row->time - start);
+    csv_vector(patient, w->force, out);
+    csv_vector(patient, w->torque, out);
+    fprintf(out, "%.9g,%d,%s,", w->depth, w->contacts, events);
+    csv_vector(patient, w->raw_force, out);
+    csv_vector(patient, w->raw_torque, out);
+    csv_numbers(&base.position.x, 3, out);
+    csv_numbers(&base.orientation.w, 4, out);
     fprintf(out, "%" PRId64 ",%" PRId64 ",%d,%.9g,%d\n", w->tick, w->pose_seq, w->flags, row->round_trip, w->needle);
 }
 
-void recording_write_csv(const recording *r, FILE *out) {
+void recording_write_csv(const recording *r, const patient_frame *patient, FILE *out) {
+    const char *unit = patient ? "mm" : "m";
     fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,"
                  "raw_fx [N],raw_fy [N],raw_fz [N],raw_tx [N m],raw_ty [N m],raw_tz [N m],"
-                 "x [m],y [m],z [m],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s],needle\n");
+                 "x [%s],y [%s],z [%s],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s],needle\n", unit, unit, unit);
     for (int i = 0; i < r->received_count; i++) {
         const received_wrench *row = &r->received[i];
-        if (row->time >= r->start) csv_row(row, r->start, &r->sent[row->wrench.pose_seq].base, out);
+        if (row->time >= r->start) csv_row(row, r->start, r->sent[row->wrench.pose_seq].base, patient, out);
     }
 }

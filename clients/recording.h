@@ -5,8 +5,9 @@
 #include <stdbool.h>
 
 #include "base/report.h"
-#include "trocar_needle_wrench_t.h"
 #include "base/vec.h"
+#include "patient.h"
+#include "trocar_needle_wrench_t.h"
 
 /* Times are in s on one clock of the device. */
 typedef struct { double time; pose base; bool answered; } sent_pose;
@@ -61,7 +62,8 @@ trocar_status recording_summarise(const recording *r, recording_summary *summary
 void summary_print(const recording_summary *s, FILE *out);       /* as text */
 void summary_write_json(const recording_summary *s, FILE *out);
 
-/* One row per wrench since the start; the columns are named with units. */
-void recording_write_csv(const recording *r, FILE *out);
+/* One row per wrench since the start; the columns are named with units. In the patient's coordinates, or in the mesh's if `patient` is
+   NULL. */
+void recording_write_csv(const recording *r, const patient_frame *patient, FILE *out);
 
 #endif

@@ -12,6 +12,7 @@
 #include "messages.h"
 #include "options.h"
 #include "output.h"
+#include "patient.h"
 #include "poselog.h"
 #include "pvd.h"
 #include "progress.h"
@@ -28,12 +29,14 @@ typedef struct {
     double tolerance;        /* share of the peak */
     int needle;              /* index of the replayed needle; -1: the first pose's */
     int every;               /* only every Nth wrench is logged */
-    bool quiet;
+    bool quiet, patient;
 } options;
 
 typedef struct {
     const options *options;
     trocar_scene *scene;
+    patient_frame frame;     /* for --patient */
+    const patient_frame *patient; /* of the files: `frame` or NULL */
     pose_log poses;
     trocar_model *model;
     trocar_sim *sim;
@@ -54,7 +57,7 @@ typedef struct {
 
 enum {
     OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
-    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE
+    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT
 };
 
 static const struct argp_option option_list[] = {
@@ -63,7 +66,7 @@ static const struct argp_option option_list[] = {
     {"needle", OPTION_NEEDLE, "N", 0, "Replay only needle N of a log with several (default: the needle of the first pose)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, roll of the tip less the base's", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
@@ -73,6 +76,7 @@ static const struct argp_option option_list[] = {
      "Allowed difference, relative to each component's peak in GOLDEN or to 0.1 N and 2 mN m if the peak is smaller (default 1)", 0},
     {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row per tick", 0},
     {"region", OPTION_REGION, "NAME", 0, "Region for --shift (default: the scene's first)", 0},
+    {"patient", OPTION_PATIENT, 0, 0, "Write files in the patient's coordinates (DICOM axes, positions in mm); the log keeps the mesh's", 0},
     {"quiet", 'q', 0, 0, "Print no progress bar and no summary", 0},
     {0},
 };
@@ -93,6 +97,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_TOLERANCE: o->tolerance = 0.01 * parse_number(state, "tolerance", text, 0, 100); break;
     case OPTION_SHIFT: o->shift_path = text; break;
     case OPTION_REGION: o->region = text; break;
+    case OPTION_PATIENT: o->patient = true; break;
     case 'q': o->quiet = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
@@ -126,15 +131,18 @@ static trocar_status find_dump_tick(replay *r, report *why) {
 }
 
 static trocar_status open_outputs(replay *r, report *why) {
+    const char *unit = r->patient ? "mm" : "m";
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
     if (status == TROCAR_OK && r->options->pvd_prefix) status = pvd_open(&r->series, r->options->pvd_prefix, why);
     if (status == TROCAR_OK && r->options->shift_path) status = output_open(&r->shift_file, r->options->shift_path, why);
     if (r->shift_file.file)
-        fprintf(r->shift_file.file, "t [s],right [mm],anterior [mm],superior [mm],sagittal [deg],coronal [deg],axial [deg]\n");
+        fprintf(r->shift_file.file, "t [s],%s,superior [mm],sagittal [deg],coronal [deg],axial [deg]\n",
+                r->patient ? "left [mm],posterior [mm]" : "right [mm],anterior [mm]");
     if (r->csv_file.file)
-        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad]\n");
+        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad],"
+                "base_x [%s],base_y [%s],base_z [%s],tip_x [%s],tip_y [%s],tip_z [%s]\n", unit, unit, unit, unit, unit, unit);
     return status;
 }
 
@@ -175,7 +183,11 @@ static trocar_status prepare(replay *r, report *why) {
     if (status == TROCAR_OK)
         status = pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
-    if (status == TROCAR_OK && r->options->golden_path) status = prepare_comparison(r, why);
+    if (status == TROCAR_OK && o->patient) {
+        status = patient_frame_read(r->scene, &r->frame, why);
+        r->patient = &r->frame;
+    }
+    if (status == TROCAR_OK && o->golden_path) status = prepare_comparison(r, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
     return status == TROCAR_OK ? create_simulation(r, why) : status;
 }
@@ -229,14 +241,29 @@ static trocar_status log_origin(const replay *r, report *why) {
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
+/* A point (m) in the coordinates of the files. */
+static vec3 shown_point(const replay *r, const double p[3]) {
+    vec3 point = v3(p[0], p[1], p[2]);
+    return r->patient ? mesh_to_patient(r->patient, point) : point;
+}
+
+/* A force or another vector in the axes of the files. */
+static vec3 shown_vector(const replay *r, vec3 v) { return r->patient ? axes_to_patient(r->patient, v) : v; }
+
 static void csv_tick(const replay *r, int tick) {
     const trocar_output *w = &r->result;
     char events[256], key[64], membrane[256] = "";
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     events_text(w->events, membrane, events, sizeof events);
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g\n", pose_log_time(&r->poses, tick), w->force[0],
-            w->force[1], w->force[2], w->torque[0], w->torque[1], w->torque[2], w->depth, w->contacts, events, r->poses.needle, trocar_sim_tip_lead(r->sim, 0));
+    double joints[TROCAR_MAX_JOINTS][3];
+    int count = trocar_sim_centreline(r->sim, 0, joints[0], TROCAR_MAX_JOINTS);
+    vec3 force = shown_vector(r, v3(w->force[0], w->force[1], w->force[2]));
+    vec3 torque = shown_vector(r, v3(w->torque[0], w->torque[1], w->torque[2]));
+    vec3 base = shown_point(r, trocar_sim_base(r->sim, 0).position), tip = shown_point(r, joints[count - 1]);
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n",
+            pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
+            r->poses.needle, trocar_sim_tip_lead(r->sim, 0), base.x, base.y, base.z, tip.x, tip.y, tip.z);
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
@@ -244,6 +271,7 @@ static trocar_status shift_tick(replay *r, int tick, report *why) {
     trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
     if (status != TROCAR_OK) return status;
     rigid_motion m = region_motion_of(&r->motion, r->displacements);
+    m = (rigid_motion){shown_vector(r, m.shift), shown_vector(r, m.turn)};
     const double mm = 1e3, degrees = 180 / M_PI;
     fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", pose_log_time(&r->poses, tick), mm * m.shift.x, mm * m.shift.y,
             mm * m.shift.z, degrees * m.turn.x, degrees * m.turn.y, degrees * m.turn.z);
@@ -252,15 +280,15 @@ static trocar_status shift_tick(replay *r, int tick, report *why) {
 
 static trocar_status export_state(replay *r, report *why) {
     trocar_sim_take_picture(r->sim, r->picture);
-    trocar_status status = vtu_write_tissue(r->model, r->picture, r->options->vtu_prefix, why);
+    trocar_status status = vtu_write_tissue(r->model, r->picture, r->patient, r->options->vtu_prefix, why);
     if (status != TROCAR_OK) return status;
-    return vtu_write_needle(r->model, r->picture, &r->result, r->options->vtu_prefix, why);
+    return vtu_write_needle(r->model, r->picture, &r->result, r->patient, r->options->vtu_prefix, why);
 }
 
 static trocar_status add_to_series(replay *r, double time, report *why) {
     if (!pvd_is_due(&r->series, time)) return TROCAR_OK;
     trocar_sim_take_picture(r->sim, r->picture);
-    return pvd_take(&r->series, r->model, r->picture, &r->result, time, why);
+    return pvd_take(&r->series, r->model, r->picture, &r->result, r->patient, time, why);
 }
 
 static trocar_status run_tick(replay *r, int tick, report *why) {

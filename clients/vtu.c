@@ -16,20 +16,36 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-static void write_vectors(const char *name, const double *v, int count, FILE *out) {
+/* How a quantity of the mesh is written in patient coordinates: mesh_to_patient, lengths_to_patient or axes_to_patient. */
+typedef vec3 (*conversion)(const patient_frame *patient, vec3 v);
+
+/* Displacements are in mm, like the positions that they belong to. */
+static vec3 lengths_to_patient(const patient_frame *patient, vec3 v) { return v3_scale(1e3, axes_to_patient(patient, v)); }
+
+static void write_vector(const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
+    vec3 x = v3(v[0], v[1], v[2]);
+    if (patient) x = convert(patient, x);
+    fprintf(out, "%.17g %.17g %.17g", x.x, x.y, x.z);
+}
+
+static void write_vectors(const char *name, const double *v, int count, const patient_frame *patient, conversion convert, FILE *out) {
     begin_array("Float64", name, 3, out);
-    for (int i = 0; i < count; i++) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+    for (int i = 0; i < count; i++) {
+        write_vector(v + 3 * i, patient, convert, out);
+        fputc('\n', out);
+    }
     end_array(out);
 }
 
-static void write_field_vector(const char *name, const double v[3], FILE *out) {
-    fprintf(out, "<DataArray type=\"Float64\" Name=\"%s\" NumberOfComponents=\"3\" NumberOfTuples=\"1\" format=\"ascii\">"
-                 "%.17g %.17g %.17g</DataArray>\n", name, v[0], v[1], v[2]);
+static void write_field_vector(const char *name, const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
+    fprintf(out, "<DataArray type=\"Float64\" Name=\"%s\" NumberOfComponents=\"3\" NumberOfTuples=\"1\" format=\"ascii\">", name);
+    write_vector(v, patient, convert, out);
+    fprintf(out, "</DataArray>\n");
 }
 
-static void write_points(const double *points, int count, FILE *out) {
+static void write_points(const double *points, int count, const patient_frame *patient, FILE *out) {
     fprintf(out, "<Points>\n");
-    write_vectors("Points", points, count, out);
+    write_vectors("Points", points, count, patient, mesh_to_patient, out);
     fprintf(out, "</Points>\n");
 }
 
@@ -50,10 +66,10 @@ static void write_tets(const trocar_refined_mesh *m, FILE *out) {
     fprintf(out, "</Cells>\n");
 }
 
-static void write_tissue_points(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
+static void write_tissue_points(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<PointData Vectors=\"displacement\">\n");
-    write_vectors("displacement", m->displacements, m->node_count, out);
-    write_vectors("applied_force", m->forces, m->node_count, out);
+    write_vectors("displacement", m->displacements, m->node_count, patient, lengths_to_patient, out);
+    write_vectors("applied_force", m->forces, m->node_count, patient, axes_to_patient, out);
     begin_array("UInt8", "fixed", 1, out);
     for (int i = 0; i < m->node_count; i++) fprintf(out, "%d\n", i < trocar_model_node_count(model) && trocar_model_fixed(model)[i]);
     end_array(out);
@@ -101,14 +117,14 @@ static void write_region_names(const trocar_model *model, FILE *out) {
 }
 
 /* The applied forces include the damper at the tip, which slows tissue that springs back and is not felt by the needle. */
-static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, FILE *out) {
+static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
-    write_field_vector("tip_damping", m->damping, out);
+    write_field_vector("tip_damping", m->damping, patient, axes_to_patient, out);
     fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", m->node_count, m->tet_count);
     write_region_names(model, out);
-    write_tissue_points(model, m, out);
+    write_tissue_points(model, m, patient, out);
     write_tissue_cells(model, m, out);
-    write_points(m->nodes, m->node_count, out);
+    write_points(m->nodes, m->node_count, patient, out);
     write_tets(m, out);
     end_file(out);
 }
@@ -120,14 +136,15 @@ static trocar_status open_part(output *file, const char *prefix, const char *par
     return output_open(file, path, why);
 }
 
-trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const char *prefix, report *why) {
+trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *picture, const patient_frame *patient, const char *prefix,
+                               report *why) {
     output file;
     trocar_refined_mesh mesh;
     trocar_status status = open_part(&file, prefix, "tissue", why);
     if (status != TROCAR_OK) return status;
     status = trocar_picture_refined_mesh(picture, &mesh, why);
     if (status == TROCAR_OK) {
-        write_tissue(model, &mesh, file.file);
+        write_tissue(model, &mesh, patient, file.file);
         status = output_commit(&file, why);
     }
     output_abandon(&file);
@@ -187,32 +204,32 @@ static void write_line(int count, FILE *out) {
 }
 
 /* VTK requires field data before the piece. */
-static void write_needle(const centreline *c, const double base[3], const trocar_output *given, FILE *out) {
+static void write_needle(const centreline *c, const double base[3], const trocar_output *given, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
                  "<UnstructuredGrid>\n<FieldData>\n");
-    write_field_vector("base_position", base, out);
-    write_field_vector("base_force", given->force, out);
-    write_field_vector("base_torque", given->torque, out);
+    write_field_vector("base_position", base, patient, mesh_to_patient, out);
+    write_field_vector("base_force", given->force, patient, axes_to_patient, out);
+    write_field_vector("base_torque", given->torque, patient, axes_to_patient, out);
     fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"1\">\n", c->count);
     fprintf(out, "<PointData Vectors=\"force\">\n");
-    write_vectors("force", c->force[0], c->count, out);
+    write_vectors("force", c->force[0], c->count, patient, axes_to_patient, out);
     begin_array("Float64", "arc_length", 1, out);
     for (int i = 0; i < c->count; i++) fprintf(out, "%.17g\n", c->arc[i]);
     end_array(out);
     fprintf(out, "</PointData>\n");
-    write_points(c->position[0], c->count, out);
+    write_points(c->position[0], c->count, patient, out);
     write_line(c->count, out);
     end_file(out);
 }
 
-trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *given, const char *prefix,
-                               report *why) {
+trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *given,
+                               const patient_frame *patient, const char *prefix, report *why) {
     output file;
     trocar_status status = open_part(&file, prefix, "needle", why);
     if (status != TROCAR_OK) return status;
     centreline c;
     trace_needle(model, picture, &c);
-    write_needle(&c, trocar_picture_base(picture, 0).position, given, file.file);
+    write_needle(&c, trocar_picture_base(picture, 0).position, given, patient, file.file);
     status = output_commit(&file, why);
     output_abandon(&file);
     return status;

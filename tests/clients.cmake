@@ -17,6 +17,9 @@ endif()
 add_test(NAME fit_friction COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_fit_friction.py
     ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(fit_friction PROPERTIES TIMEOUT 240 LABELS release_only)
+add_test(NAME patient_coordinates COMMAND /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/test_patient_coordinates.py
+    ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
+set_tests_properties(patient_coordinates PROPERTIES TIMEOUT 120 LABELS release_only)
 add_test(NAME check_vtu COMMAND /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/test_check_vtu.py)
 set_tests_properties(check_vtu PROPERTIES LABELS release_only)
 add_test(NAME live_replay COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/live_replay.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})

@@ -27,12 +27,14 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
+/* In the frame of the home pose, whose origin is the home position. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
-    vec3 x = q_rotate(q_conjugate(d->home.orientation), v3_sub(d->base.position, d->home.position)); /* along the axes of home */
+    quat home = d->home.orientation;
+    vec3 x = q_rotate(q_conjugate(home), v3_sub(d->base.position, d->home.position));
     vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
                     move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways),
                     move(x.z, &d->velocity.z, dt, -l->max_back, l->max_forward));
-    return v3_add(d->home.position, q_rotate(d->home.orientation, moved));
+    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* unchanged at rest */
 }
 
 static double tilt_of(quat q, quat home) {
@@ -40,11 +42,11 @@ static double tilt_of(quat q, quat home) {
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts about the axes of home, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
+/* Tilts in the home pose's frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
-    quat q = d->base.orientation;
-    quat tilted = q_multiply(q_exp(q_rotate(d->home.orientation, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);
-    if (tilt_of(tilted, d->home.orientation) <= fmax(l->max_tilt, tilt_of(q, d->home.orientation))) q = tilted;
+    quat q = d->base.orientation, home = d->home.orientation;
+    quat tilted = q_multiply(q_exp(q_rotate(home, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);
+    if (tilt_of(tilted, home) <= fmax(l->max_tilt, tilt_of(q, home))) q = tilted;
     else d->turn.x = d->turn.y = 0;
     return q_unit(q_multiply(q, q_exp(v3(0, 0, d->turn.z * dt))));
 }

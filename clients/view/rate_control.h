@@ -7,23 +7,23 @@
 
 /* Command from the page; each component is a fraction -1 .. 1 of the limit. */
 typedef struct {
-    double right, up, forward;  /* along world x, y and z: the template's axis is z */
-    double pitch, yaw, roll;    /* about world x and y, and about the needle's axis */
+    double right, up, forward;  /* along x, y and z of the home pose */
+    double pitch, yaw, roll;    /* about x and y of the home pose, and about the needle's axis */
 } rate_control_command;
 
 typedef struct {
     double max_speed;           /* m/s along the axis; half of it sideways */
     double max_turn_rate;       /* rad/s */
     double ramp;                /* s from rest to full speed */
-    double max_sideways;        /* m from home, along its x and y */
-    double max_back, max_forward; /* m from home, along its z: the needle's direction */
-    double max_tilt;            /* rad between the needle and the template's axis */
+    double max_sideways;        /* m from home in its x and y */
+    double max_back, max_forward; /* m from home in its z */
+    double max_tilt;            /* rad between the needle and its direction at home */
 } rate_control_limits;
 
 typedef struct {
     pose home;
     pose base;
-    vec3 velocity, turn;        /* m/s and rad/s, world frame; turn.z is the roll about the needle's axis */
+    vec3 velocity, turn;        /* m/s and rad/s, in the home pose's frame; turn.z is the roll about the needle's axis */
 } rate_control_state;
 
 /* Limits for a needle of this length, m. */

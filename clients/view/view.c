@@ -17,6 +17,7 @@
 #include "messages.h"
 #include "options.h"
 #include "output.h"
+#include "patient.h"
 #include "pose_publisher.h"
 #include "playback.h"
 #include "realtime.h"
@@ -312,14 +313,13 @@ static void find_box(view *v) {
     }
 }
 
-/* At the scene's start; else along z with the tip 2 mm in front of the surface, at the middle of the body. Further needles beside the first. */
+/* The scene's start, or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
 static pose find_home(const view *v, int needle) {
     static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
-    trocar_pose start;
-    if (trocar_model_start(v->model, &start)) {
-        quat turned = {start.orientation[0], start.orientation[1], start.orientation[2], start.orientation[3]};
-        vec3 first = v3(start.position[0], start.position[1], start.position[2]);
-        return (pose){v3_add(first, q_rotate(turned, v3(aside[needle], 0, 0))), turned};
+    pose start;
+    if (scene_start(v->scene, &start)) {
+        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside[needle], 0, 0)));
+        return start;
     }
     double x = 0.5 * (v->low.x + v->high.x) + aside[needle], y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
     const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};

@@ -108,9 +108,10 @@ static void write_membranes(json *j, const trocar_scene *s, const trocar_model *
 static void write_homes(json *j, const pose *homes, int needles) {
     json_open(j, "homes", '[');
     for (int i = 0; i < needles; i++) {
-        const pose *h = &homes[i];
-        json_numbers(j, NULL, (double[]){h->position.x, h->position.y, h->position.z, h->orientation.w, h->orientation.x, h->orientation.y,
-                                         h->orientation.z}, 7);
+        json_open(j, NULL, '{');
+        json_numbers(j, "position", &homes[i].position.x, 3);
+        json_numbers(j, "orientation", &homes[i].orientation.w, 4);
+        json_close(j, '}');
     }
     json_close(j, ']');
 }
@@ -150,6 +151,8 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     json_number(&j, "diameter", number_of(s, "needle.outer_diameter"));
     json_close(&j, '}');
     write_homes(&j, homes, needles);
+    double patient_to_mesh[16];
+    if (trocar_model_patient_to_mesh(m, patient_to_mesh)) json_numbers(&j, "patientToMesh", patient_to_mesh, 16);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
     write_guides(&j, m);

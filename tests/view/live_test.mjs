@@ -260,8 +260,8 @@ try {
     await stop(view, 'SIGKILL')
     await until(second, badge('no connection'))
     view = await start('clients/view/trocar-view')
-    await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty`)
-    assert.deepEqual(await second.evaluate(graphicsHeld), held, 'nothing of the old scene is kept')
+    // nothing of the old scene is kept
+    await until(second, `${badge('live')} && !trocar.stage.dirty && !trocar.echo.dirty && JSON.stringify(${graphicsHeld}) === '${JSON.stringify(held)}'`)
   })
 
   await check('another site is refused', async () => {
@@ -278,7 +278,9 @@ try {
     await stop(server)
     await second.setViewportSize(SMALL)
     const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
-    await writeFile(two, `${text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`)}\nneedles: 2\n`)
+    const start = 'needle: {start: {position: [0, 0.06, -0.19], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}, ' // 0.3 rad about x
+    const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/^needle: *{/m, start)
+    await writeFile(two, `${placed}\nneedles: 2\npatient_to_mesh: [-1.0e-3, 0, 0, 0.01, 0, 1.0e-3, 0, 0.02, 0, 0, -1.0e-3, 0.03, 0, 0, 0, 1]\n`)
     server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)
     view = await start('clients/view/trocar-view', '--scene', two)
     await until(second, `${badge('live')} && !document.getElementById('needle-choice').hidden`)
@@ -307,6 +309,14 @@ try {
     const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
     assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')
     assert(Math.abs(other.x - one.x - 0.01) < 1e-3, 'side by side')
+    const [text_of_tip, tip] = await second.evaluate('[document.getElementById("tip").textContent, trocar.stage.needles[0].tip.toArray()]')
+    const [left, back, head] = text_of_tip.match(/[\d.]+/g).map(Number) // the needle is at rest
+    assert(/^[LR] [\d.]+ {2}[AP] [\d.]+ {2}[SI] [\d.]+ mm$/.test(text_of_tip), text_of_tip)
+    const expected = [(0.01 - tip[0]) * 1e3, (tip[1] - 0.02) * 1e3, (0.03 - tip[2]) * 1e3]
+    ;[left, back, head].forEach((value, i) => assert(Math.abs(value - Math.abs(expected[i])) < 0.06, `${text_of_tip}, ${expected}`))
+    assert.deepEqual(text_of_tip.match(/[LRAPSI]/g), expected.map((value, i) => ['LR', 'PA', 'SI'][i][value < 0 ? 1 : 0]))
+    const [[x0, y0, z0], [x1, y1, z1]] = await second.evaluate('(({ joints }) => [[...joints.slice(0, 3)], [...joints.slice(3, 6)]])(trocar.shown.needles[0])')
+    assert(Math.abs(Math.atan2(y0 - y1, z1 - z0) - 0.3) < 0.01 && Math.abs(x1 - x0) < 1e-3, 'in the direction of the start')
     assert(await second.evaluate('trocar.history.tracks.every(({ marks }) => marks.some(({ name }) => name === "skin"))'), 'each with its punctures')
     await second.selectOption('#needle', '1')
     for (const driven of [false, true]) {

@@ -8,6 +8,7 @@ import { History } from './history.js'
 import { Link } from './link.js'
 import { FORCE_SCALE } from './needle.js'
 import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
+import { patientText } from './patient.js'
 import { Plots, Strip } from './plots.js'
 import { Stage } from './view3d.js'
 import { showBanner, Silence, stateOf } from './state.js'
@@ -60,6 +61,7 @@ const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), ro
 function takeScene(received) {
   scene = received
   element('guide-key').hidden = scene.guides.length === 0
+  element('place').hidden = !scene.patientToMesh
   history = new History(scene.live, scene.homes.length)
   listNeedles()
   shown = null
@@ -237,6 +239,8 @@ function showNumbers() {
   const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
+  const tip = stage.needles[chosen].tip
+  if (scene.patientToMesh) element('tip').textContent = at < 0 || !tip ? '–' : patientText(scene.patientToMesh, tip.toArray())
   element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / CONTACT_NUMBERS}` : '–'
   element('lag').textContent = shown?.needles[chosen] ? `${Math.round(-180 / Math.PI * shown.needles[chosen].tipLead) + 0}°` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'

@@ -34,10 +34,9 @@ function drawsInSoftware() {
 
 /** Picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
-  const needles = homes.map(([x, y, z, ...orientation]) => {
-    const [w, a, b, c] = orientation, way = [2 * (a * c + w * b), 2 * (b * c - w * a), 1 - 2 * (a * a + b * b)] // of the needle
-    const tip = [x + length * way[0], y + length * way[1], z + length * way[2]]
-    return { orientation, joints: new Float32Array([x, y, z, ...tip]), contacts: new Float32Array(0) }
+  const needles = homes.map(({ position, orientation: [w, x, y, z] }) => {
+    const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
+    return { orientation: [w, x, y, z], joints: new Float32Array([...position, ...tip]), contacts: new Float32Array(0) }
   })
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }

@@ -288,6 +288,7 @@ typedef struct trocar_material {
     double friction_kinetic;  /* N/m */
     double friction_viscous;  /* N s/m^2 */
     double spreading_force;   /* N */
+    double stiffening;        /* C20 / C10 of a Yeoh material */
 } trocar_material;
 TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region);
 

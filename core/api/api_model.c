@@ -106,9 +106,10 @@ int trocar_model_entry(const trocar_model *model, const double from[3], const do
 trocar_material trocar_model_material(const trocar_model *model, int region) {
     if (trocar_model_region_dimension(model, region) != 3) return (trocar_material){0};
     const region_material *m = &model->parts.materials[region];
-    return (trocar_material){.youngs_modulus = m->youngs_modulus, .poisson_ratio = m->poisson_ratio, .cutting_force = m->cutting_force, .spreading_force = m->spreading_force,
+    return (trocar_material){.youngs_modulus = m->youngs_modulus, .poisson_ratio = m->poisson_ratio, .cutting_force = m->cutting_force,
                              .cutting_viscosity = m->cutting_viscosity, .friction_static = m->friction_static,
-                             .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous};
+                             .friction_kinetic = m->friction_kinetic, .friction_viscous = m->friction_viscous,
+                             .spreading_force = m->spreading_force, .stiffening = m->stiffening};
 }
 
 int trocar_model_guide_count(const trocar_model *model) { return model->parts.config.guide_count; }

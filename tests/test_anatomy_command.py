@@ -203,7 +203,7 @@ class Command(unittest.TestCase):
         self.assertIn('region "Prostate"', self.refused("flat.csv", "--picture", "why.svg"))
         self.assertIn("<svg", content("why.svg").decode())
         self.assertIn("it has: Prostate", self.refused("flat.csv", "--roi", "Liver"))
-        self.assertIn("choose the gland with --roi", self.refused(SHIPPED))
+        self.assertIn("choose the regions with --roi", self.refused(SHIPPED))
         self.assertIn("open.stl", self.refused("open.stl"))
         self.assertIn("none.dcm", self.refused("none.dcm"))
         self.assertIn("bad.dcm", self.refused(os.path.relpath(self.copy("bad.csv", "bad.dcm"))))

@@ -179,7 +179,10 @@ class Surfaces(unittest.TestCase):
         inner &= np.linalg.norm(left.points - MIDDLE, axis=1) < 0.8 * RADIUS
         self.assertGreater(np.count_nonzero(inner), 50)
         self.assertLess(np.abs(shells.distances(right, left.points[inner])).max(), 0.5 * min(SPACING))     # to a fraction of a voxel
-        self.assertAlmostEqual(found["Left lobe"].points.mean(axis=0) @ turn - MIDDLE @ turn, RADIUS / 4, delta=2)
+        points = found["Left lobe"].points - MIDDLE
+        aside, radius = points @ turn, np.linalg.norm(points, axis=1)
+        off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # from the half ball's surface
+        self.assertLess(off.max(), max(SPACING))
 
     def test_a_body_has_no_cavities_where_its_organs_are(self):
         found_labels, place = two_halves()
@@ -272,7 +275,7 @@ class Random(unittest.TestCase):
 
     def test_random_maps_are_meshed_or_refused_with_a_cause(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):
-            for number in (0, 1):
+            for number in (0, 6):    # in 6 tetrahedra reach beyond the image
                 row, good = label_stress.random_row(number, folder)
                 self.assertTrue(good, row)
 

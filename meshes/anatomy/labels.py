@@ -252,7 +252,8 @@ def meshed(image, edge, flatness, sizes):
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=CIRCUMRADIUS * edge, max_facet_distance=flatness,
         max_cell_circumradius={label: float(size) for label, size in radius.items()}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
-    i, j, k = np.rint(points[tets].mean(axis=1) / image.step).astype(int).T
+    middles = np.rint(points[tets].mean(axis=1) / image.step).astype(int)
+    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few may lie beyond a small image
     label, found = labels[k, j, i], np.zeros(len(tets), int)
     for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number

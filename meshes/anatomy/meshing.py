@@ -22,6 +22,7 @@ MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged t
 FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
 TRIES = 16
 MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
+LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes while none is near
 MOST_MISSED = 0.02      # of a region's surface
 FAILURES = 3            # of Gmsh, after which no other element sizes are tried
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
@@ -375,7 +376,8 @@ def search(domain, nodes, path):
         domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
                                   (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
-        if best and work > MOST_WORK:
+        near = best and abs(len(best.mesh.points) / nodes - 1) <= OFF
+        if best and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
             break
         try:
             try:

@@ -2,10 +2,10 @@
 
 #include <stdlib.h>
 
-/* Reads a list "[1, 2, 3]" of the scene. An empty one means that nothing was given. */
+/* Reads a list "[1, 2, 3]" of the scene; false if it is not given. */
 static bool read_list(const trocar_scene *scene, const char *key, int count, double *numbers) {
     char text[1024];
-    if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK) return false;
+    if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK || text[0] != '[') return false;
     const char *at = text + 1;
     for (int i = 0; i < count; i++) {
         char *end;

@@ -53,7 +53,7 @@ class PatientCoordinates(unittest.TestCase):
         assert np.allclose(ROTATION.T @ ROTATION, np.eye(3)) and np.linalg.det(ROTATION) > 0
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = 1e-3 * ROTATION, ORIGIN
-        text = (SOURCE / "meshes/prostate.yaml").read_text()
+        text = (SOURCE / "meshes/template.yaml").read_text()
         text = re.sub(r"^mesh: *", f"mesh: {SOURCE}/meshes/", text, flags=re.M)
         numbers = lambda values: "[" + ", ".join(f"{value:.17g}" for value in np.ravel(values)) + "]"
         start = f"start: {{position: {numbers(START)}, orientation: {numbers(QUATERNION)}}}, "
@@ -114,11 +114,11 @@ class PatientCoordinates(unittest.TestCase):
         np.testing.assert_allclose(columns(table(csv), "base_x [m]", "base_y [m]", "base_z [m]")[0], START + [0.002, 0, 0], atol=1e-11)
 
     def test_refusals_say_what_is_missing(self):
-        plain = SOURCE / "meshes/prostate.yaml"
+        plain = SOURCE / "meshes/template.yaml"
         said = run("trocar-device", "--scene", plain, "--write-log", self.out / "none.log", status=2)
-        self.assertIn("prostate.yaml: has no needle.start", said)
+        self.assertIn("template.yaml: has no needle.start", said)
         said = run("trocar-replay", "--quiet", "--patient", "--scene", plain, "--poses", self.log, "--csv", self.out / "none.csv", status=2)
-        self.assertIn("prostate.yaml: has no patient_to_mesh", said)
+        self.assertIn("template.yaml: has no patient_to_mesh", said)
         self.assertFalse((self.out / "none.csv").exists())
         self.assertIn("--patient needs --scene", run("trocar-device", "--patient", "--start=1,2,3", status=2))
 

@@ -174,11 +174,12 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* An empty list where nothing is given: NAN. */
+/* Nothing where nothing is given: NAN. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
+    if (isnan(numbers[0])) return snprintf(text, size, "%s", "");
     int used = snprintf(text, size, "[");
-    for (int i = 0; i < count && !isnan(numbers[0]) && (size_t)used < size; i++) {
+    for (int i = 0; i < count && (size_t)used < size; i++) {
         print_number(number, sizeof number, numbers[i]);
         used += snprintf(text + used, size - (size_t)used, "%s%s", i ? ", " : "", number);
     }

@@ -49,11 +49,11 @@ if not rows.short:
     moment = thin[1] * NITINOL["outer_diameter"] / 2        # N m per m
     rows.curve("torsion", "f L (L/2 + free length) / G J", 1e3 * fine, np.degrees(moment * fine * (fine / 2 + free) / torsion), "depth (mm)", "lag of the tip (degrees)")
 model = trocar.Model(block(30e3, friction=(60, 40, 0)))
-turns = (0, 20) if rows.short else (0, 5, 10, 20, 40)
-axial = [push(Bench(model).move(0.06, 0.01, turn=turn))[-1] for turn in turns]
+turns, deep = ((0, 20), 0.04) if rows.short else ((0, 5, 10, 20, 40), 0.06)
+axial = [push(Bench(model).move(deep, 0.01, turn=turn))[-1] for turn in turns]
 rows.trend("axial force of a needle that turns while it goes in", LIN, ABSTRACT, "less the faster it turns", all(a > b for a, b in zip(axial, axial[1:])),
-           f"{axial[0]:.2f} N without turning, {axial[-1]:.2f} N at {turns[-1]} rad/s (10 mm/s, 60 mm deep)", kind=PREDICTED,
+           f"{axial[0]:.2f} N without turning, {axial[-1]:.2f} N at {turns[-1]} rad/s (10 mm/s, {1e3 * deep:g} mm deep)", kind=PREDICTED,
            fitted="nothing; here it is friction that falls, there cutting as well")
 if not rows.short:
-    rows.curve("turning", "model, 10 mm/s, 60 mm deep", turns, axial, "rate of turning (rad/s)", "axial force (N)")
+    rows.curve("turning", f"model, 10 mm/s, {1e3 * deep:g} mm deep", turns, axial, "rate of turning (rad/s)", "axial force (N)")
 sys.exit(rows.end())

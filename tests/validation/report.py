@@ -27,8 +27,14 @@ def cell(text):
 
 
 def verdict(row):
-    comment = row["note"] if row["inside"] else row["reason"]
-    return ("inside" if row["inside"] else "**outside**") + (f"; {comment}" if comment else "")
+    parts = ["inside" if row["inside"] else "**outside**", row["note"] if row["inside"] else row["reason"]]
+    if row["regression"]:
+        parts.append(("" if row["kept"] else "**left the** ") + f"regression interval {row['regression']}")
+    return "; ".join(part for part in parts if part)
+
+
+def kind(row):
+    return row["kind"] + (", weak" if row["weak"] else ", tendency" if row["trend"] else "")
 
 
 def table(rows):
@@ -36,7 +42,7 @@ def table(rows):
     yield "|---|---|---|---|---|---|---|---|"
     for row in rows:
         ours = row["ours"] + (f" ({row['scatter']})" if row["scatter"] else "")
-        yield "| " + " | ".join(map(cell, (row["quantity"], row["source"], row["sure"], row["published"], ours, row["kind"], row["fitted"], verdict(row)))) + " |"
+        yield "| " + " | ".join(map(cell, (row["quantity"], row["source"], row["sure"], row["published"], ours, kind(row), row["fitted"], verdict(row)))) + " |"
 
 
 def draw(curves, path):
@@ -57,8 +63,9 @@ def report_lines(entries, commit):
     yield "# Validation report\n"
     yield ("Made by `scripts/validate`; do not edit. What the words mean, and what was left out, is in [docs/validation.md](../../docs/validation.md). "
            f"Each experiment is described at the head of its script in this folder. Commit {commit}.\n")
-    groups = (("predictions of numbers are inside", lambda r: r["kind"] == "predicted" and not r["trend"]),
-              ("predictions of a tendency hold", lambda r: r["kind"] == "predicted" and r["trend"]),
+    groups = (("predictions of numbers are inside", lambda r: kind(r) == "predicted"),
+              ("predictions of a tendency hold", lambda r: kind(r) == "predicted, tendency"),
+              ("weak predictions are inside: the published range holds 0, so a model without any motion would be as well", lambda r: r["weak"]),
               ("rows of consistency hold", lambda r: r["kind"] == "consistency"), ("fits are inside", lambda r: r["kind"] == "fitted"))
     for text, chosen in groups:
         group = [r for r in rows if chosen(r)]

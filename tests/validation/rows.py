@@ -1,7 +1,7 @@
 """Rows of the validation report: `validate_NAME.py [--short] FOLDER` writes FOLDER/NAME.json.
 
     rows = Rows.from_arguments(__doc__, "Relaxation of a held needle")
-    rows.add("force after 8 s", source, "abstract", (0.4, 0.6), ours, "of the peak", kind=FITTED, fitted="the series")
+    rows.add("force after 8 s", source, ABSTRACT, (0.4, 0.6), ours, "of the peak", kind=FITTED, fitted="the series")
     sys.exit(rows.end())
 """
 import argparse
@@ -11,8 +11,11 @@ from pathlib import Path
 
 
 FITTED = "fitted"              # parameters were fitted to this very number
-CONSISTENT = "consistency"     # follows from what was fitted or assumed, if the model does what it should; judged nearly on what it was fitted to
+CONSISTENT = "consistency"     # follows from what was fitted or assumed, if the model works as described; judged close to what it was fitted to
 PREDICTED = "predicted"        # fitted on something else
+
+# How sure a published number is; defined in docs/validation.md.
+ABSTRACT, TABLE, SECONDARY, DOUBTFUL, UNPUBLISHED = GRADES = ("abstract", "table", "secondary", "doubtful", "none")
 
 
 class Rows:
@@ -30,21 +33,32 @@ class Rows:
         options = parser.parse_args()
         return cls(Path(sys.argv[0]).stem.removeprefix("validate_"), section, options.folder, options.short)
 
-    def _add(self, quantity, source, sure, published, inside, ours, kind, fitted, reason, note, scatter="", trend=False):
+    def _add(self, quantity, source, sure, published, inside, ours, kind, fitted, reason, note, number, unit, regression, scatter="", trend=False, weak=False):
+        if sure not in GRADES:
+            raise ValueError(f"{quantity}: '{sure}' is not one of {GRADES}")
+        held = f"{regression[0]:g} to {regression[1]:g} {unit}".strip() if regression else ""
+        kept = not regression or regression[0] <= number <= regression[1]
+        passed = bool(kept and (inside or (reason and regression)))
         self.entries.append({"entry": "row", "section": self.section, "quantity": quantity, "source": source, "sure": sure, "published": published, "ours": ours,
-                             "scatter": scatter, "kind": kind, "trend": trend, "fitted": fitted, "inside": bool(inside), "reason": reason, "note": note})
-        print(f"{'inside ' if inside else 'OUTSIDE'}  {quantity}: {ours}{' (' + scatter + ')' if scatter else ''}; published {published}", flush=True)
+                             "scatter": scatter, "kind": kind, "trend": trend, "weak": weak, "fitted": fitted, "inside": bool(inside), "reason": reason,
+                             "note": note, "regression": held, "kept": bool(kept), "passed": passed})
+        print(f"{'inside ' if inside else 'OUTSIDE'}  {quantity}: {ours}{' (' + scatter + ')' if scatter else ''}; published {published}"
+              + (f"; regression interval {held}" if held else "") + ("" if passed else "  <- FAILED"), flush=True)
 
-    def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3):
+    def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3, regression=None, weak=False):
         """A number; it is inside if it lies in the interval (low, high). `published` says what was published, if not simply low to high;
-        `scatter` is how much our number varies. A row outside needs a reason."""
+        `scatter` is how much our number varies. A row outside needs a reason, and `regression`, an interval around the number that this model
+        gives: the row fails when the number leaves it. `weak`: a model in which nothing moves would be inside as well; needs `regression`, too."""
         low, high = interval
+        if weak and not regression:
+            raise ValueError(f"{quantity}: a weak row needs a regression interval")
         self._add(quantity, source, sure, published or f"{low:g} to {high:g} {unit}", low <= ours <= high, f"{ours:.{digits}g} {unit}".strip(),
-                  kind, fitted, reason, note, scatter)
+                  kind, fitted, reason, note, ours, unit, regression, scatter, weak=weak)
 
-    def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note=""):
-        """A tendency, published without numbers that could be compared."""
-        self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, trend=True)
+    def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note="", number=None, unit="", regression=None):
+        """A tendency, published without numbers that could be compared. If it does not hold, it needs a reason, and `number` and `regression`
+        as in `add`."""
+        self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, number, unit, regression, trend=True)
 
     def curve(self, figure, label, x, y, x_label, y_label, published=False):
         """A line in FIGURE.svg, into which all curves of one figure are drawn."""
@@ -52,6 +66,7 @@ class Rows:
                              "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
 
     def end(self):
-        """Writes the file; returns the program's exit status: 1 if a row is outside and no reason is known, else 0."""
+        """Writes the file; returns the program's exit status: 1 if a row is outside without a reason and a regression interval, or if a number has
+        left its regression interval, else 0."""
         (self.folder / f"{self.name}.json").write_text(json.dumps(self.entries, indent=1) + "\n")
-        return int(any(e["entry"] == "row" and not e["inside"] and not e["reason"] for e in self.entries))
+        return int(any(e["entry"] == "row" and not e["passed"] for e in self.entries))

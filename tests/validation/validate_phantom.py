@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block
-from rows import CONSISTENT, Rows
+from rows import CONSISTENT, SECONDARY, Rows
 
 DIMAIO = "DiMaio and Salcudean 2003, IEEE Trans. Robotics and Automation 19, PVC"
 
@@ -21,10 +21,10 @@ edges = np.concatenate([[0], (depth[1:] + depth[:-1]) / 2, [tip.depth]])
 density = np.array([c.force[2] for c in shaft]) / np.diff(edges)
 inner = (depth > 0.01) & (depth < tip.depth - 0.01)
 spread = density[inner].std() / density[inner].mean()
-rows.trend("force per length along the shaft", DIMAIO, "trend", "flat", spread < 0.1, f"varies by {100 * spread:.0f} % (standard deviation) between 10 mm from skin and tip",
+rows.trend("force per length along the shaft", DIMAIO, SECONDARY, "flat", spread < 0.1, f"varies by {100 * spread:.0f} % (standard deviation) between 10 mm from skin and tip",
            kind=CONSISTENT, fitted="friction assumed the same along the shaft")
 peak = (tip.force[2] + density[-1] * (edges[-1] - edges[-2])) / (edges[-1] - edges[-2]) / density[inner].mean()
-rows.trend("force per length at the tip", DIMAIO, "trend", "a peak", peak > 1.5, f"{peak:.1f} times that of the shaft, over the last {1e3 * (edges[-1] - edges[-2]):.1f} mm",
+rows.trend("force per length at the tip", DIMAIO, SECONDARY, "a peak", peak > 1.5, f"{peak:.1f} times that of the shaft, over the last {1e3 * (edges[-1] - edges[-2]):.1f} mm",
            kind=CONSISTENT, fitted="cutting force assumed")
 rows.curve("phantom", "model", np.concatenate([1e3 * depth[:-1], [1e3 * tip.depth]]), np.concatenate([density[:-1], [peak * density[inner].mean()]]),
            "depth (mm)", "force per length (N/m)")

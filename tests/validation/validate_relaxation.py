@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block, push
-from rows import CONSISTENT, FITTED, Rows
+from rows import CONSISTENT, DOUBTFUL, FITTED, Rows
 
 SOURCE = "open data of needles held in tissue, provenance doubtful"
 TIMES = (0.15, 2.5)      # s
@@ -38,11 +38,11 @@ def fitted_weight():
 rows = Rows.from_arguments(__doc__, "Relaxation")
 weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
-rows.add("force left 8 s after the needle stops", SOURCE, "order of magnitude", (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
+rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
 # What is lost with the faster of the two times: after five of them it is gone, of the slower one 26 %.
 early = (1 - course[750]) / (1 - course[-1])
-rows.trend("course of the decay", SOURCE, "order of magnitude", "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
+rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,
            fitted="the force after 8 s; the times are put in")
 time = 1e-3 * np.arange(1, len(course) + 1)

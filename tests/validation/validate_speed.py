@@ -1,15 +1,15 @@
 #!/usr/bin/python3
 """Faster needles: published for porcine and lamb hearts, with relaxing tissue under a membrane.
 
-The series of the relaxation is that of meshes/implant.yaml. The membrane breaks at a fixed force, which is an assumption; so the
-displacement at rupture and the work up to it are predictions, the force at rupture is not.
+The series of the relaxation is that of meshes/implant.yaml. The membrane breaks at a fixed force, which is an assumption. That a faster needle
+meets a steeper force is a prediction; with a fixed force at rupture, less displacement and less work follow from it and are not counted again.
 """
 import sys
 
 import numpy as np
 import trocar
 from laboratory import Bench, block, push
-from rows import PREDICTED, Rows
+from rows import ABSTRACT, CONSISTENT, PREDICTED, Rows
 
 MAHVASH = "Mahvash and Dupont 2009, IEEE ICRA (PMC3051196), porcine heart"
 HEART = "J. Engineering in Medicine, doi 10.1243/09544119JEIM698, lamb heart, ex vivo and in vivo"
@@ -42,14 +42,16 @@ def falls(values):
 
 
 fitted = "relaxation series; puncture force assumed"
-rows.trend("steepness of force against displacement", MAHVASH, "abstract, trend", "steeper when the needle moves faster", falls({v: -k for v, k in slope.items()}),
+follows = f"{fitted}; follows from the steeper force, as the force at rupture is fixed"
+rows.trend("steepness of force against displacement", MAHVASH, ABSTRACT, "steeper when the needle moves faster", falls({v: -k for v, k in slope.items()}),
            f"{1e-3 * slope[slow]:.3f} N/mm at {1e3 * slow:g} mm/s, {1e-3 * slope[fast]:.3f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
-rows.trend("displacement at rupture", f"{MAHVASH}; {HEART}", "abstract, trend", "less when the needle moves faster", falls(end),
-           f"{1e3 * end[slow]:.1f} mm at {1e3 * slow:g} mm/s, {1e3 * end[fast]:.1f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
-rows.trend("energy absorbed up to the rupture", MAHVASH, "abstract, trend", "less when the needle moves faster", falls(work),
-           f"{1e3 * work[slow]:.2f} mJ at {1e3 * slow:g} mm/s, {1e3 * work[fast]:.2f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted)
-rows.trend("force at rupture", f"{MAHVASH}; {HEART}", "abstract, trend", "less when the needle moves faster, under certain conditions", falls(peak) and peak[fast] < 0.99 * peak[slow],
+rows.trend("displacement at rupture", f"{MAHVASH}; {HEART}", ABSTRACT, "less when the needle moves faster", falls(end),
+           f"{1e3 * end[slow]:.1f} mm at {1e3 * slow:g} mm/s, {1e3 * end[fast]:.1f} at {1e3 * fast:g}", kind=CONSISTENT, fitted=follows)
+rows.trend("energy absorbed up to the rupture", MAHVASH, ABSTRACT, "less when the needle moves faster", falls(work),
+           f"{1e3 * work[slow]:.2f} mJ at {1e3 * slow:g} mm/s, {1e3 * work[fast]:.2f} at {1e3 * fast:g}", kind=CONSISTENT, fitted=follows)
+rows.trend("force at rupture", f"{MAHVASH}; {HEART}", ABSTRACT, "less when the needle moves faster, under certain conditions", falls(peak) and peak[fast] < 0.99 * peak[slow],
            f"{peak[slow]:.2f} N at {1e3 * slow:g} mm/s, {peak[fast]:.2f} at {1e3 * fast:g}", kind=PREDICTED, fitted=fitted,
+           number=peak[fast] / peak[slow], unit="of the force of the slow needle", regression=(0.99, 1.01),
            reason="a membrane breaks at a force that does not depend on the speed; a fracture energy instead would make it fall")
 for speed, (way, force) in runs.items():
     step = max(1, len(way) // 200)

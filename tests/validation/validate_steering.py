@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block
-from rows import CONSISTENT, FITTED, PREDICTED, Rows
+from rows import ABSTRACT, CONSISTENT, FITTED, PREDICTED, SECONDARY, Rows
 
 RAND = "Rand et al. 2016, Anesth. Pain Med. 6 (e36607), ballistic gel"
 DRUMMOND = "Drummond and Scott 1980, Anaesthesia 35, beef"
@@ -39,21 +39,21 @@ def fitted_slope(target, *arguments, **options):
 
 
 rows = Rows.from_arguments(__doc__, "Steering")
-slope = fitted_slope(8.89, GEL, G22, 0.08)
+slope = 0.045 if rows.short else fitted_slope(8.89, GEL, G22, 0.08)
 fit = f"bevel slope {slope:.3f}, to 22 G Quincke at 80 mm"
-rows.add("22 G Quincke at 80 mm", RAND, "abstract", (8.72, 9.06), deflection(GEL, slope, G22, 0.08), "mm", published="8.89 +- 0.17 mm", kind=FITTED, fitted=fit)
+rows.add("22 G Quincke at 80 mm", RAND, ABSTRACT, (8.72, 9.06), deflection(GEL, slope, G22, 0.08), "mm", published="8.89 +- 0.17 mm", kind=FITTED, fitted=fit)
 thin = deflection(GEL, slope, G25, 0.08)
-rows.trend("25 G instead of 22 G at 80 mm", RAND, "abstract, trend", "significantly more deflection", thin > 1.1 * 8.89, f"{thin:.1f} mm", kind=PREDICTED, fitted=fit)
+rows.trend("25 G instead of 22 G at 80 mm", RAND, ABSTRACT, "significantly more deflection", thin > 1.1 * 8.89, f"{thin:.1f} mm", kind=PREDICTED, fitted=fit)
 shot = track(PROSTATE, slope, G18, 0.02, length=0.2)
 side = 1e3 * float(np.hypot(*shot[-1][:2]))
-rows.add("18 G lancet after 20 mm", LANCET, "abstract", (0.3, 1.3), side, "mm", published="0.9 mm (0.3 to 1.3)", kind=PREDICTED, fitted=f"{fit}, in the other gel")
-rows.add("direction to its tip", LANCET, "abstract", (0.6, 2.8), float(np.degrees(np.arctan2(side, 1e3 * shot[-1][2]))), "degrees", published="1.9 degrees (0.6 to 2.8)", kind=CONSISTENT,
+rows.add("18 G lancet after 20 mm", LANCET, ABSTRACT, (0.3, 1.3), side, "mm", published="0.9 mm (0.3 to 1.3)", kind=PREDICTED, fitted=f"{fit}, in the other gel")
+rows.add("direction to its tip", LANCET, ABSTRACT, (0.6, 2.8), float(np.degrees(np.arctan2(side, 1e3 * shot[-1][2]))), "degrees", published="1.9 degrees (0.6 to 2.8)", kind=CONSISTENT,
          fitted=f"{fit}; taken as the angle of the chord, so it follows from the row above")
 if not rows.short:
     depths = np.array([0.02, 0.03, 0.04, 0.05, 0.06])
     meat = {gauge: [deflection(MEAT, slope, d, depth) for depth in depths] for gauge, d in (("22 G", G22), ("25 G", G25))}
     rates = [m / (100 * d) for values in meat.values() for m, d in zip(values, depths)]
-    rows.add("22 and 25 G through meat, mean of 20 to 60 mm", DRUMMOND, "abstract, depth unknown", (0.5, 1.5), float(np.mean(rates)), "mm per cm", published="about 1 mm per cm; judged within half",
+    rows.add("22 and 25 G through meat, mean of 20 to 60 mm", DRUMMOND, ABSTRACT, (0.5, 1.5), float(np.mean(rates)), "mm per cm", published="about 1 mm per cm, depth unknown; judged within half",
              kind=PREDICTED, fitted=f"{fit}, in the gel", scatter=f"{min(rates):.2f} to {max(rates):.2f}")
     for gauge, values in meat.items():
         rows.curve("steering-depth", f"{gauge}, model, 30 kPa", 1e3 * depths, values, "depth (mm)", "sideways (mm)")
@@ -94,9 +94,9 @@ if not rows.short:
     model = nitinol(bevel)
     shares = np.array([0, 0.25, 0.5, 0.75, 1])
     curvatures = np.array([curvature(model, 0.12, share) for share in shares])
-    rows.add("radius of the track", WEBSTER, "abstract, other reports", (0.18, 0.25), 1 / curvatures[0], "m", published="about 0.22 m; judged within 0.18 to 0.25", kind=FITTED, fitted=f"bevel slope {bevel:.3f}")
+    rows.add("radius of the track", WEBSTER, SECONDARY, (0.18, 0.25), 1 / curvatures[0], "m", published="about 0.22 m; judged within 0.18 to 0.25", kind=FITTED, fitted=f"bevel slope {bevel:.3f}")
     off = np.max(np.abs(curvatures - curvatures[0] * (1 - shares))) / curvatures[0]
-    rows.trend("curvature while spinning during part of the way", DUTY, "trend", "falls in proportion to that part, to 0", off < 0.1,
+    rows.trend("curvature while spinning during part of the way", DUTY, SECONDARY, "falls in proportion to that part, to 0", off < 0.1,
                f"within {100 * off:.0f} % of the line", kind=PREDICTED, fitted="bevel slope, without spinning")
     rows.curve("duty-cycle", "model", 100 * shares, curvatures, "part of the way with spinning (%)", "curvature (1/m)")
     rows.curve("duty-cycle", "published: in proportion", [0, 100], [1 / 0.22, 0], "part of the way with spinning (%)", "curvature (1/m)", published=True)

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import trocar
 from laboratory import Bench, block, push
-from rows import FITTED, PREDICTED, Rows
+from rows import ABSTRACT, FITTED, PREDICTED, Rows
 
 REED = "Reed, Okamura, Cowan 2009, IEEE Trans. Robotics 25"
 LAG_SOURCE = f"{REED}; Reed 2008 (PMC2905605): more than 40 degrees"
@@ -34,13 +34,13 @@ thin = tuple(f * NITINOL["outer_diameter"] / 1.27e-3 for f in PATIENT)
 depths = np.array([DEPTH]) if rows.short else np.array([0.02, 0.04, 0.06, 0.08, DEPTH])
 lags = np.degrees(lag(thin, depths))
 torsion = 75e9 / (2 * 1.33) * np.pi / 32 * NITINOL["outer_diameter"] ** 4
-rows.trend("lag of the tip of a 0.57 mm nitinol needle, 100 mm deep, with patients' friction", LAG_SOURCE, "abstract, trend",
+rows.trend("lag of the tip of a 0.57 mm nitinol needle, 100 mm deep, with patients' friction", LAG_SOURCE, ABSTRACT,
            "more than 45 degrees in some phantoms; torques in patients are large enough for similar errors", lags[-1] > 45,
            f"{lags[-1]:.0f} degrees", kind=PREDICTED, fitted="friction per length, to the axial force in patients; in proportion to the circumference",
-           reason="" if lags[-1] > 45 else "45 degrees need more friction on the thin needle than patients' tissue gives in this scene: see the next row")
+           number=lags[-1], unit="degrees", regression=(6.3, 7.7), reason="45 degrees need more friction on the thin needle than patients' tissue gives in this scene: see the next row")
 phantom = tuple(f * 45 / lags[-1] for f in (thin[1], thin[1], 0))
 needed = float(np.degrees(lag(phantom, [DEPTH]))[0])
-rows.add("lag in a phantom whose friction is scaled to it", LAG_SOURCE, "abstract", (40, 60), needed, "degrees", published="more than 40 to 45 degrees", kind=FITTED,
+rows.add("lag in a phantom whose friction is scaled to it", LAG_SOURCE, ABSTRACT, (40, 60), needed, "degrees", published="more than 40 to 45 degrees", kind=FITTED,
          fitted=f"friction of {phantom[1]:.0f} N/m on the 0.57 mm needle")
 if not rows.short:
     fine = np.linspace(0, DEPTH, 40)
@@ -49,11 +49,11 @@ if not rows.short:
     moment = thin[1] * NITINOL["outer_diameter"] / 2        # N m per m
     rows.curve("torsion", "f L (L/2 + free length) / G J", 1e3 * fine, np.degrees(moment * fine * (fine / 2 + free) / torsion), "depth (mm)", "lag of the tip (degrees)")
 model = trocar.Model(block(30e3, friction=(60, 40, 0)))
-turns = (0, 20) if rows.short else (0, 5, 10, 20, 40)
-axial = [push(Bench(model).move(0.06, 0.01, turn=turn))[-1] for turn in turns]
-rows.trend("axial force of a needle that turns while it goes in", LIN, "abstract, trend", "less the faster it turns", all(a > b for a, b in zip(axial, axial[1:])),
-           f"{axial[0]:.2f} N without turning, {axial[-1]:.2f} N at {turns[-1]} rad/s (10 mm/s, 60 mm deep)", kind=PREDICTED,
+turns, deep = ((0, 20), 0.04) if rows.short else ((0, 5, 10, 20, 40), 0.06)
+axial = [push(Bench(model).move(deep, 0.01, turn=turn))[-1] for turn in turns]
+rows.trend("axial force of a needle that turns while it goes in", LIN, ABSTRACT, "less the faster it turns", all(a > b for a, b in zip(axial, axial[1:])),
+           f"{axial[0]:.2f} N without turning, {axial[-1]:.2f} N at {turns[-1]} rad/s (10 mm/s, {1e3 * deep:g} mm deep)", kind=PREDICTED,
            fitted="nothing; here it is friction that falls, there cutting as well")
 if not rows.short:
-    rows.curve("turning", "model, 10 mm/s, 60 mm deep", turns, axial, "rate of turning (rad/s)", "axial force (N)")
+    rows.curve("turning", f"model, 10 mm/s, {1e3 * deep:g} mm deep", turns, axial, "rate of turning (rad/s)", "axial force (N)")
 sys.exit(rows.end())

@@ -195,10 +195,11 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** Needles at rest give identical pictures. */
+/** Needles at rest give identical pictures, except that tracks may come later. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
+    && equal(x.tracks.kinds, y.tracks.kinds)
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 

@@ -182,6 +182,7 @@ function showPicture() {
   }
   const largest = stage.show(picture)
   if (largest > range || largest < range / 3) setRange(largest)
+  element('track-key').hidden = stage.tracks.empty
   echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
@@ -191,6 +192,7 @@ function showHome() {
   if (!shown) return
   shown = null
   stage.showHome()
+  element('track-key').hidden = stage.tracks.empty
   echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
@@ -369,7 +371,7 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
-document.querySelector('.dot.guide').style.background = GUIDED
+for (const [name, tint] of [['guide', GUIDED], ['track', TRACK]]) document.querySelector(`.dot.${name}`).style.background = tint
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))

@@ -24,6 +24,8 @@ export class Tracks {
     this.group = new THREE.Group().add(this.lines, this.punctures)
   }
 
+  get empty() { return this.ends.count === 0 && this.holes.count === 0 }
+
   /** `needles` of a picture; `moved`: the displaced nodes. Called only for pictures that differ from the one before. */
   show(needles, moved) {
     const { ends, holes } = this

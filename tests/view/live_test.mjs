@@ -62,6 +62,7 @@ try {
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
+    await until(first, '!document.getElementById("track-key").hidden') // the legend names the track
   })
 
   await check('a key released after the needle was released moves nothing', async () => {
@@ -167,6 +168,8 @@ try {
     await hold(first)
     await first.selectOption('#cut-axis', 'x')
     await until(first, '!trocar.stage.dirty')
+    const { group, ends } = await first.evaluate('({ group: trocar.stage.tracks.group.visible, ends: trocar.stage.tracks.ends.count })')
+    assert(group && ends > 6, 'a track is among what is drawn')
     await first.evaluate(() => {
       trocar.made = 0
       for (const { renderer } of [trocar.stage, trocar.echo]) {

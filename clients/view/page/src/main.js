@@ -1,6 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, GUIDED, HUBS, rampCss, TRACK, regionColour } from './colours.js'
+import { CONTACT, GUIDED, HUBS, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'

@@ -153,7 +153,8 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
-/* Sends a needle's tracks if they have changed, and from time to time for viewers that came later. A track grows at its last point. */
+/* Sends a needle's tracks when they have changed, and each second in any case: for viewers that started later, and because a message may
+   be lost, also the one after a reset that says there are none. A track grows at its last point. */
 static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns */
     viewer_messages *m = &t->messages;
@@ -163,7 +164,7 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     int count = m->tracks.point_count, before = t->tracks[needle].points;
     const float nowhere[3] = {0}, *end = count > 0 ? m->track_points[count - 1] : nowhere;
     bool same = count == before && memcmp(end, t->tracks[needle].end, sizeof nowhere) == 0;
-    if (same && (count == 0 || age < LATEST)) return;
+    if (same && age < LATEST) return;
     t->tracks[needle].sent = now;
     t->tracks[needle].points = count;
     memcpy(t->tracks[needle].end, end, sizeof nowhere);

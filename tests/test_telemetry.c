@@ -30,6 +30,7 @@ typedef struct {
     trocar_contacts_t *contacts;
     trocar_tracks_t *tracks;
     int statuses[2], pictures[2];      /* messages of each needle */
+    int empty_tracks;                  /* messages without tracks */
     int64_t owners[2];
     double tips[2];                    /* m, along z */
 } fixture;
@@ -78,8 +79,7 @@ static int close_fixture(void **state) {
     return 0;
 }
 
-/* Pushes a needle 20 mm into the tissue in lockstep and publishes it as the haptic thread would. */
-/* Pushed in, and turned on its way. */
+/* Pushes a needle 20 mm into the tissue in lockstep, turning it on its way, and publishes it as the haptic thread would. */
 static void show_turned_needle(fixture *f, double turn) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -124,7 +124,8 @@ static void show_the_rest(fixture *f) {
         spsc_ring_push(&f->exchange.round_trips, &round_trip);
 }
 
-static void receive(fixture *f) {
+/* What is published in so many tenths of a second, at the start of each of which `show`, unless NULL, hands over a new state. */
+static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
     lcm_t *lcm = f->telemetry.lcm;
     trocar_loop_timing_t_subscription_t *a = trocar_loop_timing_t_subscribe(lcm, "TROCAR_TIMING", on_timing, f);
     trocar_status_t_subscription_t *b = trocar_status_t_subscribe(lcm, "TROCAR_STATUS", on_status, f);
@@ -133,7 +134,10 @@ static void receive(fixture *f) {
     trocar_tracks_t_subscription_t *e = trocar_tracks_t_subscribe(lcm, "TROCAR_TRACKS", on_tracks, f);
     pthread_t thread;
     assert_int_equal(pthread_create(&thread, NULL, telemetry_run, &f->telemetry), 0);
-    sleep_until(monotonic_ns() + 300000000);
+    for (int i = 0; i < tenths; i++) {
+        if (show != NULL) show(f);
+        sleep_until(monotonic_ns() + 100000000);
+    }
     telemetry_stop(&f->telemetry);
     pthread_join(thread, NULL);
     while (lcm_handle_timeout(lcm, 0) > 0) continue;
@@ -143,6 +147,8 @@ static void receive(fixture *f) {
     trocar_contacts_t_unsubscribe(lcm, d);
     trocar_tracks_t_unsubscribe(lcm, e);
 }
+
+static void receive(fixture *f) { receive_while(f, 3, NULL); }
 
 /* The track of a needle that has gone straight in by 19 mm and a dent less, from the skin on. */
 static void the_track_is_published(void **state) {
@@ -155,6 +161,34 @@ static void the_track_is_published(void **state) {
     assert_true(t->membrane[0] == 0 && fabsf(t->position[0][2]) < 1e-6f);
     const float *last = t->position[t->point_count - 1];
     assert_true(t->track[t->point_count - 1] == 0 && fabsf(last[0] - 5e-3f) < 1e-4f && last[2] > 5e-3f && last[2] < 24e-3f);
+}
+
+static void show_the_simulation(fixture *f) {
+    view_sample *view = triple_buffer_slot(&f->exchange.views);
+    trocar_sim_take_picture(f->host.sim, view->picture);
+    view->needles[0].engaged = true;
+    triple_buffer_publish(&f->exchange.views);
+}
+
+static void count_empty_tracks(const lcm_recv_buf_t *b, const char *channel, const trocar_tracks_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    f->empty_tracks += m->point_count == 0;
+}
+
+/* A viewer that loses the first message after a reset learns from the next one that the tracks are gone. */
+static void a_reset_is_told_again_each_second(void **state) {
+    fixture *f = *state;
+    trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
+    show_a_needle(f);
+    receive(f);
+    assert_true(f->tracks != NULL && f->tracks->point_count > 0);
+    assert_int_equal(trocar_sim_reset(f->host.sim, 0, &base, NULL), TROCAR_OK);
+    trocar_tracks_t_subscription_t *s = trocar_tracks_t_subscribe(f->telemetry.lcm, "TROCAR_TRACKS", count_empty_tracks, f);
+    atomic_store(&f->telemetry.stop, false);
+    receive_while(f, 25, show_the_simulation);
+    trocar_tracks_t_unsubscribe(f->telemetry.lcm, s);
+    assert_in_range(f->empty_tracks, 2, 3);
 }
 
 static void all_four_messages_contain_the_published_state(void **state) {
@@ -314,6 +348,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_track_is_published, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(a_reset_is_told_again_each_second, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tip_lags_behind_a_turned_base, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_first_malformed_pose_is_reported, open_fixture, close_fixture),

@@ -103,7 +103,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
     needle_tip *tip = &state->tip;
     double before = tip->depth, slid = tip->shaft_slip;
     bool beyond = tip->phase == TIP_BEYOND;
-    if (!isfinite(tip->slip)) tip->stretch = NAN; /* the insertion starts over (insertion_is_finite): the tip must not leave a track through all tissue */
+    if (!isfinite(tip->slip)) tip->stretch = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
     tip_move(tick, gradient);
     if (tip->phase != TIP_INSIDE) return;
     tip->stretch += tip->depth - before - slid;

@@ -24,7 +24,7 @@ typedef struct {
     double longest_step;         /* s, a longer tick is taken in several steps: forces do not depend on the rate */
     int most_steps;              /* a tick takes at most so many steps; in a longer tick, the steps are longer */
     double track_reach;          /* diameters of the needle, distance up to which an old track is open to the tip; 0: tissue closes behind it */
-    double track_angle;          /* rad, up to which the needle may point away from it */
+    double track_angle;          /* rad between track and direction of cutting, up to which it is open */
     int max_passes;              /* Newton passes a step, at most */
     double tolerance;            /* m, error of the needle's shape at which the passes stop */
 } insertion_settings;

@@ -22,7 +22,7 @@ void simulation_defaults(simulation_config *config) {
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .needle_count = 1,
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
-                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.15, .max_passes = 4, .tolerance = 1e-8},
+                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
         .volumetric = STRAIN_BY_PATCH,

@@ -45,7 +45,7 @@ typedef struct {
 } track_place;
 
 /* Looks within `reach` only, and only at tracks whose box is. From a point far away it skips as many others as cannot be near: on a straight
-   track it looks at some ten points, in the worst case at all. RT */
+   track it looks at some ten points, in the worst case at all of them. RT */
 track_place tracks_closest(const track_list *list, int track, vec3 x, double reach);
 
 #endif

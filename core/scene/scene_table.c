@@ -114,7 +114,7 @@ const row SCENE_TABLE[] = {
     {"tracks.reach", "", NUMBER, OF(simulation.insertion.track_reach), &NOT_NEGATIVE,
      .doc = "diameters of the needle within which an old track and its punctures are open to the tip; 0: tissue closes behind the needle"},
     {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &ANGLE,
-     .doc = "between needle and old track, up to which the tip is led along it"},
+     .doc = "between an old track and the direction in which the tip would cut, up to which the tip is led along the track"},
 
     {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "how the inverse follows the changes of the mesh"},
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,

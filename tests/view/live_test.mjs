@@ -62,6 +62,7 @@ try {
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
+    await until(first, '!document.getElementById("track-key").hidden') // the legend names the track
   })
 
   await check('a key released after the needle was released moves nothing', async () => {
@@ -167,6 +168,8 @@ try {
     await hold(first)
     await first.selectOption('#cut-axis', 'x')
     await until(first, '!trocar.stage.dirty')
+    const { group, ends } = await first.evaluate('({ group: trocar.stage.tracks.group.visible, ends: trocar.stage.tracks.ends.count })')
+    assert(group && ends > 6, 'a track is among what is drawn')
     await first.evaluate(() => {
       trocar.made = 0
       for (const { renderer } of [trocar.stage, trocar.echo]) {
@@ -278,8 +281,8 @@ try {
     await stop(server)
     await second.setViewportSize(SMALL)
     const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
-    const start = 'needle: {start: {position: [0, 0.06, -0.19], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}, ' // 0.3 rad about x
-    const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/^needle: *{/m, start)
+    const posed = 'needle: {start: {position: [0, 0.06, -0.19], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}, ' // 0.3 rad about x
+    const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/^needle: *{/m, posed)
     await writeFile(two, `${placed}\nneedles: 2\npatient_to_mesh: [-1.0e-3, 0, 0, 0.01, 0, 1.0e-3, 0, 0.02, 0, 0, -1.0e-3, 0.03, 0, 0, 0, 1]\n`)
     server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)
     view = await start('clients/view/trocar-view', '--scene', two)

@@ -88,7 +88,7 @@ function sceneryShown() {
   const { group } = scene.regions.find(({ name }) => name === 'prostate'), states = shown.needles[0].contacts.filter((value, i) => i % 9 === 7)
   for (let t = 0; t < scene.tets.length; t += 5) if (scene.tets[t] === group) scene.tets.subarray(t + 1, t + 5).forEach((node) => gland.add(node))
   const along = [...gland].map((node) => shown.scale * shown.displacement[3 * node + 2])
-  const ends = trocar.stage.tracks.lines.geometry.attributes.position.array, tip = shown.needles[0].joints.slice(-3)
+  const { array, count } = trocar.stage.tracks.ends, ends = array.subarray(0, count), tip = shown.needles[0].joints.slice(-3)
   return { track: ends.length / 3, offTip: Math.hypot(...tip.map((x, i) => x - ends.at(i - 3))),
            depth: history.columns[7][at], force: history.columns[3][at], contacts: states.length, sticking: states.filter((state) => state === 0).length,
            gland: along.reduce((sum, z) => sum + z, 0) / along.length }

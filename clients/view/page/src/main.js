@@ -1,6 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, GUIDED, HUBS, rampCss, regionColour } from './colours.js'
+import { CONTACT, GUIDED, HUBS, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
@@ -182,6 +182,7 @@ function showPicture() {
   }
   const largest = stage.show(picture)
   if (largest > range || largest < range / 3) setRange(largest)
+  element('track-key').hidden = stage.tracks.empty
   echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
@@ -191,14 +192,16 @@ function showHome() {
   if (!shown) return
   shown = null
   stage.showHome()
+  element('track-key').hidden = stage.tracks.empty
   echo.show(stage.anatomy.place.array, stage.needles.map(({ line }) => line))
   if (element('follow').checked) followTip()
 }
 
-/** Needles at rest give identical pictures. */
+/** Needles at rest give identical pictures, except that tracks may come later. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
+    && equal(x.tracks.kinds, y.tracks.kinds)
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
@@ -368,7 +371,7 @@ new ResizeObserver(() => echo.resize()).observe(element('trus'))
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
-document.querySelector('.dot.guide').style.background = GUIDED
+for (const [name, tint] of [['guide', GUIDED], ['track', TRACK]]) document.querySelector(`.dot.${name}`).style.background = tint
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))

@@ -1,5 +1,5 @@
 // A picture for publication: the needle in the tissue, the slice, values and scales.
-import { CONTACT, GUIDED, rampCss } from './colours.js'
+import { CONTACT, GUIDED, rampCss, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
 
@@ -65,12 +65,13 @@ function drawLegend(ink, { legend: { left, top }, side, unit, stage: { height } 
   ink.fillRect(left + 120 * unit, top + 162 * unit, 150 * unit, 10 * unit)
   text(`0 – ${+(1e3 * range).toPrecision(2)} mm`, 282, 172)
 
-  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')], ...(stage.scene.guides.length ? [['guide', GUIDED]] : [])]
+  const kinds = [['sticks', CONTACT[0]], ['slides in', CONTACT[1]], ['slides out', CONTACT[-1]], ['tip', colour('--tip')], ...(stage.scene.guides.length ? [['guide', GUIDED]] : []), ...(stage.tracks.empty ? [] : [['track', TRACK]])]
   let x = 0
   for (const [name, dot] of kinds) {
     ink.fillStyle = dot
     ink.beginPath()
-    ink.arc(left + (x + 5) * unit, top + 199 * unit, 5 * unit, 0, 2 * Math.PI)
+    if (name === 'track') ink.rect(left + x * unit, top + 197.5 * unit, 10 * unit, 3 * unit)
+    else ink.arc(left + (x + 5) * unit, top + 199 * unit, 5 * unit, 0, 2 * Math.PI)
     ink.fill()
     text(name, x + 15, 204)
     x += 15 + ink.measureText(name).width / unit + 18

@@ -281,8 +281,8 @@ try {
     await stop(server)
     await second.setViewportSize(SMALL)
     const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
-    const posed = 'needle: {start: {position: [0, 0.06, -0.19], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}, ' // 0.3 rad about x
-    const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/^needle: *{/m, posed)
+    const posed = 'start: {position: [0, 0.06, -0.193], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}' // 0.3 rad about x
+    const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/start: *{[^}]*}/, posed).replace(/^patient_to_mesh:[^\]]*\]/m, '')
     await writeFile(two, `${placed}\nneedles: 2\npatient_to_mesh: [-1.0e-3, 0, 0, 0.01, 0, 1.0e-3, 0, 0.02, 0, 0, -1.0e-3, 0.03, 0, 0, 0, 1]\n`)
     server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)
     view = await start('clients/view/trocar-view', '--scene', two)

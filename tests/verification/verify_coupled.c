@@ -304,9 +304,11 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at one place, each time after a track 3 mm away, and compares with the first time. */
+/* Inserts and withdraws ten times at one place, each time after a track 3 mm away, and compares with the first time. Tissue closes behind
+   the tip; in an open track the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();
+    c.insertion.track_reach = 0.0;
     lockstep *l = lockstep_create(&c, lockstep_start());
     double first[SAMPLES], force[SAMPLES], beside[SAMPLES], beside_first[SAMPLES], peak = 0.0, worst = 0.0, worst_beside = 0.0, left = 0.0;
     for (int round = 0; round < (r->short_form ? 3 : 10); round++) {
@@ -323,7 +325,7 @@ static void check_repetition(rows *r) {
             worst_beside = fmax(worst_beside, fabs(beside[i] - beside_first[i]));
         }
     }
-    rows_error(r, "ten insertions along one track: force", "the first time", worst / peak, 1e-6);
+    rows_error(r, "ten insertions along one track that closes: force", "the first time", worst / peak, 1e-6);
     rows_error(r, "ten insertions, with a neighbouring track before each: force", "the first time", worst_beside / peak, 1e-6);
     rows_error(r, "remaining force after withdrawal, N", "0", left, 0.0);
     lockstep_free(l);

@@ -113,9 +113,10 @@ try {
     second = await open({ width: 700, height: 900 })
     await hold(first)
     await until(second, 'trocar.shown !== null && trocar.status.driven')
-    assert(Math.abs(await tip(second) - await tip(first)) < 1e-4)
-    assert(await second.isDisabled('#take'))
-    assert(await second.evaluate('trocar.history.count > 50'), 'it gets the plots from before it connected')
+    const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
+    await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest
+    await until(second, 'document.getElementById("take").disabled')
+    await until(second, 'trocar.history.count > 50') // it gets the plots from before it connected
     await second.setViewportSize(SMALL)
   })
 
@@ -293,7 +294,7 @@ try {
       await until(second, '!document.getElementById("take").disabled')
       await second.click('#take')
       await until(second, `trocar.status.drives && trocar.status.owned === "here" && trocar.shown?.needles[${needle}]`)
-      assert(await second.isDisabled('#needle'), 'the driven needle stays chosen')
+      await until(second, 'document.getElementById("needle").disabled') // the driven needle stays chosen
     }
     const push = async () => {
       await second.keyboard.down('w')

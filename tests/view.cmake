@@ -3,6 +3,5 @@ foreach(part live log)
     add_test(NAME view_${part} COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_view.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR} ${part})
 endforeach()
 set_tests_properties(view_live view_log PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 400 LABELS release_only)
-set_tests_properties(view_live PROPERTIES RUN_SERIAL TRUE) # the needle is taken from a page that falls silent on a busy machine
 add_test(NAME view_stop COMMAND /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/test_view_stop.py ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(view_stop PROPERTIES TIMEOUT 120)

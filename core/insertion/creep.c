@@ -284,9 +284,7 @@ void creep_shift_gaps(const tick_context *tick) {
     for (int i = w->guided; i < p->count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const mat3 *frame = &w->points[i].at.frame;
-        vec3 track = tip ? tick->state->tip.direction : tick->state->contacts[w->points[i].handle].direction;
-        vec3 along = m3_apply_transposed(frame, track), force = m3_apply_transposed(frame, w->creep.across[i]);
-        force.z = w->creep.along[i];
+        vec3 along = m3_apply_transposed(frame, point_track(tick->state, &w->points[i])), force = creep_force(w, i);
         double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
         vec3 easy = m3_apply_transposed(frame, w->lateral[i].easy);
         vec3 moved = v3_axpy(w->lateral[i].least, v3_axpy(-part, along, force), v3_scale(held * part, along));

@@ -48,17 +48,12 @@ double stiffening_slope(const tick_context *tick, int i, double force) {
 
 /* ---- forces that the laws depend on ------------------------------------------------------------------------------------------ */
 
-static vec3 track_at(const tick_context *tick, int i) {
-    const contact_point *p = &tick->scratch->points[i];
-    return p->kind == POINT_TIP ? tick->state->tip.direction : tick->state->contacts[p->handle].direction;
-}
-
 /* Along the track, of the needle on the tissue around the shaft, N. */
 static double force_along(const tick_context *tick, int i) {
     const contact_point *p = &tick->scratch->points[i];
     vec3 force = *point_force(tick->state, p);
     if (p->kind == POINT_TIP) force = v3_axpy(-tick->state->tip.end_force, needle_along(&p->at), force);
-    return v3_dot(track_at(tick, i), force);
+    return v3_dot(point_track(tick->state, p), force);
 }
 
 /* Of the end face, and of the damper, which pushes on the same tissue, N. */
@@ -69,14 +64,15 @@ static double force_of_face(const tick_context *tick) {
     return tip->end_force + damping;
 }
 
-/* What creeping tissue remembers of it, N. See creep_shift_gaps. */
+/* The track's direction in the needle's frame. */
+static vec3 along_in_frame(const tick_context *tick, int i) {
+    const contact_point *p = &tick->scratch->points[i];
+    return m3_apply_transposed(&p->at.frame, point_track(tick->state, p));
+}
+
+/* What creeping tissue remembers of it, N. */
 static double remembered_along(const tick_context *tick, int i) {
-    const insertion_workspace *w = tick->scratch;
-    if (tick->model->creep.count == 0) return 0.0;
-    const mat3 *frame = &w->points[i].at.frame;
-    vec3 force = m3_apply_transposed(frame, w->creep.across[i]);
-    force.z = w->creep.along[i];
-    return v3_dot(m3_apply_transposed(frame, track_at(tick, i)), force);
+    return tick->model->creep.count > 0 ? v3_dot(along_in_frame(tick, i), creep_force(tick->scratch, i)) : 0.0;
 }
 
 static double remembered_of_face(const tick_context *tick) { return tick->model->creep.count > 0 ? tick->scratch->creep.face : 0.0; }
@@ -87,6 +83,20 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
     stiffening_shift at = stiffening_at(law, yield * (force + remembered));
     at.slope *= yield;
     return at;
+}
+
+/* A force along the track at point i, in the unknowns of the contact problem: shares along[3] of it at row[3]. */
+typedef struct {
+    int row[3];
+    double along[3];
+} track_unknowns;
+
+static track_unknowns unknowns_of(const tick_context *tick, int i) {
+    const insertion_workspace *w = tick->scratch;
+    int count = w->problem.count;
+    bool tip = w->points[i].kind == POINT_TIP;
+    vec3 along = along_in_frame(tick, i);
+    return (track_unknowns){{unknown(count, i, 0), unknown(count, i, 1), unknown(count, i, 2) + tip}, {along.x, along.y, along.z}};
 }
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
@@ -111,12 +121,9 @@ void stiffening_add_compliance(const tick_context *tick) {
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
     for (int i = w->guided; i < p->count; i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
-        int first = unknown(p->count, i, 0), row[] = {first, first + 1, unknown(p->count, i, 2) + tip};
-        vec3 share = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
-        double along[] = {share.x, share.y, share.z};
+        track_unknowns at = unknowns_of(tick, i);
         for (int a = 0; a < 3; a++)
-            for (int b = 0; b <= a; b++) p->compliance[row[a]][row[b]] += s->shaft[i].slope * along[a] * along[b];
+            for (int b = 0; b <= a; b++) p->compliance[at.row[a]][at.row[b]] += s->shaft[i].slope * at.along[a] * at.along[b];
     }
     int face = unknown(p->count, p->count - 1, 2);
     if (w->tip) p->compliance[face][face] += s->end.slope;
@@ -128,11 +135,8 @@ void stiffening_shift_gaps(const tick_context *tick) {
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
     for (int i = w->guided; i < p->count; i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
-        vec3 along = m3_apply_transposed(&w->points[i].at.frame, track_at(tick, i));
-        p->gap[unknown(p->count, i, 0)] -= s->shaft[i].offset * along.x;
-        p->gap[unknown(p->count, i, 1)] -= s->shaft[i].offset * along.y;
-        p->gap[unknown(p->count, i, 2) + tip] -= s->shaft[i].offset * along.z;
+        track_unknowns at = unknowns_of(tick, i);
+        for (int a = 0; a < 3; a++) p->gap[at.row[a]] -= s->shaft[i].offset * at.along[a];
     }
     if (w->tip) p->gap[unknown(p->count, p->count - 1, 2)] -= s->end.offset;
 }

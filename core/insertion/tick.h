@@ -167,4 +167,16 @@ static inline vec3 *point_force(insertion_state *state, const contact_point *p) 
     return p->kind == POINT_TIP ? &state->tip.force : &state->contacts[p->handle].force;
 }
 
+/* The force, beside the present one, that shears creeping tissue at point i, no guide's: in the needle's frame, N. */
+static inline vec3 creep_force(const insertion_workspace *w, int i) {
+    vec3 force = m3_apply_transposed(&w->points[i].at.frame, w->creep.across[i]);
+    force.z = w->creep.along[i];
+    return force;
+}
+
+/* Direction of the track at a point in the tissue: no guide's. */
+static inline vec3 point_track(const insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? state->tip.direction : state->contacts[p->handle].direction;
+}
+
 #endif

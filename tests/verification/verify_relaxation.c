@@ -128,7 +128,7 @@ static double stiffened_energy(const lockstep *l) {
     for (int i = w->guided; i < w->point_count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
-        vec3 track = tip ? l->state.tip.direction : l->state.contacts[w->points[i].handle].direction;
+        vec3 track = point_track(&l->state, &w->points[i]);
         double end = tip ? l->state.tip.end_force : 0.0;
         sum += stiffening_energy(&s->along[i], v3_dot(track, v3_axpy(-end, needle, force)));
         if (tip) sum += stiffening_energy(&s->face, end + v3_dot(l->state.tip.damping, needle));

@@ -4,26 +4,15 @@
 usage: report.py FOLDER     FOLDER: the output of scripts/validate, out/validate
 """
 import json
-import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
-matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
-import matplotlib.pyplot as plt  # noqa: E402
-
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+from reports import COLOURS, axes_for, commit_of, line, write  # noqa: E402
+
 PLOTS = HERE / "plots"
-# Colours of Okabe and Ito, with line styles: readable without colour vision. Published curves are black and dotted.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
-STYLES = ("-", "--", "-.")
-
-
-def cell(text):
-    return str(text).replace("|", "\\|")
+OURS, STYLES = COLOURS[:5], ("-", "--", "-.")  # published curves are black and dotted
 
 
 def verdict(row):
@@ -42,20 +31,14 @@ def table(rows):
     yield "|---|---|---|---|---|---|---|---|"
     for row in rows:
         ours = row["ours"] + (f" ({row['scatter']})" if row["scatter"] else "")
-        yield "| " + " | ".join(map(cell, (row["quantity"], row["source"], row["sure"], row["published"], ours, kind(row), row["fitted"], verdict(row)))) + " |"
+        yield line((row["quantity"], row["source"], row["sure"], row["published"], ours, kind(row), row["fitted"], verdict(row)))
 
 
 def draw(curves, path):
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    for i, curve in enumerate(curves):
-        look = {"color": "black", "linestyle": ":", "marker": "o" if len(curve["x"]) == 1 else None} if curve["published"] else {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)]}
-        axes.plot(curve["x"], curve["y"], label=curve["label"], linewidth=1.4, **look)
-    axes.set_xlabel(curves[0]["x_label"])
-    axes.set_ylabel(curves[0]["y_label"])
-    axes.grid(color="0.9", linewidth=0.6)
-    axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    with axes_for(curves, path) as axes:
+        for i, curve in enumerate(curves):
+            look = {"color": "black", "linestyle": ":", "marker": "o" if len(curve["x"]) == 1 else None} if curve["published"] else {"color": OURS[i % len(OURS)], "linestyle": STYLES[i % len(STYLES)]}
+            axes.plot(curve["x"], curve["y"], label=curve["label"], linewidth=1.4, **look)
 
 
 def report_lines(entries, commit):
@@ -92,11 +75,7 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     entries = [entry for path in sorted(Path(sys.argv[1]).glob("*.json")) for entry in json.loads(path.read_text())]
-    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE).stdout.strip() or "unknown"
-    PLOTS.mkdir(exist_ok=True)
-    for old in PLOTS.glob("*.svg"):
-        old.unlink()
-    (HERE / "REPORT.md").write_text("\n".join(report_lines(entries, commit)))
+    write(HERE, report_lines(entries, commit_of(HERE)))
     return 0
 
 

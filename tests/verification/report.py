@@ -7,22 +7,15 @@ import json
 import os
 import platform
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
-matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
-import matplotlib.pyplot as plt  # noqa: E402
-
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+from reports import COLOURS, axes_for, commit_of, line, output_of, write  # noqa: E402
+
 PLOTS = HERE / "plots"
 PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
-# Colours of Okabe and Ito, with line styles and markers: readable without colour vision.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", ":", "-.")
 MANY = 30  # curves with at least this many points get no markers
 
@@ -35,10 +28,6 @@ def figure_number(value, digits=5):
     return "" if value is None else f"{value:.{digits}g}"
 
 
-def cell(text):
-    return str(text).replace("|", "\\|")
-
-
 def table(rows):
     yield "| check | reference | value | expected | error | limit | |"
     yield "|---|---|---:|---:|---:|---:|---|"
@@ -47,27 +36,21 @@ def table(rows):
         value, expected = (figure_number(row[key]) and figure_number(row[key]) + unit for key in ("value", "expected"))
         error, limit = (figure_number(row.get(key), 2) for key in ("error", "limit"))
         verdict = ("measured" if row["kind"] == "measured" else "pass" if row["pass"] else "**fail**") + (f": {row['note']}" if row["note"] else "")
-        yield "| " + " | ".join(map(cell, (row["check"], row["reference"], value, expected, error, limit, verdict))) + " |"
+        yield line((row["check"], row["reference"], value, expected, error, limit, verdict))
 
 
 # ---- figures ----
 
 def draw(curves, path):
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    for i, curve in enumerate(curves):
-        marker = "osv^D"[i % 5] if len(curve["x"]) < MANY else None
-        pairs = [(x, y) for x, y in zip(curve["x"], curve["y"]) if x is not None and y is not None]
-        axes.plot(*zip(*pairs), label=curve["label"], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
-                  marker=marker, markersize=4, linewidth=1.4)
-    axes.set_xlabel(curves[0]["x_label"])
-    axes.set_ylabel(curves[0]["y_label"])
-    if curves[0]["logarithmic"]:
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-    axes.grid(color="0.9", linewidth=0.6)
-    axes.legend(frameon=False, fontsize=8)
-    figure.savefig(path, metadata={"Date": None})
-    plt.close(figure)
+    with axes_for(curves, path) as axes:
+        for i, curve in enumerate(curves):
+            marker = "osv^D"[i % 5] if len(curve["x"]) < MANY else None
+            pairs = [(x, y) for x, y in zip(curve["x"], curve["y"]) if x is not None and y is not None]
+            axes.plot(*zip(*pairs), label=curve["label"], color=COLOURS[i % len(COLOURS)], linestyle=STYLES[i % len(STYLES)],
+                      marker=marker, markersize=4, linewidth=1.4)
+        if curves[0]["logarithmic"]:
+            axes.set_xscale("log")
+            axes.set_yscale("log")
 
 
 def figures(entries, folder):
@@ -86,18 +69,11 @@ def figures(entries, folder):
 
 # ---- machine ----
 
-def output_of(*command):
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=HERE).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-
-
 def machine():
     names = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
-    versions = ", ".join(f"{name} {output_of('dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES)
+    versions = ", ".join(f"{name} {output_of(HERE, 'dpkg-query', '-W', '-f', '${Version}', name)}" for name in PACKAGES)
     return (f"{names[0] if names else platform.machine()}, {os.cpu_count()} processors, Linux {platform.release()}, "
-            f"{output_of('gcc', '--version').splitlines()[0]}; {versions}.")
+            f"{output_of(HERE, 'gcc', '--version').splitlines()[0]}; {versions}.")
 
 
 # ---- the report ----
@@ -143,11 +119,8 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     folder = Path(sys.argv[1])
-    commit = output_of("git", "describe", "--always", "--dirty")  # before the plots are touched
-    PLOTS.mkdir(exist_ok=True)
-    for old in PLOTS.glob("*.svg"):
-        old.unlink()
-    (HERE / "REPORT.md").write_text("\n".join(report_lines(read_entries(folder), folder, commit)))
+    commit = commit_of(HERE)  # before the plots are touched
+    write(HERE, report_lines(read_entries(folder), folder, commit))
     return 0
 
 

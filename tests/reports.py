@@ -1,0 +1,54 @@
+"""What the reports of tests/verification and tests/validation have in common: REPORT.md and plots/ in the folder of the script."""
+import contextlib
+import subprocess
+
+import matplotlib
+
+matplotlib.use("svg")
+matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
+matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
+import matplotlib.pyplot as plt  # noqa: E402
+
+# Colours of Okabe and Ito: readable without colour vision.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def cell(text):
+    return str(text).replace("|", "\\|")
+
+
+def line(cells):
+    return "| " + " | ".join(map(cell, cells)) + " |"
+
+
+def output_of(folder, *command):
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def commit_of(folder):
+    return output_of(folder, "git", "describe", "--always", "--dirty")
+
+
+@contextlib.contextmanager
+def axes_for(curves, path):
+    """Axes to draw the curves into, with the first one's labels; saved at the end."""
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    yield axes
+    axes.set_xlabel(curves[0]["x_label"])
+    axes.set_ylabel(curves[0]["y_label"])
+    axes.grid(color="0.9", linewidth=0.6)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def write(folder, lines):
+    """Replaces plots/ and REPORT.md; the lines may draw into plots/."""
+    plots = folder / "plots"
+    plots.mkdir(exist_ok=True)
+    for old in plots.glob("*.svg"):
+        old.unlink()
+    (folder / "REPORT.md").write_text("\n".join(lines))

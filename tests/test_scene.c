@@ -155,6 +155,15 @@ static void omitted_keys_have_their_defaults(void **state) {
 /* A minimal valid scene; lines added to it start at number 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
+/* Each case: lines added to MINIMAL, and words as for assert_refused. */
+static void assert_all_refused(size_t count, const char *const cases[][2]) {
+    for (size_t i = 0; i < count; i++) {
+        char text[512];
+        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
+        assert_refused(text, cases[i][1]);
+    }
+}
+
 static void inverse_and_region_of_interest_are_read(void **state) {
     (void)state;
     static const char *const names[] = {"auto", "dense", "sparse", "condensed"};
@@ -207,11 +216,7 @@ static void a_bad_region_of_interest_is_refused(void **state) {
         {"region_of_interest: {corridor: {from: [0, 0, x], to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor.from: \"x\""},
         {"region_of_interest: {corridor: {from: [0, 0, 1], to: [0, 0, 1], radius: 1}}", ":4: region_of_interest.corridor.to: the same point"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char text[256];
-        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
-        assert_refused(text, cases[i][1]);
-    }
+    assert_all_refused(sizeof cases / sizeof *cases, cases);
 }
 
 static void relaxation_is_read(void **state) {
@@ -252,11 +257,7 @@ static void a_bad_relaxation_is_refused(void **state) {
         {"relaxation: [{weight: 0.1, time: 1}, {weight: 0.1, time: 2}, {weight: 0.1, time: 3}, {weight: 0.1, time: 4}, {weight: 0.1, time: 5}]",
          ":4: relaxation: 5 entries: expected at most 4"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char text[512];
-        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
-        assert_refused(text, cases[i][1]);
-    }
+    assert_all_refused(sizeof cases / sizeof *cases, cases);
     assert_refused("mesh: a\nregions:\n  - name: all\n    relaxation: [{weight: 0.5, time: 1}]\nfixed: [b]\n",
                    ":4: regions[0].relaxation: one series serves all regions");
 }
@@ -296,11 +297,7 @@ static void impossible_guides_are_refused(void **unused) {
         {"guides: [{origin: [0, 0, 0], normal: [0, 0, 1], hole_diameter: 2e-3}]", ":4: guides[0]: missing key \"name\""},
         {"guides: template", ":4: guides: expected a list"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char text[256];
-        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
-        assert_refused(text, cases[i][1]);
-    }
+    assert_all_refused(sizeof cases / sizeof *cases, cases);
 }
 
 #define TURNED "patient_to_mesh: [0, -1e-3, 0, 0.25, 1e-3, 0, 0, -0.125, 0, 0, 1e-3, 0.5, 0, 0, 0, 1]\n"
@@ -336,11 +333,7 @@ static void wrong_patient_coordinates_and_starts_are_refused(void **state) {
         {"needle: {start: {position: [0, 0, 0], orientation: [2, 0, 0, 0]}}", ":4: needle.start.orientation: its length is 2"},
         {"needle: {start: [0, 0, 0]}", ":4: needle.start: expected keys with values"},
     };
-    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        char text[256];
-        snprintf(text, sizeof text, MINIMAL "%s\n", cases[i][0]);
-        assert_refused(text, cases[i][1]);
-    }
+    assert_all_refused(sizeof cases / sizeof *cases, cases);
 }
 
 static void unreadable_files_are_named(void **state) {

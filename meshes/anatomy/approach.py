@@ -26,12 +26,16 @@ class Path:
         return way / np.linalg.norm(way)
 
 
-def first_hit(shell, start, end):
-    """Point where a segment first meets a surface, or None."""
+def locator_of(shell):
     locator = vtk.vtkStaticCellLocator()
     locator.SetDataSet(shells.to_vtk(shell))
     locator.BuildLocator()
-    return hit_in(locator, start, end)
+    return locator
+
+
+def first_hit(shell, start, end):
+    """Point where a segment first meets a surface, or None."""
+    return hit_in(locator_of(shell), start, end)
 
 
 def hit_in(locator, start, end):
@@ -54,11 +58,7 @@ def middle_of(surfaces):
 def nearest_free(target, places, bones):
     """The nearest of some places on the skin from which the way to the target meets no bone, or None."""
     order = np.argsort(np.linalg.norm(places - target, axis=1))
-    locators = []
-    for bone in bones:
-        locators.append(vtk.vtkStaticCellLocator())
-        locators[-1].SetDataSet(shells.to_vtk(bone))
-        locators[-1].BuildLocator()
+    locators = [locator_of(bone) for bone in bones]
     for k in order[::1 + len(order) // CANDIDATES]:
         if all(hit_in(locator, places[k], target) is None for locator in locators):
             return places[k]

@@ -93,13 +93,12 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static trocar_status find_start(bench *b, report *why) {
+static trocar_status choose_start(bench *b, report *why) {
     const options *o = b->options;
     patient_frame patient;
     trocar_status status = o->patient ? patient_frame_read(b->scene, &patient, why) : TROCAR_OK;
     b->start = MOTION_START;
-    scene_start(b->scene, &b->start);
-    if (status == TROCAR_OK && !isnan(o->start.x)) b->start.position = o->patient ? patient_to_mesh(&patient, o->start) : o->start;
+    if (status == TROCAR_OK) find_start(b->scene, o->patient ? &patient : NULL, isnan(o->start.x) ? NULL : &o->start, &b->start);
     return status;
 }
 
@@ -108,7 +107,7 @@ static trocar_status prepare(bench *b, report *why) {
     trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
     if (status == TROCAR_OK && o->spacing > 0.0) status = trocar_scene_set_number(b->scene, "contact.spacing", o->spacing, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(b->scene, "contact.spacing", &b->spacing, why);
-    if (status == TROCAR_OK) status = find_start(b, why);
+    if (status == TROCAR_OK) status = choose_start(b, why);
     if (status == TROCAR_OK && o->json_path) status = output_open(&b->json_file, o->json_path, why);
     if (status == TROCAR_OK) status = trocar_model_create(b->scene, NULL, &b->model, why);
     return status == TROCAR_OK ? trocar_sim_create(b->model, &b->sim, why) : status;

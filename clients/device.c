@@ -163,17 +163,16 @@ static trocar_status run_live(const options *o, const patient_frame *patient, re
     return status;
 }
 
-/* The start from the scene, unless it is given, and in the mesh's coordinates. */
-static trocar_status find_start(options *o, patient_frame *patient, report *why) {
+/* With a scene, the start and the coordinates are the scene's. */
+static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     trocar_scene *scene;
-    pose given = o->play.start;
+    vec3 given = o->play.start.position;
     if (!o->scene_path) return TROCAR_OK;
     trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
     if (status != TROCAR_OK) return status;
     if (o->patient) status = patient_frame_read(scene, patient, why);
-    if (!scene_start(scene, &o->play.start) && !o->start_given && status == TROCAR_OK)
+    if (status == TROCAR_OK && !find_start(scene, o->patient ? patient : NULL, o->start_given ? &given : NULL, &o->play.start))
         status = fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", o->scene_path);
-    if (o->start_given) o->play.start.position = o->patient ? patient_to_mesh(patient, given.position) : given.position;
     trocar_scene_free(scene);
     return status;
 }
@@ -186,7 +185,7 @@ int main(int count, char **arguments) {
 
     report why;
     patient_frame patient;
-    trocar_status status = find_start(&o, &patient, &why);
+    trocar_status status = choose_start(&o, &patient, &why);
     if (status == TROCAR_OK) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);

@@ -1,21 +1,5 @@
 #include "patient.h"
 
-#include <stdlib.h>
-
-/* Reads a list "[1, 2, 3]" of the scene; false if it is not given. */
-static bool read_list(const trocar_scene *scene, const char *key, int count, double *numbers) {
-    char text[1024];
-    if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK || text[0] != '[') return false;
-    const char *at = text + 1;
-    for (int i = 0; i < count; i++) {
-        char *end;
-        numbers[i] = strtod(at, &end);
-        if (end == at) return false;
-        at = end + 1;
-    }
-    return true;
-}
-
 /* Each row is a multiple of the unit quaternion (times its own component); the one with the largest diagonal is the most accurate. */
 static quat quaternion_of(const mat3 *turn) {
     const double (*m)[3] = turn->m;
@@ -31,7 +15,7 @@ static quat quaternion_of(const mat3 *turn) {
 
 trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why) {
     double m[16];
-    if (!read_list(scene, "patient_to_mesh", 16, m))
+    if (!trocar_scene_patient_to_mesh(scene, m))
         return fail(why, TROCAR_BAD_INPUT, "%s: has no patient_to_mesh, which patient coordinates need; trocar-anatomy writes it",
                     trocar_scene_path(scene));
     mat3 turn = {{{1e3 * m[0], 1e3 * m[1], 1e3 * m[2]}, {1e3 * m[4], 1e3 * m[5], 1e3 * m[6]}, {1e3 * m[8], 1e3 * m[9], 1e3 * m[10]}}};
@@ -40,20 +24,30 @@ trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame
 }
 
 vec3 patient_to_mesh(const patient_frame *frame, vec3 point) {
-    return v3_axpy(1e-3, q_rotate(frame->turn, point), frame->origin);
+    return frame ? v3_axpy(1e-3, q_rotate(frame->turn, point), frame->origin) : point;
 }
 
-vec3 axes_to_patient(const patient_frame *frame, vec3 vector) { return q_rotate(q_conjugate(frame->turn), vector); }
+vec3 axes_to_patient(const patient_frame *frame, vec3 vector) { return frame ? q_rotate(q_conjugate(frame->turn), vector) : vector; }
+
+vec3 lengths_to_patient(const patient_frame *frame, vec3 vector) {
+    return frame ? v3_scale(1e3, axes_to_patient(frame, vector)) : vector;
+}
 
 vec3 mesh_to_patient(const patient_frame *frame, vec3 point) {
-    return v3_scale(1e3, axes_to_patient(frame, v3_sub(point, frame->origin)));
+    return frame ? lengths_to_patient(frame, v3_sub(point, frame->origin)) : point;
 }
 
-quat turn_to_patient(const patient_frame *frame, quat orientation) { return q_multiply(q_conjugate(frame->turn), orientation); }
+quat turn_to_patient(const patient_frame *frame, quat orientation) {
+    return frame ? q_multiply(q_conjugate(frame->turn), orientation) : orientation;
+}
 
-bool scene_start(const trocar_scene *scene, pose *start) {
+const char *patient_unit(const patient_frame *frame) { return frame ? "mm" : "m"; }
+
+bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start) {
     trocar_pose p;
-    if (!trocar_scene_start(scene, &p)) return false;
-    *start = (pose){v3(p.position[0], p.position[1], p.position[2]), {p.orientation[0], p.orientation[1], p.orientation[2], p.orientation[3]}};
-    return true;
+    bool known = trocar_scene_start(scene, &p);
+    if (known)
+        *start = (pose){v3(p.position[0], p.position[1], p.position[2]), {p.orientation[0], p.orientation[1], p.orientation[2], p.orientation[3]}};
+    if (given) start->position = patient_to_mesh(frame, *given);
+    return known || given;
 }

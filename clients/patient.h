@@ -17,13 +17,16 @@ typedef struct {
 /* BAD_INPUT if the scene does not say. */
 trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why);
 
-vec3 patient_to_mesh(const patient_frame *frame, vec3 point);   /* mm to m */
-vec3 mesh_to_patient(const patient_frame *frame, vec3 point);   /* m to mm */
-vec3 axes_to_patient(const patient_frame *frame, vec3 vector);  /* a force or a displacement; its unit stays */
+/* `frame` NULL: the mesh's coordinates are meant, and nothing changes. */
+vec3 patient_to_mesh(const patient_frame *frame, vec3 point);      /* mm to m */
+vec3 mesh_to_patient(const patient_frame *frame, vec3 point);      /* m to mm */
+vec3 lengths_to_patient(const patient_frame *frame, vec3 vector);  /* a displacement, m to mm */
+vec3 axes_to_patient(const patient_frame *frame, vec3 vector);     /* a force or a rotation; its unit stays */
 quat turn_to_patient(const patient_frame *frame, quat orientation);
+const char *patient_unit(const patient_frame *frame);              /* of positions */
 
-/* The scene's "needle.start": where the needle's base waits before the insertion. Returns false, and leaves `start` as it is, if the
-   scene has none. */
-bool scene_start(const trocar_scene *scene, pose *start);
+/* Where the needle's base waits before the insertion: the scene's "needle.start", moved to `given`, a position in the coordinates of
+   `frame`, if that is not NULL. What neither says stays as it is in `start`. Returns whether there is a position. */
+bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start);
 
 #endif

@@ -213,9 +213,9 @@ static void csv_numbers(const double *numbers, int count, FILE *out) {
     for (int i = 0; i < count; i++) fprintf(out, "%.9g,", numbers[i]);
 }
 
-/* A force or torque, in the mesh's axes or, if `patient` is given, in the patient's. */
+/* A force or torque. */
 static void csv_vector(const patient_frame *patient, const double v[3], FILE *out) {
-    vec3 shown = patient ? axes_to_patient(patient, v3(v[0], v[1], v[2])) : v3(v[0], v[1], v[2]);
+    vec3 shown = axes_to_patient(patient, v3(v[0], v[1], v[2]));
     csv_numbers(&shown.x, 3, out);
 }
 
@@ -224,7 +224,7 @@ static void csv_row(const received_wrench *row, double start, pose base, const p
     char membrane[16], events[160];
     snprintf(membrane, sizeof membrane, "%d", w->membrane);
     events_text((unsigned)w->events, membrane, events, sizeof events);
-    if (patient) base = (pose){mesh_to_patient(patient, base.position), turn_to_patient(patient, base.orientation)};
+    base = (pose){mesh_to_patient(patient, base.position), turn_to_patient(patient, base.orientation)};
     fprintf(out, "%.6f,", row->time - start);
     csv_vector(patient, w->force, out);
     csv_vector(patient, w->torque, out);
@@ -237,7 +237,7 @@ static void csv_row(const received_wrench *row, double start, pose base, const p
 }
 
 void recording_write_csv(const recording *r, const patient_frame *patient, FILE *out) {
-    const char *unit = patient ? "mm" : "m";
+    const char *unit = patient_unit(patient);
     fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,"
                  "raw_fx [N],raw_fy [N],raw_fz [N],raw_tx [N m],raw_ty [N m],raw_tz [N m],"
                  "x [%s],y [%s],z [%s],qw,qx,qy,qz,tick,pose_seq,flags,round_trip [s],needle\n", unit, unit, unit);

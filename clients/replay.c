@@ -131,7 +131,7 @@ static trocar_status find_dump_tick(replay *r, report *why) {
 }
 
 static trocar_status open_outputs(replay *r, report *why) {
-    const char *unit = r->patient ? "mm" : "m";
+    const char *unit = patient_unit(r->patient);
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
@@ -241,14 +241,7 @@ static trocar_status log_origin(const replay *r, report *why) {
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
-/* A point (m) in the coordinates of the files. */
-static vec3 shown_point(const replay *r, const double p[3]) {
-    vec3 point = v3(p[0], p[1], p[2]);
-    return r->patient ? mesh_to_patient(r->patient, point) : point;
-}
-
-/* A force or another vector in the axes of the files. */
-static vec3 shown_vector(const replay *r, vec3 v) { return r->patient ? axes_to_patient(r->patient, v) : v; }
+static vec3 vector_of(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
 static void csv_tick(const replay *r, int tick) {
     const trocar_output *w = &r->result;
@@ -258,9 +251,10 @@ static void csv_tick(const replay *r, int tick) {
     events_text(w->events, membrane, events, sizeof events);
     double joints[TROCAR_MAX_JOINTS][3];
     int count = trocar_sim_centreline(r->sim, 0, joints[0], TROCAR_MAX_JOINTS);
-    vec3 force = shown_vector(r, v3(w->force[0], w->force[1], w->force[2]));
-    vec3 torque = shown_vector(r, v3(w->torque[0], w->torque[1], w->torque[2]));
-    vec3 base = shown_point(r, trocar_sim_base(r->sim, 0).position), tip = shown_point(r, joints[count - 1]);
+    vec3 force = axes_to_patient(r->patient, vector_of(w->force));
+    vec3 torque = axes_to_patient(r->patient, vector_of(w->torque));
+    vec3 base = mesh_to_patient(r->patient, vector_of(trocar_sim_base(r->sim, 0).position));
+    vec3 tip = mesh_to_patient(r->patient, vector_of(joints[count - 1]));
     fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n",
             pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
             r->poses.needle, trocar_sim_tip_lead(r->sim, 0), base.x, base.y, base.z, tip.x, tip.y, tip.z);
@@ -271,7 +265,7 @@ static trocar_status shift_tick(replay *r, int tick, report *why) {
     trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
     if (status != TROCAR_OK) return status;
     rigid_motion m = region_motion_of(&r->motion, r->displacements);
-    m = (rigid_motion){shown_vector(r, m.shift), shown_vector(r, m.turn)};
+    m = (rigid_motion){axes_to_patient(r->patient, m.shift), axes_to_patient(r->patient, m.turn)};
     const double mm = 1e3, degrees = 180 / M_PI;
     fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", pose_log_time(&r->poses, tick), mm * m.shift.x, mm * m.shift.y,
             mm * m.shift.z, degrees * m.turn.x, degrees * m.turn.y, degrees * m.turn.z);

@@ -16,15 +16,11 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-/* How a quantity of the mesh is written in patient coordinates: mesh_to_patient, lengths_to_patient or axes_to_patient. */
+/* What a quantity is: mesh_to_patient for positions, lengths_to_patient or axes_to_patient. */
 typedef vec3 (*conversion)(const patient_frame *patient, vec3 v);
 
-/* Displacements are in mm, like the positions that they belong to. */
-static vec3 lengths_to_patient(const patient_frame *patient, vec3 v) { return v3_scale(1e3, axes_to_patient(patient, v)); }
-
 static void write_vector(const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
-    vec3 x = v3(v[0], v[1], v[2]);
-    if (patient) x = convert(patient, x);
+    vec3 x = convert(patient, v3(v[0], v[1], v[2]));
     fprintf(out, "%.17g %.17g %.17g", x.x, x.y, x.z);
 }
 

@@ -183,6 +183,9 @@ TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 /* Where the first needle's base waits before the insertion: the keys "needle.start.". Returns 1 and the pose, or 0 when there is none. */
 TROCAR_API int trocar_scene_start(const trocar_scene *scene, trocar_pose *start);
 
+/* From the patient's coordinates to the mesh's, as trocar_model_patient_to_mesh. Returns 1 and the matrix, or 0 when the scene has none. */
+TROCAR_API int trocar_scene_patient_to_mesh(const trocar_scene *scene, double matrix[16]);
+
 /* Limits of the key "rate_hz", Hz. */
 #define TROCAR_MIN_RATE 250.0
 #define TROCAR_MAX_RATE 10000.0

@@ -317,7 +317,7 @@ static void find_box(view *v) {
 static pose find_home(const view *v, int needle) {
     static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
     pose start;
-    if (scene_start(v->scene, &start)) {
+    if (find_start(v->scene, NULL, NULL, &start)) {
         start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside[needle], 0, 0)));
         return start;
     }

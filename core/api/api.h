@@ -73,6 +73,10 @@ static inline void put(vec3 v, double out[3]) {
     out[2] = v.z;
 }
 
+/* What a scene may leave out: 0, and nothing is written, if it did. */
+int start_out(pose start, trocar_pose *out);
+int transform_out(const double matrix[16], double out[16]);
+
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 
 /* What trocar_sim_contacts and the like say of a state. RT */

@@ -61,15 +61,11 @@ double trocar_model_needle_length(const trocar_model *model) { return model->par
 double trocar_model_rate(const trocar_model *model) { return model->rate_hz; }
 
 int trocar_model_start(const trocar_model *model, trocar_pose *start) {
-    if (isnan(model->start.position.x)) return 0;
-    *start = pose_out(model->start);
-    return 1;
+    return start_out(model->start, start);
 }
 
 int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]) {
-    if (isnan(model->patient_to_mesh[0])) return 0;
-    memcpy(matrix, model->patient_to_mesh, sizeof model->patient_to_mesh);
-    return 1;
+    return transform_out(model->patient_to_mesh, matrix);
 }
 
 int trocar_model_node_count(const trocar_model *model) { return model->parts.mesh.node_count; }

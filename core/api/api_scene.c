@@ -79,10 +79,24 @@ const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.
 
 trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
 
-int trocar_scene_start(const trocar_scene *scene, trocar_pose *start) {
-    if (isnan(scene->values.start.position.x)) return 0;
-    *start = pose_out(scene->values.start);
+int start_out(pose start, trocar_pose *out) {
+    if (isnan(start.position.x)) return 0;
+    *out = pose_out(start);
     return 1;
+}
+
+int transform_out(const double matrix[16], double out[16]) {
+    if (isnan(matrix[0])) return 0;
+    memcpy(out, matrix, 16 * sizeof *out);
+    return 1;
+}
+
+int trocar_scene_start(const trocar_scene *scene, trocar_pose *start) {
+    return start_out(scene->values.start, start);
+}
+
+int trocar_scene_patient_to_mesh(const trocar_scene *scene, double matrix[16]) {
+    return transform_out(scene->values.patient_to_mesh, matrix);
 }
 
 int trocar_scene_count(const trocar_scene *scene, const char *list) {

@@ -37,8 +37,8 @@ COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff 
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
 LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
-ENDLESS = ("along edges of the mesh the resolved radius, measured with an endless line, leaves too little compliance near the tip; "
-           "measured with a line that ends there, this error is gone in a model of the same needle")
+ENDLESS = ("along edges of the mesh the resolved radius, measured with an endless line, leaves too little compliance near the tip "
+           "(needle_end.py)")
 FEW = ("on edges", "in faces", "within elements")   # places in the finest meshes, of 42 000 nodes
 
 

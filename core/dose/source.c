@@ -12,11 +12,13 @@
 
 enum { MAX_FILE = 1 << 20, PLACE_ROOM = 64 };
 
-/* F and g as they are in the file. */
+/* The table as it is in the file. */
 typedef struct {
-    int g_count, radius_count, angle_count;
+    int g_count;
     double g_radius[MAX_TABLE_RADII], g[MAX_TABLE_RADII];
-} raw_table;
+    int radius_count, angle_count;
+    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* room for a mirrored one */
+} seed_table;
 
 typedef struct {
     const char *file;
@@ -97,101 +99,152 @@ static bool read_list(const reader *r, const char *place, const yaml_value *list
 
 /* ---- radial dose function ------------------------------------------------------------------------------------------------------ */
 
-static bool read_radial(const reader *r, const yaml_value *list, raw_table *raw) {
+static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) {
     if (!read_list(r, "radial", list, 2, MAX_TABLE_RADII)) return false;
-    raw->g_count = list->count;
+    t->g_count = list->count;
     for (int i = 0; i < list->count; i++) {
         char place[PLACE_ROOM];
         double pair[2];
         snprintf(place, sizeof place, "radial[%d]", i);
         yaml_value row = yaml_item(list, i);
         if (!read_row(r, place, &row, 2, &RADIUS, &G, pair)) return false;
-        raw->g_radius[i] = pair[0];
-        raw->g[i] = pair[1];
-        if (!grows(r, place, "radius", raw->g_radius, i)) return false;
+        t->g_radius[i] = pair[0];
+        t->g[i] = pair[1];
+        if (!grows(r, place, "radius", t->g_radius, i)) return false;
     }
-    int last = raw->g_count - 1;
-    if (raw->g_radius[0] > 1.0 || raw->g_radius[last] < 1.0) return refuse(r, "radial", "the radii do not reach 1 cm, where g = 1: add the rows that are missing");
-    if (raw->g[last] >= raw->g[last - 1])
+    int last = t->g_count - 1;
+    if (t->g_radius[0] > 1.0 || t->g_radius[last] < 1.0) return refuse(r, "radial", "the radii do not reach 1 cm, where g = 1: add the rows that are missing");
+    if (t->g[last] >= t->g[last - 1])
         return refuse(r, "radial", "g does not fall over the last two radii, from which it is extrapolated: check the last rows");
     return true;
 }
 
-/* Log-linear pieces, as TG-43U1S1 recommends. */
-static void make_pieces(const raw_table *raw, trocar_dose_source *s) {
-    s->piece_count = raw->g_count;
-    s->start[0] = 0.0;
-    s->intercept[0] = log(raw->g[0]);
-    s->slope[0] = 0.0;
-    for (int i = 1; i < raw->g_count; i++) {
-        double from = raw->g_radius[i - 1];
-        s->start[i] = from;
-        s->slope[i] = (log(raw->g[i]) - log(raw->g[i - 1])) / (raw->g_radius[i] - from);
-        s->intercept[i] = log(raw->g[i - 1]) - s->slope[i] * from;
-    }
+/* The interval of growing numbers that x is in, or the closest one. */
+static int interval_of(const double *numbers, int count, double x) {
+    int i = 0;
+    while (i + 2 < count && x >= numbers[i + 1]) i++;
+    return i;
 }
 
-static bool check_radial(const reader *r, const trocar_dose_source *s) {
-    int i = s->piece_count - 1;
-    while (i > 0 && s->start[i] > 1.0) i--;
-    double g = exp(s->intercept[i] + s->slope[i]);
+/* log g = intercept + slope r at this radius. */
+static void log_g_at(const seed_table *t, double radius, double *intercept, double *slope) {
+    int i = interval_of(t->g_radius, t->g_count, radius);
+    double from = t->g_radius[i];
+    *slope = radius < t->g_radius[0] ? 0.0 : (log(t->g[i + 1]) - log(t->g[i])) / (t->g_radius[i + 1] - from);
+    *intercept = log(t->g[i]) - (radius < t->g_radius[0] ? 0.0 : *slope * from);
+}
+
+static bool check_radial(const reader *r, const seed_table *t) {
+    double intercept, slope;
+    log_g_at(t, 1.0, &intercept, &slope);
+    double g = exp(intercept + slope);
     return fabs(g - 1.0) <= 0.005 || refuse(r, "radial", "g at 1 cm is %.4g; by definition it is 1: check the rows, or divide g by that", g);
 }
 
 /* ---- anisotropy function --------------------------------------------------------------------------------------------------------- */
 
-static bool read_radii(const reader *r, const yaml_value *list, trocar_dose_source *s) {
+static bool read_radii(const reader *r, const yaml_value *list, seed_table *t) {
     if (!read_list(r, "anisotropy.radii", list, 1, MAX_TABLE_RADII)) return false;
-    s->radius_count = list->count;
+    t->radius_count = list->count;
     for (int i = 0; i < list->count; i++) {
         char place[PLACE_ROOM];
         snprintf(place, sizeof place, "anisotropy.radii[%d]", i);
         yaml_value value = yaml_item(list, i);
-        if (!read_number(r, place, &value, &RADIUS, &s->radius[i]) || !grows(r, place, "radius", s->radius, i)) return false;
+        if (!read_number(r, place, &value, &RADIUS, &t->radius[i]) || !grows(r, place, "radius", t->radius, i)) return false;
     }
     return true;
 }
 
-static bool read_rows(const reader *r, const yaml_value *list, trocar_dose_source *s) {
+static bool read_rows(const reader *r, const yaml_value *list, seed_table *t) {
     if (!read_list(r, "anisotropy.rows", list, 2, MAX_TABLE_ANGLES)) return false;
-    s->angle_count = list->count;
+    t->angle_count = list->count;
     for (int i = 0; i < list->count; i++) {
         char place[PLACE_ROOM];
         double row[1 + MAX_TABLE_RADII];
         snprintf(place, sizeof place, "anisotropy.rows[%d]", i);
         yaml_value value = yaml_item(list, i);
-        if (!read_row(r, place, &value, 1 + s->radius_count, &ANGLE, &F, row)) return false;
-        s->angle[i] = row[0];
-        for (int k = 0; k < s->radius_count; k++) s->f[k][i] = row[1 + k];
-        if (!grows(r, place, "angle", s->angle, i)) return false;
+        if (!read_row(r, place, &value, 1 + t->radius_count, &ANGLE, &F, row)) return false;
+        t->angle[i] = row[0];
+        for (int k = 0; k < t->radius_count; k++) t->f[k][i] = row[1 + k];
+        if (!grows(r, place, "angle", t->angle, i)) return false;
     }
-    double last = s->angle[s->angle_count - 1];
-    if (s->angle[0] != 0.0 || (last != 90.0 && last != 180.0))
+    double last = t->angle[t->angle_count - 1];
+    if (t->angle[0] != 0.0 || (last != 90.0 && last != 180.0))
         return refuse(r, "anisotropy.rows", "the angles go from %g to %g: expected 0 to 90, or 0 to 180 if the seed's ends differ; add the rows that are missing",
-                      s->angle[0], last);
+                      t->angle[0], last);
     return true;
 }
 
-static bool check_anisotropy(const reader *r, const trocar_dose_source *s) {
+static bool check_anisotropy(const reader *r, const seed_table *t) {
     int i = 1;
-    while (i < s->angle_count - 1 && s->angle[i] < 90.0) i++;
-    double w = (90.0 - s->angle[i - 1]) / (s->angle[i] - s->angle[i - 1]);
-    for (int k = 0; k < s->radius_count; k++) {
-        double f = (1.0 - w) * s->f[k][i - 1] + w * s->f[k][i];
+    while (i < t->angle_count - 1 && t->angle[i] < 90.0) i++;
+    double w = (90.0 - t->angle[i - 1]) / (t->angle[i] - t->angle[i - 1]);
+    for (int k = 0; k < t->radius_count; k++) {
+        double f = (1.0 - w) * t->f[k][i - 1] + w * t->f[k][i];
         if (fabs(f - 1.0) > 0.005)
-            return refuse(r, "anisotropy.rows", "F at 90 degrees and %g cm is %.4g; by definition it is 1: check that column", s->radius[k], f);
+            return refuse(r, "anisotropy.rows", "F at 90 degrees and %g cm is %.4g; by definition it is 1: check that column", t->radius[k], f);
     }
     return true;
 }
 
-static void mirror(trocar_dose_source *s) {
-    int last = s->angle_count - 1;
-    if (s->angle[last] != 90.0) return;
+static void mirror(seed_table *t) {
+    int last = t->angle_count - 1;
+    if (t->angle[last] != 90.0) return;
     for (int i = 1; i <= last; i++) {
-        s->angle[last + i] = 180.0 - s->angle[last - i];
-        for (int k = 0; k < s->radius_count; k++) s->f[k][last + i] = s->f[k][last - i];
+        t->angle[last + i] = 180.0 - t->angle[last - i];
+        for (int k = 0; k < t->radius_count; k++) t->f[k][last + i] = t->f[k][last - i];
     }
-    s->angle_count = 2 * last + 1;
+    t->angle_count = 2 * last + 1;
+}
+
+/* ---- pieces and cells -------------------------------------------------------------------------------------------------------------- */
+
+/* F between two angles from row i of the table, at its radius k: a + b angle. */
+static void along_angle(const seed_table *t, int k, int i, double *a, double *b) {
+    *b = (t->f[k][i + 1] - t->f[k][i]) / (t->angle[i + 1] - t->angle[i]);
+    *a = t->f[k][i] - *b * t->angle[i];
+}
+
+static anisotropy_cell make_cell(const seed_table *t, double radius, int i) {
+    anisotropy_cell cell = {0};
+    int last = t->radius_count - 1;
+    if (radius < t->radius[0] || radius >= t->radius[last]) {
+        along_angle(t, radius < t->radius[0] ? 0 : last, i, &cell.a, &cell.b);
+        return cell;
+    }
+    int k = interval_of(t->radius, t->radius_count, radius);
+    double near[2], far[2], width = t->radius[k + 1] - t->radius[k];
+    along_angle(t, k, i, &near[0], &near[1]);
+    along_angle(t, k + 1, i, &far[0], &far[1]);
+    cell.c = (far[0] - near[0]) / width;
+    cell.d = (far[1] - near[1]) / width;
+    cell.a = near[0] - cell.c * t->radius[k];
+    cell.b = near[1] - cell.d * t->radius[k];
+    return cell;
+}
+
+/* Merges the radii of both tables. */
+static void make_starts(const seed_table *t, trocar_dose_source *s) {
+    s->start[0] = 0.0;
+    s->piece_count = 1;
+    for (int i = 0, k = 0; i < t->g_count || k < t->radius_count;) {
+        bool from_g = k == t->radius_count || (i < t->g_count && t->g_radius[i] <= t->radius[k]);
+        double next = from_g ? t->g_radius[i++] : t->radius[k++];
+        if (next > s->start[s->piece_count - 1]) s->start[s->piece_count++] = next;
+    }
+}
+
+static bool make_pieces(const seed_table *t, trocar_dose_source *s) {
+    make_starts(t, s);
+    s->angle_count = t->angle_count;
+    memcpy(s->angle, t->angle, sizeof s->angle);
+    int intervals = s->angle_count - 1;
+    s->cells = malloc((size_t)s->piece_count * (size_t)intervals * sizeof *s->cells);
+    for (int p = 0; p < s->piece_count && s->cells; p++) {
+        log_g_at(t, s->start[p], &s->intercept[p], &s->slope[p]);
+        for (int i = 0; i < intervals; i++) s->cells[p * intervals + i] = make_cell(t, s->start[p], i);
+    }
+    return s->cells != NULL;
 }
 
 /* ---- document ---------------------------------------------------------------------------------------------------------------------- */
@@ -215,12 +268,11 @@ static bool read_keys(const reader *r, const char *place, const yaml_value *mapp
     return true;
 }
 
-static bool read_document(const reader *r, trocar_dose_source *s) {
+static bool read_document(const reader *r, trocar_dose_source *s, seed_table *t) {
     enum { NAME, CONSTANT, ACTIVE, LIFE, CAPSULE, RADIAL, ANISOTROPY, KEYS };
     static const char *const keys[] = {"name", "dose_rate_constant", "active_length", "half_life", "capsule", "radial", "anisotropy"};
     static const char *const capsule_keys[] = {"length", "diameter"}, *const anisotropy_keys[] = {"radii", "rows"};
     yaml_value root = yaml_root(r->document), value[KEYS], capsule[2], anisotropy[2];
-    raw_table raw;
     if (!read_keys(r, "", &root, keys, KEYS, value) || !read_keys(r, "capsule", &value[CAPSULE], capsule_keys, 2, capsule) ||
         !read_keys(r, "anisotropy", &value[ANISOTROPY], anisotropy_keys, 2, anisotropy) || !read_name(r, &value[NAME], s->name) ||
         !read_number(r, "dose_rate_constant", &value[CONSTANT], &DOSE_RATE_CONSTANT, &s->dose_rate_constant) ||
@@ -232,24 +284,28 @@ static bool read_document(const reader *r, trocar_dose_source *s) {
     if (s->active_length >= s->capsule_length)
         return refuse(r, "active_length", "%g cm do not fit into a capsule of %g cm: check both", s->active_length, s->capsule_length);
     if (s->active_length >= 2.0) return refuse(r, "active_length", "%g cm: g is defined at 1 cm, beside the source: expected less than 2 cm", s->active_length);
-    if (!read_radial(r, &value[RADIAL], &raw)) return false;
-    make_pieces(&raw, s);
-    if (!check_radial(r, s) || !read_radii(r, &anisotropy[0], s) || !read_rows(r, &anisotropy[1], s) || !check_anisotropy(r, s)) return false;
-    mirror(s);
+    if (!read_radial(r, &value[RADIAL], t) || !check_radial(r, t) || !read_radii(r, &anisotropy[0], t) || !read_rows(r, &anisotropy[1], t) ||
+        !check_anisotropy(r, t))
+        return false;
+    mirror(t);
     return true;
 }
 
 trocar_status dose_source_read(const char *file, const char *text, size_t length, trocar_dose_source *s, report *why) {
     yaml_text document;
+    seed_table t = {0};
     trocar_status status = yaml_open(file, text, length, &document, why);
     if (status != TROCAR_OK) return status;
     reader r = {file, &document, newlocale(LC_NUMERIC_MASK, "C", (locale_t)0), why};
     if (!r.numbers) status = fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", file);
-    else if (!read_document(&r, s)) status = TROCAR_BAD_INPUT;
+    else if (!read_document(&r, s, &t)) status = TROCAR_BAD_INPUT;
+    else if (!make_pieces(&t, s)) status = fail(why, TROCAR_NO_MEMORY, "%s: no memory for its tables", file);
     if (r.numbers) freelocale(r.numbers);
     yaml_close(&document);
     return status;
 }
+
+void dose_source_clear(trocar_dose_source *s) { free(s->cells); }
 
 /* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------ */
 
@@ -290,7 +346,10 @@ trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **cre
     return status;
 }
 
-void trocar_dose_source_free(trocar_dose_source *source) { free(source); }
+void trocar_dose_source_free(trocar_dose_source *source) {
+    if (source) dose_source_clear(source);
+    free(source);
+}
 
 trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *s) {
     trocar_dose_source_data data = {.dose_rate_constant = s->dose_rate_constant, .active_length = 0.01 * s->active_length,

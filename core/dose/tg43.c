@@ -66,7 +66,6 @@ void tg43_rates(const trocar_dose_source *s, const seed_place *seed, const doubl
     double radius[TG43_BLOCK], degrees[TG43_BLOCK], geometric[TG43_BLOCK], log_g[TG43_BLOCK], f[TG43_BLOCK];
     const vec3 c = seed->centre, a = seed->axis;
     const double length = s->active_length, half = 0.5 * s->capsule_length, wall = 0.5 * s->capsule_diameter;
-    const double largest = s->radius[s->radius_count - 1], smallest = s->radius[0];
     const double scale = 0.01 * s->dose_rate_constant / geometry(length, 1.0, 1.0); /* cGy -> Gy */
 
     /* Cylindrical coordinates in cm, then r, theta and G. */
@@ -82,21 +81,12 @@ void tg43_rates(const trocar_dose_source *s, const seed_place *seed, const doubl
         degrees[i] = angle_of(along, rho) * (180.0 / PI);
         geometric[i] = geometry(length, rho, squared);
     }
-    for (int i = 0, piece = 0, k = 0, j = 0; i < count; i++) {
-        double r = radius[i], theta = degrees[i];
-        piece = walk(s->start, s->piece_count, piece, r);
-        log_g[i] = s->intercept[piece] + s->slope[piece] * r;
-        j = walk(s->angle, s->angle_count - 1, j, theta);
-        double v = (theta - s->angle[j]) / (s->angle[j + 1] - s->angle[j]);
-        if (s->radius_count == 1) {
-            f[i] = s->f[0][j] + v * (s->f[0][j + 1] - s->f[0][j]);
-            continue;
-        }
-        r = r < smallest ? smallest : r > largest ? largest : r;
-        k = walk(s->radius, s->radius_count - 1, k, r);
-        double u = (r - s->radius[k]) / (s->radius[k + 1] - s->radius[k]);
-        double near = s->f[k][j] + v * (s->f[k][j + 1] - s->f[k][j]), far = s->f[k + 1][j] + v * (s->f[k + 1][j + 1] - s->f[k + 1][j]);
-        f[i] = near + u * (far - near);
+    for (int i = 0, piece = 0, sector = 0; i < count; i++) {
+        piece = walk(s->start, s->piece_count, piece, radius[i]);
+        sector = walk(s->angle, s->angle_count - 1, sector, degrees[i]);
+        const anisotropy_cell *cell = &s->cells[piece * (s->angle_count - 1) + sector];
+        log_g[i] = s->intercept[piece] + s->slope[piece] * radius[i];
+        f[i] = cell->a + cell->b * degrees[i] + radius[i] * (cell->c + cell->d * degrees[i]);
     }
     for (int i = 0; i < count; i++) {
         double exponent = log_g[i] < -700.0 ? -700.0 : log_g[i];

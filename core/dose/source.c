@@ -85,10 +85,10 @@ static bool read_row(const reader *r, const char *place, const yaml_value *row, 
     return true;
 }
 
-/* What a row is sorted by must grow from row to row. */
+/* What rows are sorted by must grow from row to row; by so much that rounding does not matter in interpolating. */
 static bool grows(const reader *r, const char *place, const char *what, const double *values, int index) {
-    if (index == 0 || values[index] > values[index - 1]) return true;
-    return refuse(r, place, "the %s %g is not above the one before, %g: sort by %s and remove repetitions", what, values[index], values[index - 1], what);
+    if (index == 0 || values[index] >= values[index - 1] + 0.001) return true;
+    return refuse(r, place, "the %s %g is not above the one before, %g, by 0.001 or more: sort by %s and remove repetitions", what, values[index], values[index - 1], what);
 }
 
 static bool read_list(const reader *r, const char *place, const yaml_value *list, int least, int most) {

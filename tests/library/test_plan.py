@@ -113,7 +113,7 @@ class Reader(Case):
             (needle, "F4", rf":{line}: needles\[7\]: write keys and values"),
             (needle, needle.replace("[", "{"), rf":{line}: not YAML"),
             (text[text.index("needles:"):], "needles: []\n", r":10: needles: empty"),
-            (text, "", r":1: empty"), (text, "a plan", r":1: a plan: write keys"), (text, "[" * 5000, r"not YAML|too deep"),
+            (text, "", r":1: empty"), (text, "a plan", r":1: a plan: write keys"), (text, "[" * 2000, r"not YAML|too deep"),
         ]
         for old, new, words in cases:
             with self.subTest(new=new[:60]):
@@ -380,21 +380,18 @@ class Replay(Case):
         log.file.close()
         expected = plans.seeds_of(sim)
         self.assertEqual([s.hole for s in expected], ["F4"] * 2 + ["I3.5"] * 3)
-        for frame in ([], ["--patient"]):
-            done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--poses", self.out / "implant.log", "--seeds", self.out / "seeds.csv", "--out",
-                                   self.out / "again.log", *frame], capture_output=True, text=True)
+        for given, others in (("implant.log", "3 commands for seeds skipped"), ("again.log --patient", "")):
+            done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "seeds.csv", "--out", self.out / "copy.log", "--poses",
+                                   *f"{self.out}/{given}".split()], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertRegex(done.stderr, r"5 seeds\n3 commands for seeds skipped")
+            self.assertRegex(done.stderr, rf"5 seeds\n{others}")
             self.assertRegex(done.stderr, r"1 of 4 commands refused; the first: needle 0 still holds 3 of the seeds")
             placed = plans.read_seeds(self.out / "seeds.csv", model)
             self.assertEqual([(s.number, s.guide, s.hole) for s in placed], [(s.number, s.guide, s.hole) for s in expected])
             np.testing.assert_allclose([s.position for s in placed], [s.position for s in expected], atol=1e-9)
             np.testing.assert_allclose([s.position for s in plans.read_seeds(self.out / "seeds.csv", model, now=True)],
                                        [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
-            first = (self.out / "seeds.csv").read_text()
-        done = subprocess.run([BUILD / "clients/trocar-replay", "--quiet", "--scene", SCENE, "--poses", self.out / "again.log", "--seeds", self.out / "seeds.csv", "--patient"],
-                              capture_output=True, text=True)
-        self.assertEqual((done.returncode, (self.out / "seeds.csv").read_text()), (0, first))
+            (self.out / "copy.log").rename(self.out / "again.log")
 
     def types(self):
         """The generated package has the same name as the library's: its modules are loaded by path."""

@@ -441,8 +441,8 @@ TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model);
 /* Drops a seed, or a strand of `count`, 1 to TROCAR_MAX_STRAND, `spacing` apart from centre to centre (m, at least a seed's length; 0: the
    scene's). The tip is now at the distal end of the first seed. The mandrin holds the seeds there while the needle is drawn back: each
    is left in the tissue, in a straight line along the needle's track, once the tip has passed its proximal end.
-   BAD_INPUT, and nothing changes: for a needle that is none, a wrong count or spacing, a tip outside of the tissue or not deep enough in
-   it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
+   BAD_INPUT, and nothing changes: for a needle that is none or has buckled, a wrong count or spacing, a tip outside of the tissue or not deep
+   enough in it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
    seeds are thicker than its needle. Between ticks, from the ticking thread. RT */
 TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
 

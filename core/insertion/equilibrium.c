@@ -91,6 +91,12 @@ static void linearise(const tick_context *tick) {
     if (w->tip) damp_tip(tick);
 }
 
+void equilibrium_linearise(const tick_context *tick, const int handles[4]) {
+    prepare(tick, handles);
+    tick->scratch->relaxed = 1.0; /* at rest, nothing springs back */
+    linearise(tick);
+}
+
 /* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
    equilibrium. */
 static bool solve_pass(const tick_context *tick, double *turned) {

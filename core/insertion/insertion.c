@@ -199,6 +199,18 @@ void insertion_tick(const tick_context *given) {
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }
 
+bool insertion_linearise(const tick_context *tick) {
+    int handles[4];
+    insertion_workspace *w = tick->scratch;
+    if (tick->state->buckled || tick->state->tip.phase == TIP_FREE) return false;
+    creep_begin(tick);
+    w->point_count = 0;
+    w->tip = follow_known_point(tick, handles) && follow_resolution(tick);
+    if (!w->tip && !contact_is_active(tick->state, 0)) return false;
+    equilibrium_linearise(tick, handles);
+    return true;
+}
+
 /* ---- what is not finite -------------------------------------------------------------------------------------------- */
 
 static double sum_of(vec3 v) { return v.x + v.y + v.z; }
@@ -252,6 +264,15 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     }
 }
 
+void insertion_add_left_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
+        const left_load *left = &state->memory.left.loads[i];
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
+        memcpy(load->weights, left->weights, sizeof load->weights);
+    }
+}
+
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     const needle_tip *tip = &state->tip;
     for (int k = 0; contact_is_active(state, k) && loads->count < MAX_LOADS; k++) {
@@ -261,12 +282,7 @@ void insertion_add_loads(const insertion_model *model, const insertion_state *st
         *load = (tissue_load){.tet = node->tet, .force = v3_add(state->contacts[slot].force, creep_load(model, &state->memory, k))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
     }
-    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
-        const left_load *left = &state->memory.left.loads[i];
-        tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
-        memcpy(load->weights, left->weights, sizeof load->weights);
-    }
+    insertion_add_left_loads(model, state, loads);
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
     tissue_load *load = &loads->loads[loads->count++];
     *load = (tissue_load){.tet = tip->known_tet, .force = v3_add(tip_load(tip), creep_tip_load(model, &state->memory))};

@@ -9,6 +9,7 @@
 #include <lapacke.h>
 
 #include "api/api.h"
+#include "insertion/creep.h"
 
 #include <cmocka.h>
 
@@ -92,9 +93,215 @@ static void left_and_taken_again(void **state) {
     trocar_model_free(model);
 }
 
+/* ---- against one problem of all needles ------------------------------------------------------------------------------------ */
+
+enum { MOST_ROWS = 400 };
+
+/* Every component of force of every point of some needles in the tissue: dense. */
+typedef struct {
+    int count;
+    struct { int needle, tet; double weights[4]; vec3 direction; } rows[MOST_ROWS];
+    double force[MOST_ROWS]; /* N, on the tissue */
+} point_forces;
+
+/* The tissue's compliance between two rows, from the model's inverse, to which nothing is attached. */
+static double between(trocar_model *model, const point_forces *p, int i, int j) {
+    double sum = 0.0, blocks[12 * 12];
+    const mesh *m = &model->parts.mesh;
+    const int *a = m->tets[p->rows[i].tet], *b = m->tets[p->rows[j].tet];
+    report ignored;
+    assert_int_equal(inverse_gather(model->parts.inverse, &(inverse_blocks){4, a, 4, b, blocks, 12}, &ignored), TROCAR_OK);
+    const double u[] = {p->rows[i].direction.x, p->rows[i].direction.y, p->rows[i].direction.z};
+    const double v[] = {p->rows[j].direction.x, p->rows[j].direction.y, p->rows[j].direction.z};
+    for (int c = 0; c < 144; c++) sum += p->rows[i].weights[c / 36] * u[c / 12 % 3] * blocks[c] * v[c % 3] * p->rows[j].weights[c % 12 / 3];
+    return sum;
+}
+
+static void add_point(point_forces *p, int needle, int tet, const double weights[4], vec3 force, const mat3 *frame) {
+    for (int a = 0; a < 3; a++) {
+        int i = p->count++;
+        assert_true(p->count <= MOST_ROWS);
+        p->rows[i].needle = needle;
+        p->rows[i].tet = tet;
+        memcpy(p->rows[i].weights, weights, sizeof p->rows[i].weights);
+        p->rows[i].direction = v3(frame->m[0][a], frame->m[1][a], frame->m[2][a]);
+        p->force[i] = v3_dot(force, p->rows[i].direction);
+    }
+}
+
+static const mat3 IDENTITY = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
+
+/* Of a held needle: the forces on the tissue at its contacts, then at its tip; of relaxing tissue with what it remembers. */
+static vec3 contact_load(const trocar_sim *sim, int needle, int k) {
+    const insertion_state *s = &sim->needles[needle].state;
+    return v3_add(s->contacts[s->refined.order[k]].force, creep_load(&sim->model->parts.insertion, &s->memory, k));
+}
+
+static vec3 load_at_tip(const trocar_sim *sim, int needle) {
+    const insertion_state *s = &sim->needles[needle].state;
+    return v3_add(tip_load(&s->tip), creep_tip_load(&sim->model->parts.insertion, &s->memory));
+}
+
+static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
+    const insertion_state *s = &sim->needles[needle].state;
+    const mesh *m = &sim->model->parts.mesh;
+    double weights[4];
+    for (int k = 0; contact_is_active(s, k); k++) {
+        const added_node *node = &s->refined.nodes[s->refined.order[k]];
+        mesh_barycentric(m, node->tet, node->position, weights);
+        add_point(p, needle, node->tet, weights, contact_load(sim, needle, k), &IDENTITY);
+    }
+    if (s->tip.phase == TIP_INSIDE) add_point(p, needle, s->tip.known_tet, s->tip.known_weights, load_at_tip(sim, needle), &IDENTITY);
+}
+
+/* Loads that relaxing tissue remembers where the needle is no longer. */
+static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
+    tissue_loads left = {.count = 0};
+    insertion_add_left_loads(&sim->model->parts.insertion, state, &left);
+    for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
+}
+
+/* One problem for all: needles that rest with free bases, and given forces of those that are held. Unknown are the changes of the resting
+   needles' forces since they were left, and the motions of their bases: for each resting needle
+
+       (G + C) df + C_held f = R q,    R^T df = 0
+
+   with G and R of each as they were when it was left, and df counted from `reference`, when no needle was held. Dense, by LU. Returns the
+   largest difference from the forces that the simulation shows, N, and that of the displacements at the held needle's contacts from
+   those that its tick knows of, m. */
+typedef struct { double forces, displacement, size; } differences;
+typedef double all_forces[MAX_UNKNOWNS];
+
+static differences compare(trocar_sim *sim, const int *resting, int count, int held, all_forces *reference) {
+    trocar_model *model = sim->model;
+    static point_forces p;
+    int first[TROCAR_MAX_NEEDLES], motion[TROCAR_MAX_NEEDLES], rows = 0, motions = 0;
+    p.count = 0;
+    for (int k = 0; k < count; k++) {
+        const resting_needle *r = sim->needles[resting[k]].resting;
+        first[k] = rows;
+        motion[k] = motions;
+        rows += r->unknown_count;
+        motions += r->motion_count;
+        for (int u = 0; u < r->unknown_count; u++) {
+            int i = p.count++;
+            p.rows[i].tet = r->rows[u].tet;
+            p.rows[i].direction = r->rows[u].direction;
+            memcpy(p.rows[i].weights, r->rows[u].weights, sizeof p.rows[i].weights);
+            p.force[i] = r->force[u];
+        }
+    }
+    add_held(sim, held, &p);
+    int held_end = p.count; /* then what never changes, and what has remained of the held needle's forces */
+    for (int k = 0; k < count; k++) add_left(sim, resting[k], &sim->needles[resting[k]].resting->anchor, &p);
+    int own_left = p.count;
+    add_left(sim, held, &sim->needles[held].state, &p);
+    int n = rows + motions;
+    double *system = calloc((size_t)n * (size_t)n, sizeof *system), *right = calloc((size_t)n, sizeof *right);
+    lapack_int *pivots = malloc((size_t)n * sizeof *pivots);
+    for (int i = 0; i < rows; i++) {
+        for (int j = 0; j < rows; j++)
+            if (p.rows[i].tet >= 0 && p.rows[j].tet >= 0) system[j * n + i] = between(model, &p, i, j);
+        for (int j = rows; j < p.count; j++)
+            if (p.rows[i].tet >= 0 && (j < held_end || j >= own_left)) right[i] -= between(model, &p, i, j) * p.force[j];
+    }
+    for (int k = 0; k < count; k++) {
+        const resting_needle *r = sim->needles[resting[k]].resting;
+        for (int u = 0; u < r->unknown_count; u++)
+            for (int v = 0; v < r->unknown_count; v++) system[(first[k] + v) * n + first[k] + u] += u > v ? r->compliance[u][v] : r->compliance[v][u];
+        for (int q = 0; q < r->motion_count; q++)
+            for (int u = 0; u < r->unknown_count; u++) {
+                system[(rows + motion[k] + q) * n + first[k] + u] = -r->motions[q][u];
+                system[(first[k] + u) * n + rows + motion[k] + q] = r->motions[q][u];
+            }
+    }
+    assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, n, 1, system, n, pivots, right, n), 0);
+    differences d = {0, 0, 0};
+    for (int k = 0; k < count; k++) {
+        const resting_needle *r = sim->needles[resting[k]].resting;
+        for (int u = 0; u < r->unknown_count; u++) {
+            p.force[first[k] + u] = r->beside[u] + reference[k][u] + right[first[k] + u];
+            d.forces = fmax(d.forces, fabs(r->force[u] + r->beside[u] - p.force[first[k] + u]));
+        }
+    }
+    /* What the held needle's tick knows at the corners around its tip: u_free + C f, C with what rests attached. */
+    const insertion_state *s = &sim->needles[held].state;
+    const compliance_snapshot *snapshot = triple_buffer_read(&sim->needles[held].snapshots, NULL);
+    const creep_series *creep = &model->parts.insertion.creep;
+    int corners[4], probe = p.count;
+    assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known_tet], corners));
+    for (int c = 0; c < 4; c++) {
+        double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
+        vec3 known = snapshot->u_free[corners[c]];
+        for (int t = 0; t < creep->count && snapshot->left; t++)
+            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->left_time) / creep->time[t]), snapshot->u_left[t][corners[c]], known);
+        for (int j = 0; contact_is_active(s, j); j++) {
+            mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
+            known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));
+        }
+        mat3 block = compliance_to_point(snapshot, corners, s->tip.known_weights, corners[c]);
+        known = v3_add(known, m3_apply_transposed(&block, load_at_tip(sim, held)));
+        weights[c] = 1.0;
+        p.count = probe;
+        add_point(&p, held, s->tip.known_tet, weights, v3(0, 0, 0), &IDENTITY);
+        for (int a = 0; a < 3; a++)
+            for (int j = 0; j < probe; j++)
+                if (p.rows[j].tet >= 0) u[a] += between(model, &p, probe + a, j) * p.force[j];
+        d.displacement = fmax(d.displacement, v3_norm(v3_sub(v3(u[0], u[1], u[2]), known)));
+        d.size = fmax(d.size, v3_norm(known));
+    }
+    free(system);
+    free(right);
+    free(pivots);
+    return d;
+}
+
+/* Bounds so far away that nothing slips. */
+static void let_stick(trocar_sim *sim, int needle) {
+    resting_needle *r = sim->needles[needle].resting;
+    for (int i = 0; i < r->axial_count; i++) r->upper[i] = INFINITY, r->lower[i] = -INFINITY;
+}
+
+/* How far from the one problem; the third needle is pushed beside the first two. */
+static void compare_sticking(const char *file, double x, double y, int ticks, int beside) {
+    static const int resting[] = {0, 1};
+    static all_forces reference[2];
+    trocar_model *model = create_model(file, 3);
+    trocar_sim *sim;
+    trocar_output out;
+    OK(trocar_sim_create(model, &sim, &why));
+    for (int k = 0; k < 2; k++) {
+        push(sim, k, x + 0.005 * k, y, ticks, &out);
+        hold(sim, k, 20, &out);
+        OK(respond_to_loads(sim, true, &why));
+        if (k == 1) {
+            differences d = compare(sim, resting, 1, 1, reference);
+            print_message("%s: beside one, forces within %.1e N, displacements within %.1e m of %.1e m\n", file, d.forces, d.displacement, d.size);
+            assert_true(d.forces < 1e-8 && d.displacement < 1e-8 * d.size);
+        }
+        leave(sim, k);
+        for (int i = 0; i <= k; i++) let_stick(sim, i), memcpy(reference[i], sim->needles[i].resting->force, sizeof reference[i]);
+    }
+    push(sim, 2, x + 0.002, y + 0.005, beside, &out);
+    hold(sim, 2, 20, &out);
+    OK(respond_to_loads(sim, true, &why)); /* it does so every 10 ms */
+    differences d = compare(sim, resting, 2, 2, reference);
+    print_message("%s: beside two, forces within %.1e N, displacements within %.1e m of %.1e m\n", file, d.forces, d.displacement, d.size);
+    assert_true(d.forces < 1e-8 && d.displacement < 1e-8 * d.size);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static void sticking_needles_are_one_problem_with_those_held(void **state) {
+    (void)state;
+    compare_sticking("figure8.yaml", 0.0, 0.0, 400, 400);
+    compare_sticking("implant.yaml", 0.0, 0.0, 800, 700);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(left_and_taken_again),
+        cmocka_unit_test(sticking_needles_are_one_problem_with_those_held),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,8 +6,11 @@
 #include "base/flush_denormals.h"
 
 enum { MOST_TICKS = 400 };             /* until a needle that was let go of has come to rest */
-static const double AT_REST_FORCE = 1e-3, AT_REST_TORQUE = 1e-4; /* N, N m: wrench that its base may be left with */
-static const double AT_REST_SLIP = 1e-8; /* m in a tick */
+
+/* Wrench that its base may be left with, and how far its shaft may slide in a tick. */
+typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-8}, RELAXING = {20e-3, 2e-3, 2e-6}; /* tissue that relaxes creeps on for seconds */
+
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
 enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
@@ -92,11 +95,12 @@ void mark_stale(trocar_sim *sim, const needle_track *except) {
 
 /* ---- the worker: letting go ----------------------------------------------------------------------------------------------- */
 
-static bool is_at_rest(const insertion_state *state, const tick_output *wrench) {
+static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
+    const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
     vec3 axis = q_axis(state->needle.base.orientation), across = v3_axpy(-v3_dot(wrench->torque, axis), axis, wrench->torque);
     double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft_slip));
     for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].slip));
-    return v3_norm(wrench->force) < AT_REST_FORCE && v3_norm(across) < AT_REST_TORQUE && slip < AT_REST_SLIP;
+    return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
 /* The hand lets go: the base moves until its wrench has vanished, and with it the needle. Linearised there, it is ready to be attached. */
@@ -113,7 +117,7 @@ static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, 
         twist step;
         insertion_tick(&tick);
         if (state->buckled || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
-        bool at_rest = is_at_rest(state, &wrench) && state->request.serial == snapshot->serial;
+        bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
         if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
         if (status != TROCAR_OK || at_rest) return status;

@@ -199,7 +199,7 @@ void insertion_tick(const tick_context *given) {
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }
 
-bool insertion_linearise(const tick_context *tick) {
+bool insertion_linearise(const tick_context *tick, bool loaded) {
     int handles[4];
     insertion_workspace *w = tick->scratch;
     if (tick->state->buckled || tick->state->tip.phase == TIP_FREE) return false;
@@ -207,7 +207,7 @@ bool insertion_linearise(const tick_context *tick) {
     w->point_count = 0;
     w->tip = follow_known_point(tick, handles) && follow_resolution(tick);
     if (!w->tip && !contact_is_active(tick->state, 0)) return false;
-    equilibrium_linearise(tick, handles);
+    equilibrium_linearise(tick, handles, loaded);
     return true;
 }
 

@@ -13,8 +13,9 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 void insertion_tick(const tick_context *tick);
 
 /* Puts together the contact problem of a tick that would not move the base, in scratch->problem, and leaves it unsolved. The state's memory
-   of relaxing tissue goes on as in a tick. False: the needle touches no tissue. */
-bool insertion_linearise(const tick_context *tick);
+   of relaxing tissue goes on as in a tick. Not `loaded`: without what the forces add to the needle's stiffness. False: the needle
+   touches no tissue. */
+bool insertion_linearise(const tick_context *tick, bool loaded);
 
 /* Are the output, and all numbers that the next tick starts from, finite? RT */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output);

@@ -164,7 +164,7 @@ static void take_forces(const tick_context *tick, resting_needle *r) {
     }
 }
 
-trocar_status resting_linearise(const tick_context *given, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
+static trocar_status linearise(const tick_context *given, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r, report *why) {
     tick_context tick = *given;
     insertion_workspace *w = tick.scratch = &scratch->workspace;
     tick_output ignored = {0};
@@ -173,7 +173,7 @@ trocar_status resting_linearise(const tick_context *given, inverse *inv, resting
     r->anchor = *given->state;
     tick.state = &scratch->state;
     tick.base = (mount){.pose = given->state->needle.base};
-    if (!insertion_linearise(&tick)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
+    if (!insertion_linearise(&tick, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
     const contact_problem *p = &w->problem;
     r->point_count = p->count;
     r->axial_count = p->axial_count;
@@ -198,6 +198,19 @@ trocar_status resting_linearise(const tick_context *given, inverse *inv, resting
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
         if (is_open(&tick, r, u)) uncouple(r, u);
     return status;
+}
+
+static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
+    for (int u = 0; u < r->unknown_count; u++)
+        for (int v = 0; v <= u; v++) scratch->matrix[v][u] = r->compliance[u][v]; /* column-major */
+    return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
+}
+
+/* A needle that would buckle under its forces, were it not for the tissue, is taken to be as stiff as without them: what can be attached is
+   stable by itself. */
+trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
+    trocar_status status = linearise(tick, inv, true, scratch, r, why);
+    return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, inv, false, scratch, r, why);
 }
 
 attachment resting_attachment(const resting_needle *r) {

@@ -225,7 +225,7 @@ pose pose_moved(pose base, twist step) {
 }
 
 /* With all sticking, motions q of the base change the forces by M^-1 R q, M being the compliance with the tissue's: R^T (f + M^-1 R q) = 0. */
-trocar_status resting_release_step(const resting_needle *r, resting_scratch *scratch, twist *step, report *why) {
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, twist *step, report *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
     double columns[MAX_MOTIONS][MAX_UNKNOWNS], system[MAX_MOTIONS][MAX_MOTIONS], q[MAX_MOTIONS];
@@ -248,7 +248,8 @@ trocar_status resting_release_step(const resting_needle *r, resting_scratch *scr
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', m, 1, system[0], MAX_MOTIONS, q, MAX_MOTIONS) != 0)
         return fail(why, TROCAR_NUMERIC, "nothing holds the needle");
     *step = (twist){{0, 0, 0}, {0, 0, 0}};
-    for (int a = 0; a < m; a++) *step = (twist){v3_axpy(q[a], r->twists[a].shift, step->shift), v3_axpy(q[a], r->twists[a].turn, step->turn)};
+    for (int a = 0; a < m; a++)
+        *step = (twist){v3_axpy(size * q[a], r->twists[a].shift, step->shift), v3_axpy(size * q[a], r->twists[a].turn, step->turn)};
     double scale = fmin(1.0, fmin(STEP_SHIFT / v3_norm(step->shift), STEP_TURN / v3_norm(step->turn)));
     *step = (twist){v3_scale(scale, step->shift), v3_scale(scale, step->turn)};
     return TROCAR_OK;

@@ -41,8 +41,9 @@ typedef struct {
    if the needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
-/* How the base has to move for its wrench to vanish, at most by STEP; from the linearisation. NUMERIC: needle and tissue are not stable. */
-trocar_status resting_release_step(const resting_needle *r, resting_scratch *scratch, twist *step, report *why);
+/* How the base has to move for its wrench to vanish, if nothing slides; `size` times that, within limits. After resting_linearise. NUMERIC:
+   needle and tissue are not stable. */
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, twist *step, report *why);
 pose pose_moved(pose base, twist step);
 
 attachment resting_attachment(const resting_needle *r);

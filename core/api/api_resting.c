@@ -1,4 +1,5 @@
 /* trocar.h: needles that rest. See README.md, "Resting needles". */
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -166,14 +167,21 @@ static void show_changed(trocar_sim *sim, double difference, int most) {
     }
 }
 
+bool slip_some(trocar_sim *sim, bool all) {
+    uint64_t before = sim->resting.shifts;
+    if (sim->resting.count == 0) return false;
+    bool more = resting_set_slip(&sim->resting, &sim->model->parts.insertion, all ? INT_MAX : 1);
+    if (sim->resting.shifts != before) mark_stale(sim, NULL);
+    if (!more) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
+    return more;
+}
+
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     other_loads held;
-    uint64_t before = sim->resting.shifts;
     if (sim->resting.count == 0) return TROCAR_OK;
     list_others(sim, -1, &held);
-    trocar_status status = resting_set_load(&sim->resting, &sim->model->parts.insertion, &held, why);
-    if (sim->resting.shifts != before) mark_stale(sim, NULL);
-    if (status == TROCAR_OK) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
+    trocar_status status = resting_set_load(&sim->resting, &held, why);
+    if (status == TROCAR_OK && all) slip_some(sim, true);
     return status;
 }
 

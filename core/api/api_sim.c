@@ -400,6 +400,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
         status = answer_request(sim, index, &work, why);
     }
     if (news && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
+    if (slip_some(sim, false)) work.more = true;
     floating_mode before = flush_denormals();
     for (int i = 0; i < sim->needle_count && !work.more; i++)
         work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);

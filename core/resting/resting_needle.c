@@ -248,8 +248,9 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', m, 1, system[0], MAX_MOTIONS, q, MAX_MOTIONS) != 0)
         return fail(why, TROCAR_NUMERIC, "nothing holds the needle");
     *step = (twist){{0, 0, 0}, {0, 0, 0}};
-    for (int a = 0; a < m; a++)
-        *step = (twist){v3_axpy(size * q[a], r->twists[a].shift, step->shift), v3_axpy(size * q[a], r->twists[a].turn, step->turn)};
+    for (int a = 0; a < m; a++) *step = (twist){v3_axpy(q[a], r->twists[a].shift, step->shift), v3_axpy(q[a], r->twists[a].turn, step->turn)};
+    vec3 axis = q_axis(r->anchor.needle.base.orientation);
+    step->shift = v3_axpy((size - 1.0) * v3_dot(axis, step->shift), axis, step->shift);
     double scale = fmin(1.0, fmin(STEP_SHIFT / v3_norm(step->shift), STEP_TURN / v3_norm(step->turn)));
     *step = (twist){v3_scale(scale, step->shift), v3_scale(scale, step->turn)};
     return TROCAR_OK;

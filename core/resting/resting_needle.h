@@ -41,7 +41,8 @@ typedef struct {
    if the needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
-/* How the base has to move for its wrench to vanish, if nothing slides; `size` times that, within limits. After resting_linearise. NUMERIC:
+/* How the base has to move for its wrench to vanish, if nothing slides; `size` times that
+   along the needle, within limits. After resting_linearise. NUMERIC:
    needle and tissue are not stable. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, twist *step, report *why);
 pose pose_moved(pose base, twist step);

@@ -327,7 +327,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         for (int k = 0; k < SUBSTEPS && !rests; k++) {
             tick_output ignored = {0};
             tick_context tick = {.model = &model->parts.insertion, .state = &n->state, .snapshot = triple_buffer_read(&n->snapshots, NULL), .dt = 1e-3, .output = &ignored};
-            twist step;
+            base_motion step;
             OK(resting_linearise(&tick, sim->inverse, sim->resting_scratch, linear, &why));
             OK(resting_release_step(linear, 1.0, sim->resting_scratch, &step, &why));
             free_base = pose_out(pose_moved(n->state.needle.base, step));

@@ -118,7 +118,7 @@ static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, 
     double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
-        twist step;
+        base_motion step;
         insertion_tick(&tick);
         if (state->buckled || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;

@@ -206,8 +206,10 @@ trocar_status resting_set_load(resting_set *s, const other_loads *held, report *
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     int done = 0;
     while (s->slips_left > 0 && s->quiet < s->count && done < most) {
-        bool complete = s->columns_known[s->next_slip] == 0 || s->columns_known[s->next_slip] == s->needles[s->next_slip]->axial_count;
-        if (complete) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
+        const resting_needle *last = s->needles[s->next_slip];
+        int known = s->columns_known[s->next_slip];
+        bool half_way = known > 0 && known < last->axial_count && gives_way(model, last);
+        if (!half_way) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
         if (gives_way(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
         else s->quiet++;
     }

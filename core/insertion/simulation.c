@@ -240,16 +240,15 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
     return remesher_resume(s->remesher, &state->request, snapshot, why);
 }
 
-void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
-    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    if (others) loads_spread(&s->mesh, others, nominal);
     refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
 }
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    simulation_field(s, state, NULL, s->field_scratch, nominal, added);
+    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
+    simulation_field(s, state, s->field_scratch, nominal, added);
 }

@@ -24,7 +24,7 @@ typedef struct {
     int guide_count;    guide_config guides[MAX_GUIDES];
     int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* of all regions; none: elastic */
     needle_parameters needle;
-    int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
+    int needle_count;                    /* in the same tissue, all alike; 1 .. MAX_NEEDLES */
     seed_size seeds;
     insertion_settings insertion;
     remesh_method remeshing;
@@ -88,8 +88,8 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 
-/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `others`: what else loads the tissue;
-   NULL: nothing does. */
-void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added);
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `nominal` holds the forces of what else
+   loads the tissue, N, on its nodes. */
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

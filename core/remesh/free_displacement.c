@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "inverse/inverse_attached.h"
+
 enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
 
 /* Nominal nodes, each once, and their displacements: one for each set of loads. */
@@ -58,15 +60,22 @@ static void read_handles(const mesh *m, const remesh_request *request, const int
     }
 }
 
-trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why) {
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
-    snapshot->loaded = loads->count > 0;
+    snapshot->loaded = others->attached != NULL;
+    for (int i = 0; i < others->count; i++) snapshot->loaded = snapshot->loaded || others->of[i]->count > 0;
     memset(snapshot->u_free, 0, sizeof snapshot->u_free);
     if (!snapshot->loaded) return TROCAR_OK;
     node_field field = {.count = 0};
     list_nodes(m, request, snapshot->window, &field);
-    for (int i = 0; i < loads->count; i++) {
-        trocar_status status = add_forces(inv, loads->loads[i].tet, loads->loads[i].weights, 1, &loads->loads[i].force, &field, why);
+    for (int n = 0; n < others->count; n++)
+        for (int i = 0; i < others->of[n]->count; i++) {
+            const tissue_load *load = &others->of[n]->loads[i];
+            trocar_status status = add_forces(inv, load->tet, load->weights, 1, &load->force, &field, why);
+            if (status != TROCAR_OK) return status;
+        }
+    if (others->attached) {
+        trocar_status status = inverse_attached_displace(inv, others->attached, field.count, field.nodes, field.displacement[0], why);
         if (status != TROCAR_OK) return status;
     }
     read_handles(m, request, snapshot->window, &field, 0, snapshot->u_free);

@@ -6,10 +6,11 @@
 #include "inverse/inverse.h"
 #include "remesh/snapshot.h"
 
-/* Fills u_free of a snapshot that answers `request`: the displacement that `loads` cause in the nominal mesh. A contact node's is
+/* Fills u_free of a snapshot that answers `request`: the displacement that `others` cause in the nominal mesh. `inv`: an attached
+   inverse where something is attached. A contact node's is
    interpolated from its nominal element, which is exact as long as no load acts on an added node of the same element. Worker's
    side; allocates nothing. */
-trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why);
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why);
 
 /* The same for u_left, which a remesher finds once for each request: the displacement that each term of its left loads causes. */
 typedef struct {

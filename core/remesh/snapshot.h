@@ -34,13 +34,20 @@ typedef struct {
     left_load loads[MAX_LEFT];
 } left_loads;
 
-enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1 + MAX_LEFT) };
+enum { MAX_NEEDLES = 32, MAX_LOADS = MAX_CONTACTS + 1 + MAX_LEFT };
 
-/* What else loads the tissue beside the needle that asks: the other needles. */
+/* Of one needle. */
 typedef struct {
     int count;
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
+
+/* What else loads the tissue beside the needle that asks. */
+typedef struct {
+    int count;               /* other needles that are held, */
+    const tissue_loads *of[MAX_NEEDLES];
+    const double *attached;  /* N: and forces at all rows of what is attached; NULL: nothing is */
+} other_loads;
 
 /* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */
 typedef struct {

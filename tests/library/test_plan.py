@@ -157,6 +157,26 @@ def dumped(path):
     return found
 
 
+class Package(Case):
+    def test_what_a_plan_asks_of_a_model(self):
+        np.testing.assert_allclose(MODEL.entry([0.004, 0.003, -0.1], [0.004, 0.003, 0.05]), [0.004, 0.003, 0], atol=1e-9)
+        self.assertIsNone(MODEL.entry([0.2, 0, -0.1], [0.2, 0, 0.05]))
+        self.assertEqual((MODEL.needle_length, MODEL.seed_size), (0.2, (4.5e-3, 0.8e-3, 10e-3)))
+        seed = trocar.Seed(MODEL.nodes[MODEL.tets[5]].mean(axis=0), np.array([0, 0, 1.0]), 0, None, None, 0, 5, np.full(4, 0.25))
+        stretched = MODEL.nodes * [0, 0, 0.1] + [1e-3, 0, 0]
+        places, directions = MODEL.displaced_seeds([seed], stretched)
+        np.testing.assert_allclose(places[0], seed.position * [1, 1, 1.1] + [1e-3, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(directions[0], [0, 0, 1], atol=1e-12)
+        turned = np.cross([0, 0.3, 0], MODEL.nodes)
+        np.testing.assert_allclose(MODEL.displaced_seeds([seed], turned)[1][0], np.array([0.3, 0, 1]) / np.hypot(0.3, 1), atol=1e-9)
+        with self.assertRaises(ValueError):
+            MODEL.displaced_seeds([seed], stretched[:5])
+        with self.assertRaises(ValueError):
+            MODEL.displaced_seeds([seed._replace(tet=len(MODEL.tets))], stretched)
+        with self.assertRaises(trocar.Error):
+            trocar.Sim(MODEL)
+
+
 class Dicom(Case):
     def exported(self, model=MODEL, structures=None):
         path = self.out / "plan.dcm"

@@ -202,6 +202,26 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return status;
 }
 
+/* Notes a command that concerns seeds; one of another version, which has none, is ignored. */
+static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = context;
+    unsigned char data[DATA_MAX] = {0};
+    trocar_command_t m;
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status != TROCAR_OK || big_endian_64(data) != __trocar_command_t_get_hash()) return status;
+    if (h->data_length != trocar_command_t_decode(data, 0, DATA_MAX, &m)) return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
+    if (m.command != TROCAR_COMMAND_T_DROP_SEED && m.command != TROCAR_COMMAND_T_UNDO) return TROCAR_OK;
+    if (log->count == 0 || m.needle != log->needle || m.session != log->poses[0].session) {
+        log->skipped_commands++;
+        return TROCAR_OK;
+    }
+    void *commands = log->commands;
+    status = make_room(&commands, log->command_count, sizeof *log->commands, why);
+    log->commands = commands;
+    if (status == TROCAR_OK) log->commands[log->command_count++] = (logged_command){m, log->count};
+    return status;
+}
+
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_log *log = context;
@@ -218,10 +238,10 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
 
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
-/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note`, if given, those of
-   TROCAR_STATUS. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
+/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note` those of `noted`. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
    if the log is complete). */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, take_event *note, void *log, report *cut, report *why) {
+static trocar_status read_log(const char *path, const char *channel, take_event *take, const char *noted, take_event *note, void *log, report *cut,
+                              report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -236,7 +256,7 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
         }
         bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
         if (wanted) status = take(&r, &h, log, why);
-        else if (status == TROCAR_OK && note && strcmp(h.channel, STATUS_CHANNEL) == 0) status = note(&r, &h, log, why);
+        else if (status == TROCAR_OK && strcmp(h.channel, noted) == 0) status = note(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
         found |= wanted;
     }
@@ -248,7 +268,7 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
 /* `needle` -1: the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
     *log = (pose_log){.needle = needle};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, log, cut, why);
+    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, COMMAND_CHANNEL, note_command, log, cut, why);
     if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
@@ -265,7 +285,7 @@ trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut,
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, take_status, log, NULL, why);
+    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, STATUS_CHANNEL, take_status, log, NULL, why);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }
@@ -277,6 +297,7 @@ void wrench_log_free(wrench_log *log) {
 
 void pose_log_free(pose_log *log) {
     free(log->poses);
+    free(log->commands);
     *log = (pose_log){0};
 }
 
@@ -309,6 +330,12 @@ static trocar_status write_event(lcm_eventlog_t *log, int64_t utime, const char 
                                   .data = data, .datalen = length};
     if (length >= 0 && lcm_eventlog_write_event(log, &event) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "%s: cannot be written: %s", path, strerror(errno));
+}
+
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *message, const char *path, report *why) {
+    uint8_t data[256];
+    int length = trocar_command_t_encode(data, 0, sizeof data, message);
+    return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
 }
 
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *message, const char *path, report *why) {

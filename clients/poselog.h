@@ -5,6 +5,7 @@
 #include <lcm/lcm.h>
 
 #include "base/report.h"
+#include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_status_t.h"
@@ -13,14 +14,24 @@
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 #define STATUS_CHANNEL "TROCAR_STATUS"
+#define COMMAND_CHANNEL "TROCAR_COMMAND"
+
+/* A command to drop or take back seeds, and the pose before which it came: the number of poses if it came after the last one. */
+typedef struct {
+    trocar_command_t message;
+    int pose;
+} logged_command;
 
 /* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
 typedef struct {
     int needle;
     int count;
     trocar_needle_pose_t *poses;  /* count */
+    int command_count;
+    logged_command *commands;     /* command_count, DROP_SEED and UNDO of the poses' session and needle, in order */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
+    int64_t skipped_commands;     /* number of skipped commands of this kind that came from others, or before the first pose */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
@@ -31,7 +42,7 @@ typedef struct {
     char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 
-/* Reads the poses, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
+/* Reads the poses and commands, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
    `needle`, or with -1 (as in pose_log_read) those of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
    of other message types or empty, and for a pose that is not finite, without a unit quaternion (safety_check_pose) or not later
    than the previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
@@ -57,6 +68,7 @@ pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
 trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);

@@ -17,6 +17,7 @@
 #include "pvd.h"
 #include "progress.h"
 #include "region_motion.h"
+#include "seed_table.h"
 #include "trocar.h"
 #include "vtu.h"
 
@@ -24,7 +25,7 @@ const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region;
+    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
     int needle;              /* index of the replayed needle; -1: the first pose's */
@@ -43,13 +44,17 @@ typedef struct {
     trocar_output result;              /* of the last tick */
     trocar_picture *picture;           /* for --vtu and --pvd */
     double *displacements;             /* for --shift: 3 per node of the mesh, m; else NULL */
-    output log_file, csv_file, shift_file;
+    output log_file, csv_file, shift_file, seeds_file;
     region_motion motion;
     wrench_log golden;
     trocar_needle_wrench_t *replayed;  /* one per pose, for --compare; else NULL */
     comparison comparison;
     pvd_series series;
     int dump_tick;           /* tick whose state --vtu writes */
+    int64_t logged;          /* events in log_file */
+    int next_command;        /* of the log */
+    int refused;             /* commands that the simulation refused, */
+    report refusal;          /* and why, of the first one */
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
 
@@ -57,7 +62,7 @@ typedef struct {
 
 enum {
     OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
-    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT
+    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT, OPTION_SEEDS
 };
 
 static const struct argp_option option_list[] = {
@@ -76,6 +81,7 @@ static const struct argp_option option_list[] = {
      "Allowed difference, relative to each component's peak in GOLDEN or to 0.1 N and 2 mN m if the peak is smaller (default 1)", 0},
     {"shift", OPTION_SHIFT, "FILE", 0, "Write shift and rotation of a region, the best rigid fit of its nodes, one row per tick", 0},
     {"region", OPTION_REGION, "NAME", 0, "Region for --shift (default: the scene's first)", 0},
+    {"seeds", OPTION_SEEDS, "FILE", 0, "Write the seeds that the log's commands have left in the tissue, one row each: place and direction at the end and in the tissue at rest", 0},
     {"patient", OPTION_PATIENT, 0, 0, "Write files in the patient's coordinates (DICOM axes, positions in mm); the log keeps the mesh's", 0},
     {"quiet", 'q', 0, 0, "Print no progress bar and no summary", 0},
     {0},
@@ -97,6 +103,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_TOLERANCE: o->tolerance = 0.01 * parse_number(state, "tolerance", text, 0, 100); break;
     case OPTION_SHIFT: o->shift_path = text; break;
     case OPTION_REGION: o->region = text; break;
+    case OPTION_SEEDS: o->seeds_path = text; break;
     case OPTION_PATIENT: o->patient = true; break;
     case 'q': o->quiet = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
@@ -137,6 +144,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
     if (status == TROCAR_OK && r->options->pvd_prefix) status = pvd_open(&r->series, r->options->pvd_prefix, why);
     if (status == TROCAR_OK && r->options->shift_path) status = output_open(&r->shift_file, r->options->shift_path, why);
+    if (status == TROCAR_OK && r->options->seeds_path) status = output_open(&r->seeds_file, r->options->seeds_path, why);
     if (r->shift_file.file)
         fprintf(r->shift_file.file, "t [s],%s,superior [mm],sagittal [deg],coronal [deg],axial [deg]\n",
                 r->patient ? "left [mm],posterior [mm]" : "right [mm],anterior [mm]");
@@ -197,6 +205,7 @@ static void clean_up(replay *r) {
     output_abandon(&r->csv_file);
     pvd_abandon(&r->series);
     output_abandon(&r->shift_file);
+    output_abandon(&r->seeds_file);
     region_motion_free(&r->motion);
     trocar_picture_free(r->picture);
     trocar_sim_free(r->sim);
@@ -221,20 +230,25 @@ static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
     return m;
 }
 
+static lcm_eventlog_t log_at(const replay *r) { return (lcm_eventlog_t){.f = r->log_file.file, .eventcount = r->logged}; }
+
 static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t *wrench, report *why) {
     const char *path = r->options->log_path;
     int every = r->options->every;
-    lcm_eventlog_t log = {.f = r->log_file.file, .eventcount = 1 + (every ? tick / every : 2 * (int64_t)tick)};
-    if (every) return tick % every == 0 ? log_write_wrench(&log, wrench, path, why) : TROCAR_OK;
-    trocar_status status = log_write_pose(&log, &r->poses.poses[tick], path, why);
-    return status == TROCAR_OK ? log_write_wrench(&log, wrench, path, why) : status;
+    lcm_eventlog_t log = log_at(r);
+    trocar_status status = TROCAR_OK;
+    if (!every) status = log_write_pose(&log, &r->poses.poses[tick], path, why);
+    if (status == TROCAR_OK && (!every || tick % every == 0)) status = log_write_wrench(&log, wrench, path, why);
+    r->logged = log.eventcount;
+    return status;
 }
 
 /* The log starts with everything that the wrenches depend on, except scene and poses. Its messages keep the recording's needle, which the
    scene may not have. */
-static trocar_status log_origin(const replay *r, report *why) {
+static trocar_status log_origin(replay *r, report *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
-    lcm_eventlog_t log = {.f = r->log_file.file};
+    lcm_eventlog_t log = log_at(r);
+    r->logged++;
     trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
                          .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = "", .needle = needle,
                          .needle_count = needle < needles ? needles : needle + 1};
@@ -285,10 +299,31 @@ static trocar_status add_to_series(replay *r, double time, report *why) {
     return pvd_take(&r->series, r->model, r->picture, &r->result, r->patient, time, why);
 }
 
+/* Drops a seed, or takes one back. As in the server, a command that is refused changes nothing. */
+static trocar_status obey(replay *r, const trocar_command_t *m, report *why) {
+    report reason;
+    trocar_status status = m->command == TROCAR_COMMAND_T_UNDO ? trocar_sim_undo_seed(r->sim, 0, &reason)
+                                                               : trocar_sim_drop_seeds(r->sim, 0, m->seeds, m->spacing, &reason);
+    if (status != TROCAR_OK && r->refused++ == 0) r->refusal = reason;
+    if (!r->log_file.file || r->options->every) return TROCAR_OK;
+    lcm_eventlog_t log = log_at(r);
+    r->logged++;
+    return log_write_command(&log, m, r->options->log_path, why);
+}
+
+/* The commands that came before this pose. */
+static trocar_status obey_before(replay *r, int pose, report *why) {
+    trocar_status status = TROCAR_OK;
+    for (; status == TROCAR_OK && r->next_command < r->poses.command_count && r->poses.commands[r->next_command].pose <= pose; r->next_command++)
+        status = obey(r, &r->poses.commands[r->next_command].message, why);
+    return status;
+}
+
 static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
     double dt = pose_log_interval(&r->poses, tick, trocar_model_rate(r->model), &r->gaps);
-    trocar_status status = trocar_sim_step(r->sim, 0, &base, dt, &r->result, why);
+    trocar_status status = obey_before(r, tick, why);
+    if (status == TROCAR_OK) status = trocar_sim_step(r->sim, 0, &base, dt, &r->result, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
     if (r->shift_file.file) status = shift_tick(r, tick, why);
@@ -309,6 +344,9 @@ static trocar_status run_all(replay *r, report *why) {
         status = run_tick(r, tick, why);
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
+    if (status == TROCAR_OK) status = obey_before(r, r->poses.count, why);
+    if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
+    if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
     if (status == TROCAR_OK) status = pvd_close(&r->series, why);
@@ -325,6 +363,9 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " poses of other needles and sessions skipped\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
+    if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_sim_seeds(r->sim, NULL, 0));
+    if (r->poses.skipped_commands)
+        fprintf(stderr, "%" PRId64 " commands for seeds skipped, of other needles or sessions or before the first pose\n", r->poses.skipped_commands);
 }
 
 /* Printed even with --quiet, because it explains why the bits differ. */
@@ -345,6 +386,7 @@ int main(int count, char **arguments) {
     trocar_status status = prepare(&r, &why);
     if (status == TROCAR_OK) status = run_all(&r, &why);
     if (status == TROCAR_OK && !o.quiet) summarise(&r);
+    if (r.refused) fprintf(stderr, "trocar-replay: %d of %d commands refused; the first: %s\n", r.refused, r.poses.command_count, r.refusal.text);
     if (status == TROCAR_OK && r.replayed) name_other_owner(&r);
     bool differs = r.comparison.differing > 0;
     if (status == TROCAR_OK && r.replayed && (differs || !o.quiet))

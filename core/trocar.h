@@ -335,7 +335,7 @@ TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
 /* The needle straight at `base`, and the tissue as if it had never been there: without its tracks, and without what relaxing tissue
-   remembers of its forces. What other needles did stays. Where it lies in the tissue it counts as inserted along its
+   remembers of its forces. What other needles did stays, and so do seeds; those that are still in the needle stay in it. Where it lies in the tissue it counts as inserted along its
    axis, without force.
    BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
@@ -415,6 +415,55 @@ TROCAR_API double trocar_sim_needle_energy(const trocar_sim *sim, int needle);
    first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, trocar_error *error);
 
+/* ---- seeds --------------------------------------------------------------------------------------------------------------------------- */
+
+/* A seed of brachytherapy: a material point of the tissue with a direction. It moves with the tissue and stays when the needles are
+   reset or out. A marker: it neither stiffens the tissue, nor is it dragged along by the needle that leaves. */
+typedef struct trocar_seed {
+    double position[3];      /* m, its centre in the tissue at rest */
+    double direction[3];     /* unit vector from its proximal end to its distal one, likewise */
+    double weights[4];       /* barycentric, of its centre in the tetrahedron `tet` */
+    int32_t tet;             /* of the model's mesh */
+    int32_t needle;          /* that left it */
+    int32_t guide, hole;     /* the needle was in this hole, column + columns * row, of this guide; -1: in none */
+    int32_t strand;          /* number in its strand, 0: the distal one */
+    int32_t reserved;        /* 0 */
+} trocar_seed;
+enum { TROCAR_MAX_SEEDS = 256, TROCAR_MAX_STRAND = 16 };
+
+/* The scene's keys "seeds.", m. */
+typedef struct trocar_seed_size {
+    double length, diameter;
+    double spacing;          /* of a strand, between the centres of neighbouring seeds */
+} trocar_seed_size;
+TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model);
+
+/* Drops a seed, or a strand of `count`, 1 to TROCAR_MAX_STRAND, `spacing` apart from centre to centre (m, at least a seed's length; 0: the
+   scene's). The tip is now at the distal end of the first seed. The mandrin holds the seeds there while the needle is drawn back: each
+   is left in the tissue, in a straight line along the needle's track, once the tip has passed its proximal end.
+   BAD_INPUT, and nothing changes: for a needle that is none, a wrong count or spacing, a tip outside of the tissue or not deep enough in
+   it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
+   seeds are thicker than its needle. Between ticks, from the ticking thread. RT */
+TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
+
+/* Takes back what is pending of the needle's last drop; if nothing is, removes the seed that this needle has left last. BAD_INPUT if there is
+   none, and for a needle that is none. Between ticks, from the ticking thread. RT */
+TROCAR_API trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *error);
+
+/* The seeds in the tissue, in the order in which they were left. Fills at most `room` and returns how many there are, at most
+   TROCAR_MAX_SEEDS. RT */
+TROCAR_API int trocar_sim_seeds(const trocar_sim *sim, trocar_seed *seeds, int room);
+
+/* Seeds that were dropped and that the needle has not been drawn back over. RT */
+TROCAR_API int trocar_sim_pending_seeds(const trocar_sim *sim, int needle);
+
+/* Where a seed is in the displaced tissue: its centre (m), and its direction turned with the tissue around it. `displacements`: as from
+   trocar_sim_displacements or trocar_picture_displacements. Returns 1, or 0 for a seed that is in no tetrahedron of the model. RT */
+TROCAR_API int trocar_model_displace_seed(const trocar_model *model, const double *displacements, const trocar_seed *seed, double position[3],
+                                          double direction[3]);
+
+/* ---- measuring ----------------------------------------------------------------------------------------------------------------------- */
+
 /* The clock of this simulation: monotonic ns, called from the ticking thread and the worker's; NULL, the default: nothing is
    measured. Set it before both start. */
 TROCAR_API void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void));
@@ -443,6 +492,10 @@ TROCAR_API int trocar_picture_tracks(const trocar_picture *picture, int needle, 
 TROCAR_API int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room);
 TROCAR_API trocar_pose trocar_picture_base(const trocar_picture *picture, int needle);
 TROCAR_API double trocar_picture_tip_lead(const trocar_picture *picture, int needle);
+
+/* As trocar_sim_seeds and trocar_sim_pending_seeds. RT */
+TROCAR_API int trocar_picture_seeds(const trocar_picture *picture, trocar_seed *seeds, int room);
+TROCAR_API int trocar_picture_pending_seeds(const trocar_picture *picture, int needle);
 
 /* As trocar_sim_displacements: the first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error);

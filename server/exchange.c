@@ -11,7 +11,7 @@
 #include "safety_limits.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
+enum { COMMANDS = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
@@ -48,6 +48,8 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->commands, sizeof(trocar_command_t), COMMANDS, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->answers, sizeof(command_answer), COMMANDS, why)) != TROCAR_OK) return status;
     size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
@@ -66,6 +68,8 @@ void exchange_free(exchange *x) {
     views_free(&x->views);
     triple_buffer_free(&x->loops);
     triple_buffer_free(&x->intakes);
+    spsc_ring_free(&x->commands);
+    spsc_ring_free(&x->answers);
     spsc_ring_free(&x->wrenches);
     spsc_ring_free(&x->latencies);
     spsc_ring_free(&x->round_trips);

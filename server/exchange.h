@@ -1,9 +1,11 @@
 /* Data shared by the server's threads:
 
                     poses
+                 commands
      IO thread  ------------->  haptic thread  <--------->  worker
      (LCM)      <-------------  (the tick)      (inside the
-                  wrenches          |            simulation)
+                  wrenches,         |            simulation)
+                  answers           |
         | intakes                   | views, loops,            | latencies
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
@@ -19,6 +21,14 @@
 #include "base/triple_buffer.h"
 #include "safety_limits.h"
 #include "trocar.h"
+#include "trocar_command_t.h"
+
+/* haptic -> IO: what became of a command */
+typedef struct {
+    trocar_command_t command;
+    bool refused;
+    char reason[256];
+} command_answer;
 
 /* IO -> haptic: the newest pose of each needle */
 typedef struct {
@@ -57,6 +67,8 @@ typedef struct {
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */
+    spsc_ring commands;          /* trocar_command_t: for the haptic thread to carry out */
+    spsc_ring answers;           /* command_answer */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "base/report.h"
 #include "messages.h"
 #include "trocar_loop_timing_t.h"
 
@@ -75,6 +76,26 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
+/* Of a needle that has been held: before that, the simulation has put it anywhere. RT */
+static trocar_status carry_out(haptic *h, const trocar_command_t *m, trocar_error *why) {
+    if (m->needle < 0 || m->needle >= h->needle_count || h->needles[m->needle].safety.engagement == 0)
+        return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
+    if (m->command == TROCAR_COMMAND_T_UNDO) return trocar_sim_undo_seed(h->sim, m->needle, why);
+    return trocar_sim_drop_seeds(h->sim, m->needle, m->seeds, m->spacing, why);
+}
+
+/* Carries out one command a tick, so that a flood of them delays none. RT */
+static void obey(haptic *h) {
+    trocar_error why;
+    command_answer answer;
+    if (!spsc_ring_pop(&h->exchange->commands, &answer.command)) return;
+    answer.refused = carry_out(h, &answer.command, &why) != TROCAR_OK;
+    answer.reason[0] = '\0';
+    if (answer.refused) snprintf(answer.reason, sizeof answer.reason, "%.255s", why.text);
+    spsc_ring_push(&h->exchange->answers, &answer);
+    wake(h->exchange->io_wake);
+}
+
 /* Adds one needle's times before, in and after the simulation; `ticked`: whether the simulation was called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
@@ -140,6 +161,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t messages[TROCAR_MAX_NEEDLES];
 
     memset(h->stages, 0, sizeof h->stages);
+    obey(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);
     int64_t sent = monotonic_ns();
     show(h, wake, messages);

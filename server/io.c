@@ -7,10 +7,11 @@
 #include "network.h"
 #include "realtime.h"
 #include "timing.h"
+#include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_status_t.h"
 
-enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512 };
+enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTES = 1024 };
 
 trocar_status io_create(io *o, const char *url, int needle_count, const trocar_device_limits *limits, bool realtime, int shutdown_wake,
                         exchange *x, report *why) {
@@ -31,10 +32,42 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *c
     arbiter_pose(&o->arbiter, received->data, received->data_size, monotonic_ns());
 }
 
+/* `reason` NULL: it was carried out. The network may lose the reply. */
+static void reply(io *o, const trocar_command_t *to, const char *reason) {
+    trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = to->session, .seq = to->seq, .command = to->command, .needle = to->needle,
+                                .status = reason != NULL ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
+                                .message = (char *)(uintptr_t)(reason != NULL ? reason : "")};
+    unsigned char bytes[REPLY_BYTES];
+    int size = trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
+    if (size > 0) lcm_publish(o->lcm, "TROCAR_REPLY", bytes, (unsigned)size);
+}
+
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    if (arbiter_command(&o->arbiter, received->data, received->data_size)) wake(o->shutdown_wake);
+    trocar_command_t command;
+    switch (arbiter_command(&o->arbiter, received->data, received->data_size, &command)) {
+    case COMMAND_MALFORMED: return;
+    case COMMAND_REFUSED: reply(o, &command, o->arbiter.record.message); return;
+    case COMMAND_DONE: reply(o, &command, NULL); return;
+    case COMMAND_SHUTDOWN:
+        reply(o, &command, NULL);
+        wake(o->shutdown_wake);
+        return;
+    case COMMAND_PASS_ON:
+        if (spsc_ring_push(&o->exchange->commands, &command)) return;
+        arbiter_refused(&o->arbiter, &command, "too many commands at once: wait for the reply");
+        reply(o, &command, o->arbiter.record.message);
+    }
+}
+
+/* Sends what became of the commands that were passed on. */
+static void publish_answers(io *o) {
+    command_answer answer;
+    while (spsc_ring_pop(&o->exchange->answers, &answer)) {
+        if (answer.refused) arbiter_refused(&o->arbiter, &answer.command, answer.reason);
+        reply(o, &answer.command, answer.refused ? answer.reason : NULL);
+    }
 }
 
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -90,6 +123,7 @@ static void publish_wrenches(io *o) {
 
 trocar_status io_round(io *o) {
     trocar_status status = receive(o);
+    publish_answers(o);
     hand_over(o);
     publish_wrenches(o);
     return status;

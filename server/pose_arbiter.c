@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */
@@ -190,26 +189,39 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
-bool arbiter_command(pose_arbiter *in, const void *data, size_t size) {
+static command_verdict refuse_command(pose_arbiter *in) {
+    in->record.commands_refused++;
+    return COMMAND_REFUSED;
+}
+
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, trocar_command_t *command) {
     trocar_command_t m = {0};
     if (!decode_command(data, size, &m)) {
-        in->record.commands_refused++;
-        say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size, advice(size, trocar_command_t_encoded_size(&m)));
-        return false;
+        say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size,
+            size < (size_t)trocar_command_t_encoded_size(&m) ? "; build its sender with this release's trocar.lcm" : "");
+        refuse_command(in);
+        return COMMAND_MALFORMED;
     }
-    if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return true;
+    *command = m;
+    if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return COMMAND_SHUTDOWN;
     if (!has_needle(in, m.needle)) {
-        in->record.commands_refused++;
         say_no_needle(in, "command", m.session, m.needle);
-        return false;
+        return refuse_command(in);
     }
-    bool allowed = owner_of(in, m.needle) == 0 || owner_of(in, m.needle) == m.session;
-    if (allowed && m.command == TROCAR_COMMAND_T_RESET) in->needles[m.needle].begin_anew = true;
-    else if (allowed && m.command == TROCAR_COMMAND_T_RELEASE) release(in, m.needle);
-    else {
-        in->record.commands_refused++;
-        if (allowed) say(in, "command %d of session %" PRId64 " refused: unknown", m.command, m.session);
-        else say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
+    if (owner_of(in, m.needle) != 0 && owner_of(in, m.needle) != m.session) {
+        say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
+        return refuse_command(in);
     }
-    return false;
+    switch (m.command) {
+    case TROCAR_COMMAND_T_RESET: in->needles[m.needle].begin_anew = true; return COMMAND_DONE;
+    case TROCAR_COMMAND_T_RELEASE: release(in, m.needle); return COMMAND_DONE;
+    case TROCAR_COMMAND_T_DROP_SEED:
+    case TROCAR_COMMAND_T_UNDO: return COMMAND_PASS_ON;
+    default: say(in, "command %d of session %" PRId64 " refused: unknown", m.command, m.session); return refuse_command(in);
+    }
+}
+
+void arbiter_refused(pose_arbiter *in, const trocar_command_t *command, const char *reason) {
+    say(in, "command %d of session %" PRId64 " refused: %s", command->command, command->session, reason);
+    refuse_command(in);
 }

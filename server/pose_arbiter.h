@@ -7,6 +7,7 @@
 
 #include "safety_limits.h"
 #include "other_server.h"
+#include "trocar_command_t.h"
 
 /* One needle's state for telemetry. */
 typedef struct {
@@ -21,7 +22,7 @@ typedef struct {
     needle_record needles[TROCAR_MAX_NEEDLES];
     int64_t poses_malformed;         /* not a needle_pose_t */
     int64_t poses_no_needle;         /* for a needle that the scene does not have */
-    int64_t commands_refused;        /* malformed, unknown, of no such needle, or not from the owner */
+    int64_t commands_refused;        /* malformed, unknown, of no such needle, not from the owner, or impossible now */
     other_server other;              /* on the same LCM URL */
     char message[200];               /* last refusal as text */
     char malformed[200];             /* that of the first malformed pose; empty: none yet */
@@ -49,7 +50,18 @@ void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits
    meanwhile. */
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
-/* Checks the bytes of a command_t and executes it. Returns true for a shutdown. */
-bool arbiter_command(pose_arbiter *in, const void *data, size_t size);
+typedef enum {
+    COMMAND_MALFORMED,   /* not a command_t of this version; there is nothing to answer */
+    COMMAND_REFUSED,     /* for the reason in the record's message */
+    COMMAND_DONE,
+    COMMAND_PASS_ON,     /* for the haptic thread to carry out or refuse */
+    COMMAND_SHUTDOWN
+} command_verdict;
+
+/* Checks the bytes of a command_t, which goes to `command` unless it is malformed, and carries it out if it concerns sessions. */
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, trocar_command_t *command);
+
+/* Records that a command that was passed on has been refused. */
+void arbiter_refused(pose_arbiter *in, const trocar_command_t *command, const char *reason);
 
 #endif

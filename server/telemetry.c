@@ -173,6 +173,23 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     trocar_tracks_t_publish(t->lcm, "TROCAR_TRACKS", &m->tracks);
 }
 
+/* Sends the seeds with each picture while there are any, else each second: for viewers that started later, and because a message may be
+   lost, also the one after the last seed was taken back. */
+static void publish_seeds(telemetry *t, int64_t tick) {
+    static const int64_t LATEST = 1000000000; /* ns */
+    viewer_messages *m = &t->messages;
+    int64_t now = monotonic_ns();
+    viewer_messages_make_seeds(m, tick);
+    int count = m->seeds.seed_count;
+    for (int i = 0; i < m->seeds.needle_count; i++) count += m->seeds.pending[i];
+    if (count == 0 && t->seeds.count == 0 && now - t->seeds.sent < LATEST) return;
+    t->seeds.sent = now;
+    t->seeds.count = count;
+    m->seeds.utime = wall_us();
+    m->seeds.server = t->given.server;
+    trocar_seeds_t_publish(t->lcm, "TROCAR_SEEDS", &m->seeds);
+}
+
 /* Sends the needles first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
@@ -187,6 +204,7 @@ static void publish_picture(telemetry *t, const view_sample *view) {
         m->contacts.server = t->given.server;
         trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m->contacts);
     }
+    publish_seeds(t, view->tick);
     m->deformation.utime = wall_us();
     m->deformation.server = t->given.server;
     trocar_deformation_t_publish(t->lcm, "TROCAR_DEFORMATION", &m->deformation);

@@ -37,6 +37,7 @@ typedef struct {
     histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */
     triple_buffer views;          /* view_sample, to the pictures' thread */
     viewer_messages messages;     /* used by the pictures' thread only, */
+    struct { int64_t sent; int count; } seeds; /* ns, and how many the last message had, pending ones included; */
     struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* as these: ns, and what the last message ended with */
 } telemetry;
 

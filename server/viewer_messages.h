@@ -6,6 +6,7 @@
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar_seeds_t.h"
 #include "trocar_tracks_t.h"
 
 enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* with the tip */
@@ -25,7 +26,14 @@ typedef struct {
     int16_t track_numbers[TROCAR_MAX_TRACK_POINTS];
     int8_t track_membranes[TROCAR_MAX_TRACK_POINTS];
     trocar_track_point track_scratch[TROCAR_MAX_TRACK_POINTS];
-    trocar_tracks_t tracks;        /* all three valid until made again; the sender sets utime and server */
+    float seed_vectors[4][TROCAR_MAX_SEEDS][3]; /* positions and directions, displaced and at rest, */
+    float *seed_rows[4][TROCAR_MAX_SEEDS];      /* and pointers to their rows, for LCM */
+    int16_t seed_numbers[4][TROCAR_MAX_SEEDS];  /* needle, guide, hole, strand */
+    int16_t seeds_pending[TROCAR_MAX_NEEDLES];
+    trocar_seed seed_scratch[TROCAR_MAX_SEEDS];
+    trocar_model *model;
+    trocar_seeds_t seeds;
+    trocar_tracks_t tracks;        /* all four valid until made again; the sender sets utime and server */
     trocar_contacts_t contacts;
     trocar_deformation_t deformation;
 } viewer_messages;
@@ -38,5 +46,8 @@ void viewer_messages_free(viewer_messages *v);
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);
+
+/* Makes `seeds`, displaced as in the last `deformation`. */
+void viewer_messages_make_seeds(viewer_messages *v, int64_t tick);
 
 #endif

@@ -287,6 +287,55 @@ static void stage_times_add_up_to_the_tick(void **state) {
     assert_true(sum <= lasted && sum > f->haptic.stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT]);
 }
 
+static command_answer tell(fixture *f, int what, int seeds) {
+    command_answer answer = {.refused = true};
+    trocar_command_t m = {.session = 8, .command = what, .seq = 5, .seeds = seeds};
+    assert_true(spsc_ring_push(&f->exchange.commands, &m));
+    tick(f, NULL);
+    serve_worker(f);
+    assert_true(spsc_ring_pop(&f->exchange.answers, &answer));
+    assert_true(readable(f->exchange.io_wake) && answer.command.seq == 5 && answer.command.command == what);
+    return answer;
+}
+
+/* Moves the needle's base to z at 0.1 m/s. */
+static void move_to(fixture *f, double *z, double to, int64_t *seq) {
+    while (fabs(*z - to) > 1e-9) {
+        *z += fmax(fmin(to - *z, 1e-4), -1e-4);
+        put_pose(f, 1, ++*seq, *z);
+        tick(f, NULL);
+        serve_worker(f);
+    }
+}
+
+static void a_seed_is_dropped_and_taken_back(void **state) {
+    fixture *f = *state;
+    int64_t seq = 0;
+    double z = -0.201;
+    command_answer answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
+    assert_true(answer.refused);
+    assert_string_equal(answer.reason, "needle 0 has not been held yet");
+    put_pose(f, 1, ++seq, z);
+    tick(f, NULL);
+    serve_worker(f);
+    answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
+    assert_true(answer.refused);
+    assert_non_null(strstr(answer.reason, "outside of the tissue"));
+    move_to(f, &z, -0.16, &seq);
+    answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 2);
+    assert_true(!answer.refused && answer.reason[0] == '\0');
+    assert_int_equal(trocar_sim_pending_seeds(f->host.sim, 0), 2);
+    move_to(f, &z, -0.17, &seq);
+    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 1);
+    assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
+    assert_int_equal(trocar_sim_pending_seeds(f->host.sim, 0), 0);
+    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 1);
+    assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
+    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 0);
+    answer = tell(f, TROCAR_COMMAND_T_UNDO, 0);
+    assert_true(answer.refused && strstr(answer.reason, "dropped no seed"));
+}
+
 /* ---- two needles, 60 mm apart ---- */
 
 static int open_pair(void **state) {
@@ -386,6 +435,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(new_engagement_starts_outside, begin, end),
         cmocka_unit_test_setup_teardown(recovers_from_non_finite_values, begin, end),
         cmocka_unit_test_setup_teardown(round_trip_ends_with_the_first_acknowledging_pose, begin, end),
+        cmocka_unit_test_setup_teardown(a_seed_is_dropped_and_taken_back, begin, end),
         cmocka_unit_test_setup_teardown(stage_times_add_up_to_the_tick, begin, end),
     };
     const struct CMUnitTest pair[] = {

@@ -7,6 +7,7 @@
 
 #include "io.h"
 #include "scene/device.h"
+#include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -128,6 +129,70 @@ static void a_shutdown_wakes_the_server(void **state) {
     assert_true(readable(f->shutdown));
 }
 
+typedef struct {
+    int count;
+    trocar_command_reply_t last;
+    char message[256];
+} replies;
+
+static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_command_reply_t *m, void *context) {
+    (void)b, (void)channel;
+    replies *r = context;
+    r->count++;
+    r->last = *m;
+    snprintf(r->message, sizeof r->message, "%s", m->message);
+}
+
+/* Publishes a command; memq delivers it in one round, and the reply in the next. */
+static void send_command(fixture *f, trocar_command_t m) {
+    trocar_command_t_publish(f->io.lcm, "TROCAR_COMMAND", &m);
+    io_round(&f->io);
+    io_round(&f->io);
+}
+
+static void every_command_is_answered(void **state) {
+    fixture *f = *state;
+    replies r = {.count = 0};
+    f->io.server = 77;
+    trocar_command_reply_t_subscription_t *s = trocar_command_reply_t_subscribe(f->io.lcm, "TROCAR_REPLY", on_reply, &r);
+    send_pose(f, 1);
+    send_command(f, (trocar_command_t){.session = 5, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 11, .seeds = 1});
+    assert_int_equal(r.count, 1);
+    assert_true(r.last.status == TROCAR_COMMAND_REPLY_T_REFUSED && r.last.session == 5 && r.last.seq == 11 && r.last.server == 77);
+    assert_non_null(strstr(r.message, "another session holds the needle"));
+    send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_UNDO, .seq = 12, .needle = 3});
+    assert_int_equal(r.count, 2);
+    assert_non_null(strstr(r.message, "refused for needle 3"));
+
+    send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 13, .seeds = 4, .spacing = 0.01});
+    assert_int_equal(r.count, 2); /* until the haptic thread has answered */
+    command_answer answer = {.refused = false};
+    assert_true(spsc_ring_pop(&f->exchange.commands, &answer.command));
+    assert_true(answer.command.seeds == 4 && answer.command.spacing == 0.01 && answer.command.seq == 13);
+    assert_false(spsc_ring_pop(&f->exchange.commands, &answer.command));
+    spsc_ring_push(&f->exchange.answers, &answer);
+    io_round(&f->io);
+    io_round(&f->io);
+    assert_true(r.count == 3 && r.last.status == TROCAR_COMMAND_REPLY_T_DONE && r.last.seq == 13 && r.last.command == TROCAR_COMMAND_T_DROP_SEED);
+    assert_string_equal(r.message, "");
+
+    answer.refused = true;
+    strcpy(answer.reason, "no seed");
+    spsc_ring_push(&f->exchange.answers, &answer);
+    io_round(&f->io);
+    io_round(&f->io);
+    assert_true(r.count == 4 && r.last.status == TROCAR_COMMAND_REPLY_T_REFUSED);
+    assert_string_equal(r.message, "no seed");
+    assert_int_equal(f->io.arbiter.record.commands_refused, 3);
+
+    for (int i = 0; i < 65; i++) send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_UNDO, .seq = 100 + i});
+    assert_true(r.count == 5 && r.last.seq == 164);
+    assert_non_null(strstr(r.message, "too many commands at once"));
+    send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_RESET, .seq = 200});
+    assert_true(r.count == 6 && r.last.status == TROCAR_COMMAND_REPLY_T_DONE);
+    trocar_command_reply_t_unsubscribe(f->io.lcm, s);
+}
+
 static void bad_url_is_reported(void **unused) {
     (void)unused;
     exchange x;
@@ -147,6 +212,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(one_round_reads_all_poses_and_keeps_the_newest, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(invalid_messages_are_counted, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(every_command_is_answered, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(all_wrenches_are_sent_in_order, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_release_reaches_the_loop, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_shutdown_wakes_the_server, open_fixture, close_fixture),

@@ -36,11 +36,12 @@ static pose_verdict take_pose(pose_arbiter *in, int64_t session, int64_t seq, do
     return take(in, &m, now);
 }
 
-static bool command(pose_arbiter *in, int64_t session, int what) {
+static command_verdict command(pose_arbiter *in, int64_t session, int what) {
     trocar_command_t m = {.session = session, .command = what};
     unsigned char data[128];
     int size = trocar_command_t_encode(data, 0, sizeof data, &m);
-    return arbiter_command(in, data, (size_t)size);
+    trocar_command_t decoded;
+    return arbiter_command(in, data, (size_t)size, &decoded);
 }
 
 static pose_arbiter fresh(void) {
@@ -182,10 +183,11 @@ static void only_a_valid_shutdown_shuts_down(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     unsigned char noise[64] = {0};
-    assert_false(arbiter_command(&in, noise, sizeof noise));
-    assert_false(command(&in, 1, 99));
+    trocar_command_t decoded;
+    assert_int_equal(arbiter_command(&in, noise, sizeof noise, &decoded), COMMAND_MALFORMED);
+    assert_int_equal(command(&in, 1, 99), COMMAND_REFUSED);
     assert_int_equal(in.record.commands_refused, 2);
-    assert_true(command(&in, 1, TROCAR_COMMAND_T_SHUTDOWN));
+    assert_int_equal(command(&in, 1, TROCAR_COMMAND_T_SHUTDOWN), COMMAND_SHUTDOWN);
 }
 
 static void jumps_are_rejected_while_the_needle_is_followed(void **unused) {
@@ -262,7 +264,8 @@ static void command_to(pose_arbiter *in, int needle, int64_t session, int what) 
     trocar_command_t m = {.session = session, .command = what, .needle = needle};
     unsigned char data[128];
     int size = trocar_command_t_encode(data, 0, sizeof data, &m);
-    arbiter_command(in, data, (size_t)size);
+    trocar_command_t decoded;
+    arbiter_command(in, data, (size_t)size, &decoded);
 }
 
 static void each_needle_has_its_own_session(void **unused) {

@@ -191,6 +191,55 @@ static void a_reset_is_told_again_each_second(void **state) {
     assert_in_range(f->empty_tracks, 2, 3);
 }
 
+static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_seeds_t *m, void *context) {
+    (void)b, (void)channel;
+    trocar_seeds_t **last = context;
+    if (*last != NULL) trocar_seeds_t_destroy(*last);
+    *last = trocar_seeds_t_copy(m);
+}
+
+/* A strand of two seeds: one is left in the tissue, one is still in the needle; then none. */
+static void seeds_are_published(void **state) {
+    fixture *f = *state;
+    trocar_seeds_t *last = NULL;
+    trocar_seeds_t_subscription_t *s = trocar_seeds_t_subscribe(f->telemetry.lcm, "TROCAR_SEEDS", on_seeds, &last);
+    show_a_needle(f);
+    assert_int_equal(trocar_sim_drop_seeds(f->host.sim, 0, 2, 0.0, NULL), TROCAR_OK);
+    trocar_pose base = trocar_sim_base(f->host.sim, 0);
+    while (trocar_sim_pending_seeds(f->host.sim, 0) > 1) {
+        base.position[2] -= 1e-4;
+        host_step(&f->host, &base);
+    }
+    view_sample *view = triple_buffer_slot(&f->exchange.views);
+    trocar_sim_take_picture(f->host.sim, view->picture);
+    view->tick = 600;
+    view->needles[0].engaged = true;
+    triple_buffer_publish(&f->exchange.views);
+    receive(f);
+    assert_non_null(last);
+    assert_true(last->server == 55 && last->tick == 600 && last->length == 4.5e-3 && last->diameter == 0.8e-3);
+    assert_true(last->needle_count == 1 && last->pending[0] == 1 && last->seed_count == 1);
+    trocar_seed seed;
+    assert_int_equal(trocar_sim_seeds(f->host.sim, &seed, 1), 1);
+    double *field = malloc(3 * sizeof *field * (size_t)trocar_model_node_count(f->host.model)), at[3], along[3];
+    assert_int_equal(trocar_sim_displacements(f->host.sim, field, NULL), TROCAR_OK);
+    trocar_model_displace_seed(f->host.model, field, &seed, at, along);
+    for (int a = 0; a < 3; a++) {
+        assert_true(fabs(last->rest_position[0][a] - seed.position[a]) < 1e-8 && fabs(last->rest_direction[0][a] - seed.direction[a]) < 1e-6);
+        assert_true(fabs(last->position[0][a] - at[a]) < 1e-8 && fabs(last->direction[0][a] - along[a]) < 1e-6);
+    }
+    assert_true(last->needle[0] == 0 && last->guide[0] == -1 && last->hole[0] == -1 && last->strand[0] == 0);
+    free(field);
+
+    trocar_sim_undo_seed(f->host.sim, 0, NULL);
+    trocar_sim_undo_seed(f->host.sim, 0, NULL);
+    atomic_store(&f->telemetry.stop, false);
+    receive_while(f, 3, show_the_simulation);
+    assert_true(last->seed_count == 0 && last->pending[0] == 0);
+    trocar_seeds_t_destroy(last);
+    trocar_seeds_t_unsubscribe(f->telemetry.lcm, s);
+}
+
 static void all_four_messages_contain_the_published_state(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -348,6 +397,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(all_four_messages_contain_the_published_state, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tissue_moves_with_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_track_is_published, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(seeds_are_published, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_reset_is_told_again_each_second, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_contacts_lie_on_the_needle, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(the_tip_lags_behind_a_turned_base, open_fixture, close_fixture),

@@ -54,6 +54,7 @@ struct trocar_sim {
     insertion_workspace *workspace; /* of the ticking thread */
     int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
     int work_wake;           /* eventfd: a request waits */
+    seed_list seeds;
     int next_served;         /* needle whose request the worker looks for first */
     vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
 };
@@ -62,6 +63,7 @@ struct trocar_sim {
 struct trocar_picture {
     trocar_model *model;
     insertion_state states[MAX_NEEDLES]; /* as many as the model has needles */
+    seed_list seeds;
     vec3 *scratch;           /* for displacements, NULL before the first */
     refined_mesh refined;    /* of the last trocar_picture_refined_mesh, */
     vec3 *force, *displacement; /* and of its nodes */
@@ -78,6 +80,9 @@ int start_out(pose start, trocar_pose *out);
 int transform_out(const double matrix[16], double out[16]);
 
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
+
+/* BAD_INPUT, with a message unless `why` is NULL, for a needle that does not exist. RT */
+trocar_status check_needle(const trocar_sim *sim, int needle, report *why);
 
 /* What trocar_sim_contacts and the like say of a state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);

@@ -32,10 +32,12 @@ void trocar_picture_free(trocar_picture *picture) {
 
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
     for (int i = 0; i < sim->needle_count; i++) memcpy(&picture->states[i], &sim->needles[i].state, sizeof *picture->states);
+    memcpy(&picture->seeds, &sim->seeds, sizeof picture->seeds);
 }
 
 void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
     memcpy(to->states, from->states, (size_t)from->model->parts.config.needle_count * sizeof *to->states);
+    memcpy(&to->seeds, &from->seeds, sizeof to->seeds);
 }
 
 /* NULL for a needle that does not exist. */

@@ -76,8 +76,7 @@ void trocar_sim_free(trocar_sim *sim) {
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------- */
 
-/* RT */
-static trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
+trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
     if (has_needle(sim->model, needle)) return TROCAR_OK;
     if (!why) return TROCAR_BAD_INPUT;
     if (sim->needle_count == 1) return fail(why, TROCAR_BAD_INPUT, "needle %d: there is one, number 0; the scene's \"needles\" says how many", needle);
@@ -108,6 +107,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     floating_mode before = flush_denormals();
     sim->needles[needle].given = at;
     insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
+    seeds_keep(needle, &sim->seeds);
     restore_floating_mode(before);
     return TROCAR_OK;
 }
@@ -174,7 +174,12 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
         if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
     insertion_tick(&tick);
     bool finite = insertion_is_finite(&needle->state, &wrench);
-    if (!finite) insertion_start_over(model, base, &needle->state, &wrench);
+    if (finite) {
+        seeds_follow(&needle->state, index, &sim->seeds);
+    } else {
+        insertion_start_over(model, base, &needle->state, &wrench);
+        seeds_keep(index, &sim->seeds);
+    }
     collect_others(sim, index);
     restore_floating_mode(before);
     needle->answered = snapshot->serial;

@@ -7,14 +7,14 @@
 
 /* ---- save and restore -------------------------------------------------------------------------------------------------------- */
 
-/* Of each needle, after the model's address. Copied member by member: the caller's memory need not be aligned. */
+/* Of each needle, after the model's address and the seeds. Copied member by member: the caller's memory need not be aligned. */
 typedef struct {
     insertion_state state;
     double base_compliance;
     compliance_snapshot snapshot;
 } saved_needle;
 
-size_t trocar_sim_state_size(const trocar_sim *sim) { return sizeof sim->model + (size_t)sim->needle_count * sizeof(saved_needle); }
+size_t trocar_sim_state_size(const trocar_sim *sim) { return sizeof sim->model + sizeof sim->seeds + (size_t)sim->needle_count * sizeof(saved_needle); }
 
 static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
     size_t expected = trocar_sim_state_size(sim);
@@ -27,6 +27,8 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     if (status != TROCAR_OK) return status;
     memcpy(state, &sim->model, sizeof sim->model);
     char *to = (char *)state + sizeof sim->model;
+    memcpy(to, &sim->seeds, sizeof sim->seeds);
+    to += sizeof sim->seeds;
     for (int i = 0; i < sim->needle_count; i++, to += sizeof(saved_needle)) {
         needle_track *needle = &sim->needles[i];
         memcpy(to + offsetof(saved_needle, state), &needle->state, sizeof needle->state);
@@ -59,6 +61,8 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     memcpy(&model, state, sizeof model);
     if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
     const char *from = (const char *)state + sizeof model;
+    memcpy(&sim->seeds, from, sizeof sim->seeds);
+    from += sizeof sim->seeds;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(&sim->needles[i], from, why);
     return status;
 }

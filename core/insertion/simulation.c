@@ -21,6 +21,7 @@ void simulation_defaults(simulation_config *config) {
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .needle_count = 1,
+        .seeds = {.length = 4.5e-3, .diameter = 0.8e-3, .spacing = 10e-3},
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,

@@ -3,6 +3,7 @@
 #define TROCAR_SIMULATION_H
 
 #include "insertion/insertion.h"
+#include "insertion/seeds.h"
 #include "inverse/inverse_choice.h"
 #include "remesh/remesh.h"
 #include "tissue/region_of_interest.h"
@@ -24,6 +25,7 @@ typedef struct {
     int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* of all regions; none: elastic */
     needle_parameters needle;
     int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
+    seed_size seeds;
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;

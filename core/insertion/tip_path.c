@@ -7,9 +7,7 @@
 static const double GRAZING = 0.2;         /* sine of the angle to an outer face, below which the tip goes along the face */
 static const double GRAZING_DEPTH = 1e-5;  /* m inside that face, where `nominal` is then */
 
-/* Follows the segment from a nominal point to `target`, element by element, as far as there is tissue. Returns the element
-   reached. */
-static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
+int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {
         vec3 rest = v3_sub(target, *from);
         double fraction;
@@ -24,7 +22,7 @@ static int follow(const mesh *m, int tet, vec3 *from, vec3 target) {
 
 bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
     double weights[4];
-    *tet = follow(m, hit.tet, &hit.point, x);
+    *tet = follow_line(m, hit.tet, &hit.point, x);
     mesh_barycentric(m, *tet, x, weights);
     return fmin(fmin(weights[0], weights[1]), fmin(weights[2], weights[3])) >= 0.0;
 }
@@ -87,7 +85,7 @@ static bool grazes(const tick_context *tick, int face, vec3 direction) {
 static void begin_grazing(const tick_context *tick, int face, vec3 direction) {
     needle_tip *tip = &tick->state->tip;
     vec3 inward = mesh_face_normal(tick->model->mesh, tip->tet, face);
-    tip->tet = follow(tick->model->mesh, tip->tet, &tip->nominal, v3_axpy(GRAZING_DEPTH, inward, tip->nominal));
+    tip->tet = follow_line(tick->model->mesh, tip->tet, &tip->nominal, v3_axpy(GRAZING_DEPTH, inward, tip->nominal));
     tip->beside = v3_axpy(-GRAZING_DEPTH, inward, tip->beside);
     tip->outward = v3_scale(-1.0, inward);
     plan_contact(tick, direction);
@@ -101,7 +99,7 @@ static void graze_on(const tick_context *tick, vec3 direction, double part) {
     if (out > tick->model->needle->radius) {
         exit_tissue(tick);
     } else if (out < 0.0) {
-        tip->tet = follow(tick->model->mesh, tip->tet, &tip->nominal, tip_place(tip));
+        tip->tet = follow_line(tick->model->mesh, tip->tet, &tip->nominal, tip_place(tip));
         tip->beside = tip->outward = v3(0, 0, 0);
         plan_contact(tick, direction);
     }
@@ -210,7 +208,7 @@ void draw_back(const tick_context *tick, double distance) {
         goal = v3_sub(goal, beside);
         vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->nominal), tip->nominal);
         set_beside(tip, v3_axpy(distance / length, v3_sub(beside, tip->beside), tip->beside));
-        tip->tet = follow(tick->model->mesh, tip->tet, &tip->nominal, target);
+        tip->tet = follow_line(tick->model->mesh, tip->tet, &tip->nominal, target);
         tip->depth -= distance;
         leave_strata(state);
         return;

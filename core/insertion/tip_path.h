@@ -19,6 +19,10 @@ void cross_face(const tick_context *tick, int face, vec3 direction);
 /* The needle is out of the tissue. RT */
 void leave_tissue(const tick_context *tick);
 
+/* Follows the line from a nominal point in element `tet` to `target`, element by element, as far as there is tissue, and moves the point to
+   `target`. Returns the element reached. RT */
+int follow_line(const mesh *m, int tet, vec3 *from, vec3 target);
+
 /* Does the straight line from a hit on the outer surface to x lead through tissue? *tet: the element of x. RT */
 bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet);
 

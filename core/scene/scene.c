@@ -45,6 +45,8 @@ static void check_all(const scene *s, fault *f) {
         reject(f, "needle.inner_diameter", "%g m is not below the outer diameter of %g m", n->inner_diameter, n->outer_diameter);
     if (n->outer_diameter >= n->length)
         reject(f, "needle.outer_diameter", "%g m is not below the length of %g m", n->outer_diameter, n->length);
+    if (c->seeds.spacing < c->seeds.length)
+        reject(f, "seeds.spacing", "seeds of %g m overlap at a spacing of %g m", c->seeds.length, c->seeds.spacing);
     if (c->roi.radius > 0.0 && v3_norm(v3_sub(c->roi.to, c->roi.from)) == 0.0)
         reject(f, "region_of_interest.corridor.to", "the same point as \"from\"");
 }

@@ -87,6 +87,10 @@ const row SCENE_TABLE[] = {
 
     {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
 
+    {"seeds.length", "m", NUMBER, OF(simulation.seeds.length), &POSITIVE, .doc = "of a brachytherapy seed"},
+    {"seeds.diameter", "m", NUMBER, OF(simulation.seeds.diameter), &POSITIVE, .doc = "less than the needle's outer diameter, or no seed can be dropped"},
+    {"seeds.spacing", "m", NUMBER, OF(simulation.seeds.spacing), &POSITIVE, .doc = "between the centres of neighbouring seeds of a strand, unless the command says"},
+
     {"guides[].name", "", NAME, GUIDE(name), .list = GUIDES, .required = true, .doc = "of a plate with holes, such as a template, outside the tissue"},
     {"guides[].origin", "m", POINT, GUIDE(origin), .list = GUIDES, .required = true, .doc = "middle of the holes on the front face, where needles enter"},
     {"guides[].normal", "", POINT, GUIDE(normal), .list = GUIDES, .required = true, .doc = "direction in which needles pass through; any length"},

@@ -11,10 +11,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     arbiter_init(&in, 2, &limits);
     if (size == 0) return 0;
     in.record.needles[0].owner = data[0] % 2 ? 1 : 0;
-    bool shutdown = arbiter_command(&in, data + 1, size - 1);
-    trocar_command_t m;
+    trocar_command_t m, decoded;
+    command_verdict verdict = arbiter_command(&in, data + 1, size - 1, &decoded);
+    bool shutdown = verdict == COMMAND_SHUTDOWN;
     bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
-    REQUIRE(whole || (!shutdown && in.record.commands_refused == 1 && in.record.needles[0].owner == data[0] % 2));
+    REQUIRE(whole || (verdict == COMMAND_MALFORMED && in.record.commands_refused == 1 && in.record.needles[0].owner == data[0] % 2));
+    REQUIRE(verdict != COMMAND_PASS_ON || m.command == TROCAR_COMMAND_T_DROP_SEED || m.command == TROCAR_COMMAND_T_UNDO);
     REQUIRE(!shutdown || m.command == TROCAR_COMMAND_T_SHUTDOWN);
     return 0;
 }

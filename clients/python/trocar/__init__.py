@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from ._library import ffi, lib
 
-__all__ = ["Contact", "Error", "Event", "Key", "Mesh", "Model", "Output", "Scene", "Sim", "Track", "keys", "rollout"]
+__all__ = ["Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -103,6 +103,49 @@ class Track(NamedTuple):
 
     points: npt.NDArray[np.float64]
     membranes: npt.NDArray[np.int32]
+
+
+class Seed(NamedTuple):
+    """A seed that a needle has left in the tissue.
+
+    position (3,) m, its centre, and direction (3,), unit vector from its proximal end to its distal one, in the tissue at rest;
+    `Model.displaced_seeds` says where they are in displaced tissue.
+    """
+
+    position: npt.NDArray[np.float64]
+    direction: npt.NDArray[np.float64]
+    needle: int  # that left it
+    guide: int | None  # the needle was in this hole of this guide: column + columns * row, from 0
+    hole: int | None
+    strand: int  # number in its strand, 0: the distal one
+    tet: int  # tetrahedron of its centre,
+    weights: npt.NDArray[np.float64]  # (4,) and barycentric weights in it
+
+
+class Guide(NamedTuple):
+    """A guide of the scene. Hole (column, row), from 0, has its axis at origin + (column - (columns - 1) / 2) spacing across[0] +
+    (row - (rows - 1) / 2) spacing across[1] on the front face.
+
+    origin (3,) m; normal (3,) and across (2, 3), unit vectors: through the plate, along columns, along rows.
+    """
+
+    name: str
+    origin: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float64]
+    across: npt.NDArray[np.float64]
+    columns: int
+    rows: int
+    spacing: float  # m
+    hole_diameter: float  # m
+    thickness: float  # m
+
+
+class SeedSize(NamedTuple):
+    """The scene's keys `seeds.`, m."""
+
+    length: float
+    diameter: float
+    spacing: float  # of a strand, between the centres of neighbouring seeds
 
 
 class Key(NamedTuple):
@@ -220,6 +263,7 @@ class Model:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         _check(lib.trocar_model_create(scene._handle, ffi.NULL, handle, why), why)
         self._handle = ffi.gc(handle[0], lib.trocar_model_free)
+        self._guide_names = [str(scene["guides[%d].name" % i]) for i in range(lib.trocar_scene_count(scene._handle, b"guides"))]
 
     @property
     def nodes(self) -> npt.NDArray[np.float64]:
@@ -268,6 +312,48 @@ class Model:
         """(4, 4) from the patient's coordinates (DICOM's, mm) to the mesh's (m). None if the scene does not say."""
         matrix = ffi.new("double[16]")
         return np.array(list(matrix)).reshape(4, 4) if lib.trocar_model_patient_to_mesh(self._handle, matrix) else None
+
+    @property
+    def needle_length(self) -> float:
+        """m, from base to tip."""
+        return lib.trocar_model_needle_length(self._handle)
+
+    @property
+    def guides(self) -> list[Guide]:
+        """The scene's guides. Their names are the scene's."""
+        found = []
+        for i in range(lib.trocar_model_guide_count(self._handle)):
+            g = lib.trocar_model_guide(self._handle, i)
+            found.append(Guide(self._guide_names[i], np.array(list(g.origin)), np.array(list(g.normal)), np.array([list(row) for row in g.across]),
+                               g.columns, g.rows, g.spacing, g.hole_diameter, g.thickness))
+        return found
+
+    @property
+    def seed_size(self) -> SeedSize:
+        """The scene's keys `seeds.`."""
+        size = lib.trocar_model_seed_size(self._handle)
+        return SeedSize(size.length, size.diameter, size.spacing)
+
+    def entry(self, start: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.float64] | None:
+        """(3,) m, where the segment between two points first enters the tissue at rest. None if it never does."""
+        point = ffi.new("double[3]")
+        given = [ffi.new("double[3]", [float(x) for x in np.asarray(p, np.float64)]) for p in (start, end)]
+        return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
+
+    def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Positions (k, 3) m and directions (k, 3) of seeds where the mesh's nodes are displaced by `displacements` (n, 3) m."""
+        field = np.ascontiguousarray(displacements, np.float64)
+        if field.shape != self.nodes.shape:
+            raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
+        positions, directions = np.empty((len(seeds), 3)), np.empty((len(seeds), 3))
+        place, along = ffi.new("double[3]"), ffi.new("double[3]")
+        for i, seed in enumerate(seeds):
+            given = ffi.new("trocar_seed *", {"position": list(seed.position), "direction": list(seed.direction), "weights": list(seed.weights),
+                                              "tet": seed.tet})
+            if not lib.trocar_model_displace_seed(self._handle, ffi.from_buffer("double[]", field), given, place, along):
+                raise ValueError("seed %d is in tetrahedron %d, which the model does not have" % (i, seed.tet))
+            positions[i], directions[i] = list(place), list(along)
+        return positions, directions
 
 
 def _pose(pose: npt.ArrayLike) -> Any:
@@ -348,6 +434,32 @@ class Sim:
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
         lib.trocar_sim_centreline(self._handle, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
         return joints
+
+    def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
+        """Drops a seed, or a strand of them `spacing` m apart (0: the scene's). The tip marks the first one's distal end.
+
+        They are left in the tissue as the needle is drawn back over them. Error if the tip is outside of the tissue, while seeds
+        are pending and so on; nothing has changed then.
+        """
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
+
+    def undo_seed(self, needle: int = 0) -> None:
+        """Takes back what is pending of the needle's last drop, or else removes the seed that it has left last."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
+
+    def seeds(self) -> list[Seed]:
+        """The seeds in the tissue, in the order in which they were left."""
+        found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)
+        count = lib.trocar_sim_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
+        none_below_0 = lambda index: index if index >= 0 else None
+        return [Seed(np.array(list(s.position)), np.array(list(s.direction)), s.needle, none_below_0(s.guide), none_below_0(s.hole), s.strand,
+                     s.tet, np.array(list(s.weights))) for s in found[0:count]]
+
+    def pending_seeds(self, needle: int = 0) -> int:
+        """How many were dropped that the needle has not been drawn back over."""
+        return lib.trocar_sim_pending_seeds(self._handle, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
         """(n, 3) m, displacement of the mesh's nodes: one solve with the whole matrix."""

@@ -1,0 +1,130 @@
+#include "insertion/seeds.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "insertion/strata.h"
+#include "insertion/tip_path.h"
+
+static const double ON_FACE = -1e-6; /* barycentric weight down to which a point counts as inside */
+
+/* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
+
+/* A place on the track. */
+typedef struct {
+    double depth;            /* m */
+    vec3 at;                 /* m, nominal */
+    int tet;
+    int next;                /* contact ahead of it on the way back, from the base; -1: the entry */
+} track_site;
+
+/* Goes back to this depth, which is in the body that the tip is in. */
+static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
+    double entry = tip_entry_depth(state);
+    int gap = last_gap(state);
+    while (site->depth > depth) {
+        const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
+        if (contact && contact->depth < entry) contact = NULL; /* in a previous body */
+        double goal_depth = contact ? contact->depth : entry, length = site->depth - goal_depth;
+        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : gap >= 0 ? state->strata[gap + 1].point : state->entry;
+        bool beyond = length <= site->depth - depth;
+        vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
+        site->tet = follow_line(model->mesh, site->tet, &site->at, target);
+        site->depth = beyond ? goal_depth : depth;
+        if (!beyond) return;
+        if (!contact) return;
+        site->next--;
+    }
+}
+
+/* Finds the seed whose distal end is at this depth, from a site that is not closer to the entry; leaves the site at its proximal end.
+   False: it would not be in the tissue. */
+static bool find_place(const insertion_model *model, const insertion_state *state, double depth, double length, track_site *site, seed *s) {
+    go_back(model, state, depth, site);
+    vec3 distal = site->at;
+    go_back(model, state, depth - 0.5 * length, site);
+    s->at = site->at;
+    s->tet = site->tet;
+    mesh_barycentric(model->mesh, s->tet, s->at, s->weights);
+    go_back(model, state, depth - length, site);
+    s->direction = v3_unit(v3_sub(distal, site->at));
+    return fmin(fmin(s->weights[0], s->weights[1]), fmin(s->weights[2], s->weights[3])) >= ON_FACE;
+}
+
+/* ---- dropping ------------------------------------------------------------------------------------------------------------- */
+
+double seeds_strand_length(const seed_size *size, int count, double spacing) {
+    return size->length + (count - 1) * (spacing == 0.0 ? size->spacing : spacing);
+}
+
+static int count_pending(const seed_list *list) {
+    int sum = 0;
+    for (int i = 0; i < MAX_NEEDLES; i++) sum += seeds_pending(i, list);
+    return sum;
+}
+
+/* The hole that the needle is in; of several guides, the first one's. */
+static void note_hole(const insertion_model *model, const insertion_state *state, seed *s) {
+    s->guide = s->hole = NO_HOLE;
+    for (int i = model->guide_count - 1; i >= 0; i--)
+        if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
+}
+
+seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list) {
+    if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;
+    if (!(spacing == 0.0 || (spacing >= size->length && spacing < INFINITY))) return SEEDS_BAD_SPACING;
+    if (size->diameter >= 2.0 * model->needle->radius) return SEEDS_TOO_THICK;
+    if (seeds_pending(needle, list) > 0) return SEEDS_PENDING;
+    if (list->count + count_pending(list) + count > MAX_SEEDS) return SEEDS_FULL;
+    if (state->tip.phase != TIP_INSIDE || state->buckled) return SEEDS_OUTSIDE;
+    if (state->tip.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
+
+    double pitch = spacing == 0.0 ? size->spacing : spacing;
+    track_site site = {state->tip.depth, state->tip.nominal, state->tip.tet, contacts_passed(state) - 1};
+    seed_drop drop = {.count = count};
+    for (int i = 0; i < count; i++) {
+        double depth = state->tip.depth - i * pitch;
+        drop.seeds[i] = (seed){.needle = needle, .strand = i};
+        note_hole(model, state, &drop.seeds[i]);
+        drop.uncovered[i] = depth - size->length;
+        if (!find_place(model, state, depth, size->length, &site, &drop.seeds[i])) return SEEDS_OUTSIDE;
+    }
+    list->drops[needle] = drop;
+    return SEEDS_ACCEPTED;
+}
+
+void seeds_follow(const insertion_state *state, int needle, seed_list *list) {
+    seed_drop *drop = &list->drops[needle];
+    double depth = state->tip.phase == TIP_FREE ? -INFINITY : state->tip.depth;
+    while (drop->placed < drop->count && depth <= drop->uncovered[drop->placed]) list->seeds[list->count++] = drop->seeds[drop->placed++];
+}
+
+void seeds_keep(int needle, seed_list *list) { list->drops[needle] = (seed_drop){.count = 0}; }
+
+seed_refusal seeds_undo(int needle, seed_list *list) {
+    if (seeds_pending(needle, list) > 0) {
+        seeds_keep(needle, list);
+        return SEEDS_ACCEPTED;
+    }
+    int last = list->count - 1;
+    while (last >= 0 && list->seeds[last].needle != needle) last--;
+    if (last < 0) return SEEDS_NONE;
+    list->count--;
+    memmove(&list->seeds[last], &list->seeds[last + 1], (size_t)(list->count - last) * sizeof *list->seeds);
+    return SEEDS_ACCEPTED;
+}
+
+/* ---- in the deformed tissue ----------------------------------------------------------------------------------------------- */
+
+void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction) {
+    vec3 corners[4], gradients[4], moved = s->at, turned = s->direction;
+    mesh_corners(m, s->tet, corners);
+    tet_gradients(corners, gradients);
+    for (int c = 0; c < 4; c++) {
+        vec3 u = displacement[m->tets[s->tet][c]];
+        moved = v3_axpy(s->weights[c], u, moved);
+        turned = v3_axpy(v3_dot(gradients[c], s->direction), u, turned); /* (1 + grad u) d */
+    }
+    *at = moved;
+    *direction = v3_unit(turned);
+}

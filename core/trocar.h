@@ -524,6 +524,144 @@ TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, tr
 TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
                                         trocar_output *outputs, trocar_error *error);
 
+/* ---- dose --------------------------------------------------------------------------------------------------------------------------- */
+
+/* Dose of brachytherapy seeds by the line-source formula of AAPM TG-43U1 (Rivard et al., Med. Phys. 31, 2004), as if the patient were
+   water and seeds did not shade each other:
+
+       rate(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta)
+
+   Tables are interpolated as TG-43U1S1 (2007) recommends: g log-linear, also beyond its last radius, and constant before its first; F
+   bilinear, and that of the nearest radius outside. Inside of a seed's capsule the formula has no meaning; the value is that of the closest point
+   beside it on its side wall.
+
+   Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h = 1 uGy m^2/h). None of these functions needs a scene
+   or a model, has global state, or depends on the host's locale. Sources and structures are constant and shared by any number of threads. */
+
+/* A seed model: the TG-43 data of one kind of seed. Constant. */
+typedef struct trocar_dose_source trocar_dose_source;
+
+/* A seed model by its name: "I-125 6711" or "Pd-103 200", consensus data of TG-43U1. Allocates. BAD_INPUT for another name; NO_MEMORY. */
+TROCAR_API trocar_status trocar_dose_source_create(const char *name, trocar_dose_source **source, trocar_error *error);
+
+/* A seed model from a table in YAML; docs/dose.md has its keys. Allocates. BAD_INPUT with file, line and remedy, also for gaps, for radii or
+   angles that do not grow, and for g or F that are not 1 where they are by definition; NO_MEMORY. */
+TROCAR_API trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **source, trocar_error *error);
+TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* after the doses that use it */
+
+typedef struct trocar_dose_source_data {
+    char name[64];
+    double dose_rate_constant;   /* Lambda, cGy/(h U) */
+    double active_length;        /* m, of the line source */
+    double capsule_length, capsule_diameter; /* m, outside */
+    double half_life;            /* s */
+} trocar_dose_source_data;
+TROCAR_API trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *source); /* RT */
+
+/* Dose over the first `hours` of decay, divided by the initial dose rate: h. INFINITY, a permanent implant: the half-life / ln 2. NAN for
+   a negative number. RT */
+TROCAR_API double trocar_dose_hours(const trocar_dose_source *source, double hours);
+
+typedef struct trocar_dose_seed {
+    double position[3];          /* m, the seed's centre */
+    double direction[3];         /* along its axis, of any length but 0 */
+    double strength;             /* U, air-kerma strength at the implantation, above 0, at most 1000 */
+} trocar_dose_seed;
+
+/* Dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m): the plain sum of the formula in floating point. 20 ns a
+   point and seed. BAD_INPUT, and nothing is written, for a seed or point that is not finite or beyond 1000 m, or a bad strength or
+   direction. RT */
+TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
+                                           int64_t count, double *rates, trocar_error *error);
+
+/* The dose of a permanent implant at many points: those of a grid, or any. One thread at a time.
+
+   Doses are kept as whole multiples of TROCAR_DOSE_QUANTUM. Sums are therefore exact: they do not depend on the order in which seeds come and
+   go, and removing a seed leaves every point as if it had never been there, to the bit. A seed's contribution is rounded to the nearest
+   multiple, and cut at TROCAR_DOSE_MOST. */
+typedef struct trocar_dose trocar_dose;
+#define TROCAR_DOSE_QUANTUM 5.8207660913467407e-11 /* Gy: 2^-34 */
+#define TROCAR_DOSE_MOST 131072.0                  /* Gy, of one seed at one point: 2^17 */
+enum { TROCAR_MAX_DOSE_SEEDS = 4095 };
+
+/* Voxel (i, j, k), each from 0, has the index (i counts[1] + j) counts[2] + k, and its centre at origin + spacing (i, j, k). */
+typedef struct trocar_dose_grid {
+    double origin[3];            /* m, centre of voxel (0, 0, 0) */
+    double spacing;              /* m, above 0 */
+    int32_t counts[3];           /* voxels along x, y and z: at least 1, at most 2^28 in total */
+} trocar_dose_grid;
+
+/* No dose yet. Allocates 8 bytes a voxel of the grid, or 32 a point. The source must outlive it; points [count][3], m, are copied, at most
+   2^28. BAD_INPUT for a bad grid or point; NO_MEMORY. */
+TROCAR_API trocar_status trocar_dose_create(const trocar_dose_source *source, const trocar_dose_grid *grid, trocar_dose **dose, trocar_error *error);
+TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *source, const double *points, int64_t count, trocar_dose **dose,
+                                                   trocar_error *error);
+TROCAR_API void trocar_dose_free(trocar_dose *dose);
+
+/* Adds a seed; `id` (may be NULL) names it from then on, and is never given again. 20 ns a point. Allocates a little for the list of seeds.
+   BAD_INPUT as in trocar_dose_rates, and beyond TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. On an error nothing has changed. */
+TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
+
+/* Takes a seed out, or gives it another place, direction and strength: as long as one addition, or two. BAD_INPUT for an id that is none, and for
+   a bad seed; then nothing has changed. RT */
+TROCAR_API trocar_status trocar_dose_remove(trocar_dose *dose, int32_t id, trocar_error *error);
+TROCAR_API trocar_status trocar_dose_move(trocar_dose *dose, int32_t id, const trocar_dose_seed *seed, trocar_error *error);
+
+/* Puts every point at its place at rest plus its displacement [count][3], m; NULL: back at rest. Seeds stay where they are: for deformed anatomy
+   move them too. Computes all seeds anew. Allocates 24 bytes a point the first time. BAD_INPUT for a displacement that is not finite or a
+   point beyond 1000 m, and nothing has changed; NO_MEMORY. */
+TROCAR_API trocar_status trocar_dose_displace(trocar_dose *dose, const double *displacements, trocar_error *error);
+
+TROCAR_API int64_t trocar_dose_point_count(const trocar_dose *dose);   /* RT */
+TROCAR_API int trocar_dose_seed_count(const trocar_dose *dose);        /* RT */
+TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* Gy, of all points. RT */
+
+/* The voxels whose centres, multiples of the spacing plus one half, are inside of an organ at rest. Constant. */
+typedef struct trocar_structure trocar_structure;
+
+/* Inside of a closed surface: the triangles whose triangle_surface is `surface`, or all of them if that is NULL. Every edge must
+   belong to an even number of triangles; their orientation does not matter. Needs of `mesh`: nodes and triangles. `spacing` in m, above 0.
+   Allocates, meanwhile 1 byte a voxel of the surface's box. BAD_INPUT for an open surface, with an edge, for one without triangles or
+   voxels, for an index out of range, and for more than 2^28 voxels in the box; NO_MEMORY. */
+TROCAR_API trocar_status trocar_structure_from_surface(const trocar_mesh *mesh, int surface, double spacing, trocar_structure **structure,
+                                                       trocar_error *error);
+
+/* Inside of the tetrahedra whose tet_region is `region`, or of all of them if that is NULL. Needs of `mesh`: nodes and tetrahedra, as
+   trocar_model_nodes, trocar_model_tets and trocar_model_tet_regions give them. Allocates, meanwhile 4 bytes a voxel of the region's box. Errors
+   as above. */
+TROCAR_API trocar_status trocar_structure_from_region(const trocar_mesh *mesh, int region, double spacing, trocar_structure **structure,
+                                                      trocar_error *error);
+TROCAR_API void trocar_structure_free(trocar_structure *structure);
+TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);         /* voxels, at least 1. RT */
+TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, their centres; the structure's. RT */
+TROCAR_API double trocar_structure_voxel(const trocar_structure *structure);          /* m^3, volume of a voxel. RT */
+
+/* Displacements [count][3] of the voxels' centres, interpolated from those of the mesh's nodes, [node_count][3] (m), as
+   trocar_sim_displacements gives them: for trocar_dose_displace. BAD_INPUT for a structure that was made from a surface. RT */
+TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *structure, const double *nodal, double *displacements,
+                                                        trocar_error *error);
+
+/* Cumulative dose-volume histogram of voxels of equal size. First sorts the doses in place, largest first; BAD_INPUT for one that is not
+   finite or for less than one. The other functions take sorted doses, `count` at least 1. */
+TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
+
+/* The dose (Gy) that the fraction 0 to 1 of the volume gets at least, between voxels by linear interpolation: 0.9 for D90. RT */
+TROCAR_API double trocar_dvh_dose(const double *doses, int64_t count, double fraction);
+
+/* The fraction of the volume that gets `dose` (Gy) or more: the prescription for V100, 1.5 times that for V150. RT */
+TROCAR_API double trocar_dvh_volume(const double *doses, int64_t count, double dose);
+
+typedef struct trocar_dvh_summary {
+    double volume_cm3;           /* cm^3 */
+    double mean, least, most;    /* Gy */
+    double d10, d30, d80, d90;   /* Gy */
+    double v100, v150, v200;     /* fractions of the volume */
+    double v100_cm3;             /* cm^3 */
+} trocar_dvh_summary;
+
+/* The customary figures: voxel_volume in m^3, prescription in Gy. RT */
+TROCAR_API trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription);
+
 #ifdef __cplusplus
 }
 #endif

@@ -59,6 +59,7 @@ bad_input() {
     refuses --nonsense "$bench" tick --nonsense
     refuses --scene "$bench" tick --json x.json
     refuses "--contacts: 2.5" "$bench" tick --scene "$scene" --contacts 5,2.5
+    refuses --side "$bench" dose --side 0
     refuses "--contacts: 65" "$bench" tick --scene "$scene" --contacts 65
     refuses --scene "$parts" remesh --samples 3
     refuses "--touched: 4" "$parts" remesh --scene "$scene" --touched 4
@@ -148,6 +149,8 @@ bench() {
     "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
     cat bench.txt
     "$source/tests/check_bench.py" bench.json 5 10
+    "$programs/trocar-bench" dose --side 60 --seeds 50 --json dose.json
+    "$source/tests/check_dose_bench.py" dose.json 216000 50
     [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
     "$programs/../tests/benchmarks/bench_parts" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
     cat remesh.txt

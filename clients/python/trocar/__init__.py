@@ -22,26 +22,11 @@ from typing import Any, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ._library import ffi, lib
+from ._dose import DVH, Dose, Source, Structure
+from ._library import Error, _check, ffi, lib
 
-__all__ = ["Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
+__all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
-
-
-class Error(Exception):
-    """The library's message; `status` is "bad input", "no memory", "numeric" or "system"."""
-
-    def __init__(self, text: str, status: str):
-        super().__init__(text)
-        self.status = status
-
-
-_STATUS = ("ok", "bad input", "no memory", "numeric", "system")
-
-
-def _check(status: int, why: Any) -> None:
-    if status != lib.TROCAR_OK:
-        raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
 
 
 _EVENTS = {name.removeprefix("TROCAR_EVENT_"): getattr(lib, name) for name in dir(lib) if name.startswith("TROCAR_EVENT_")}

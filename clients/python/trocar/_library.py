@@ -2,6 +2,7 @@
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 from cffi import FFI
 
@@ -27,3 +28,22 @@ def _load():
 
 
 ffi, lib = _load()
+
+
+class Error(Exception):
+    """The library's message; `status` is "bad input", "no memory", "numeric" or "system"."""
+
+    def __init__(self, text: str, status: str):
+        super().__init__(text)
+        self.status = status
+
+
+Error.__module__ = "trocar"  # where it is imported from
+
+
+_STATUS = ("ok", "bad input", "no memory", "numeric", "system")
+
+
+def _check(status: int, why: Any) -> None:
+    if status != lib.TROCAR_OK:
+        raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])

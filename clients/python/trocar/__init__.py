@@ -243,10 +243,12 @@ class _View:
 class Model:
     """Mesh, stiffness, inverse, needle and materials: constant, shared by any number of simulations and threads."""
 
-    def __init__(self, scene: Scene) -> None:
-        """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile."""
+    def __init__(self, scene: Scene, mesh_only: bool = False) -> None:
+        """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the names in it;
+        nothing can be simulated then."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
-        _check(lib.trocar_model_create(scene._handle, ffi.NULL, handle, why), why)
+        options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only})
+        _check(lib.trocar_model_create(scene._handle, options, handle, why), why)
         self._handle = ffi.gc(handle[0], lib.trocar_model_free)
         self._guide_names = [str(scene["guides[%d].name" % i]) for i in range(lib.trocar_scene_count(scene._handle, b"guides"))]
 

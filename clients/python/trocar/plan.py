@@ -1,0 +1,583 @@
+"""Plans of an implant: needles by the template's coordinates, seeds by their distance from the needle's tip.
+
+A plan is a YAML file:
+
+    template: template             # the scene's guide that it is made for, and its holes
+    columns: 13
+    rows: 13
+    spacing: 5e-3                  # m
+    source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; U, air kerma strength; may be left out
+    needles:
+      - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
+        depth: 0.115               # m, from the face of the template where needles enter to the tip
+        seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
+
+As a program:
+
+    python3 -m trocar.plan show | check | export | import | compare ...    --help says more
+"""
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import re
+import sys
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from typing import Any, Iterable, NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import Error, Guide, Model, Scene, Sim
+
+__all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "compare", "guide_of", "hole_axis", "hole_name", "hole_number",
+           "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "write"]
+
+_SPACING_TOLERANCE = 1e-6  # m
+_GAP = 1e-9                # m, rounding of lengths that are added
+
+
+class BadPlan(Exception):
+    """A plan, or a table of seeds, that cannot be used: file, line and remedy."""
+
+
+@dataclass
+class Source:
+    """What every seed contains."""
+
+    isotope: str     # I-125 or Pd-103
+    model: str       # of the manufacturer
+    strength: float  # U (uGy m^2/h), air kerma strength of one seed at the time of the implant
+
+
+@dataclass
+class Needle:
+    """One needle of a plan."""
+
+    hole: str           # such as C3.5
+    depth: float        # m, from the face of the template where needles enter to the tip
+    seeds: list[float]  # m, from the tip back to each seed's centre, ascending
+    line: int = 0       # in the file; 0: unknown
+
+
+@dataclass
+class Plan:
+    """A plan, as its file says it."""
+
+    template: str   # name of the scene's guide
+    columns: int
+    rows: int
+    spacing: float  # m
+    needles: list[Needle] = field(default_factory=list)
+    source: Source | None = None
+    path: str = "plan"
+    line: int = 0   # of `template`
+
+
+class Planned(NamedTuple):
+    """A planned seed in the tissue at rest."""
+
+    hole: str
+    number: int                          # in its needle, 1: the distal one
+    position: npt.NDArray[np.float64]    # (3,) m, its centre, in the mesh
+    direction: npt.NDArray[np.float64]   # (3,) unit vector from template to tip
+
+
+class Placed(NamedTuple):
+    """A seed that was left in the tissue, from the table that trocar-replay --seeds writes."""
+
+    number: int                          # its row, from 1
+    guide: str                           # "" if its needle was in none
+    hole: str
+    position: npt.NDArray[np.float64]    # (3,) m, in the mesh
+
+
+class Misplacement(NamedTuple):
+    """A seed and where the plan has it. One of the two is None where the other has no counterpart."""
+
+    hole: str
+    planned: Planned | None
+    placed: Placed | None
+    offset: npt.NDArray[np.float64] | None  # (3,) mm, placed less planned, along the frame's axes
+    along: float | None                     # mm, along the planned needle; positive: too deep
+    across: float | None                    # mm
+
+
+# ---- holes --------------------------------------------------------------------------------------------------------------------
+
+
+def hole_name(column: int, row: int) -> str:
+    """The name of a hole by its column and row, from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
+    letters = chr(65 + column) if column < 26 else chr(64 + column // 26) + chr(65 + column % 26)
+    return f"{letters}{1 + row // 2}{'.5' if row % 2 else ''}"
+
+
+def hole_number(name: str) -> tuple[int, int] | None:
+    """(column, row) from 0 of a hole's name. None if it is not a name."""
+    match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name)
+    if not match:
+        return None
+    column = 0
+    for letter in match[1]:
+        column = 26 * column + ord(letter) - 64
+    return column - 1, 2 * (int(match[2]) - 1) + (match[3] == "5")
+
+
+def _grid_words(columns: int, rows: int) -> str:
+    return f"columns A to {re.sub('[0-9.]', '', hole_name(columns - 1, 0))}, rows 1 to {hole_name(0, rows - 1)[1:]} in halves"
+
+
+# ---- reading and writing --------------------------------------------------------------------------------------------------------
+
+
+class _Reader:
+    """A YAML document read key by key, with file and line of what is wrong."""
+
+    def __init__(self, path: str):
+        try:
+            import yaml
+        except ImportError as missing:
+            raise BadPlan(f"{path}: reading plans needs Debian's python3-yaml: {missing}") from missing
+        self.path, self.yaml = path, yaml
+        try:
+            with open(path, encoding="utf-8") as file:
+                root = yaml.compose(file, Loader=yaml.SafeLoader)
+        except OSError as error:
+            raise BadPlan(f"{path}: cannot be opened: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            raise BadPlan(f"{path}: not a text file in UTF-8") from error
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            raise BadPlan(f"{path}:{mark.line + 1 if mark else 1}: not YAML: {error.problem or error.context}") from error
+        except yaml.YAMLError as error:
+            raise BadPlan(f"{path}: not YAML: {error}") from error
+        except RecursionError as error:
+            raise BadPlan(f"{path}: lists within lists, too deep for a plan") from error
+        if root is None:
+            raise BadPlan(f"{path}:1: empty: a plan has template, columns, rows, spacing and needles")
+        self.root = root
+
+    def fail(self, node: Any, words: str) -> BadPlan:
+        return BadPlan(f"{self.path}:{self.line(node)}: {words}")
+
+    @staticmethod
+    def line(node: Any) -> int:
+        return node.start_mark.line + 1
+
+    def mapping(self, node: Any, place: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
+        known = (*required, *optional)
+        if not isinstance(node, self.yaml.MappingNode):
+            raise self.fail(node, f"{place or 'a plan'}: write keys and values: {', '.join(known)}")
+        found: dict[str, Any] = {}
+        for key, value in node.value:
+            name = str(key.value)
+            if name not in known:
+                raise self.fail(key, f"{place + ': ' if place else ''}unknown key \"{name}\": there are {', '.join(known)}")
+            if name in found:
+                raise self.fail(key, f"{place + ': ' if place else ''}\"{name}\" is given twice: remove one")
+            found[name] = value
+        for name in required:
+            if name not in found:
+                raise self.fail(node, f"{place + ': ' if place else ''}missing key \"{name}\"")
+        return found
+
+    def items(self, node: Any, place: str) -> list[Any]:
+        if not isinstance(node, self.yaml.SequenceNode):
+            raise self.fail(node, f"{place}: write a list")
+        return node.value
+
+    def text(self, node: Any, place: str) -> str:
+        if not isinstance(node, self.yaml.ScalarNode) or not node.value.strip():
+            raise self.fail(node, f"{place}: write a name")
+        return node.value.strip()
+
+    def number(self, node: Any, place: str, least: float = 0.0) -> float:
+        """A number above `least`. YAML 1.1 takes 5e-3 for text, so the text is converted here."""
+        try:
+            value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
+        except ValueError:
+            value = math.nan
+        if not (value > least and math.isfinite(value)):
+            given = f"\"{node.value}\"" if isinstance(node, self.yaml.ScalarNode) else "a list"
+            raise self.fail(node, f"{place}: {given}: write a number above {least:g}")
+        return value
+
+    def count(self, node: Any, place: str) -> int:
+        value = self.number(node, place)
+        if value != int(value) or value > 100:
+            raise self.fail(node, f"{place}: \"{node.value}\": write a whole number from 1 to 100")
+        return int(value)
+
+
+def _read_needle(reader: _Reader, node: Any, place: str, plan: Plan) -> Needle:
+    keys = reader.mapping(node, place, ("hole", "depth", "seeds"))
+    name = reader.text(keys["hole"], f"{place}.hole")
+    at = hole_number(name)
+    if at is None or at[0] >= plan.columns or at[1] >= plan.rows:
+        raise reader.fail(keys["hole"], f"{place}.hole: no hole \"{name}\": the template has {_grid_words(plan.columns, plan.rows)}, as in "
+                          f"{hole_name(plan.columns // 2, plan.rows // 2)}")
+    name = hole_name(*at)
+    for other in plan.needles:
+        if other.hole == name:
+            raise reader.fail(keys["hole"], f"{place}.hole: {name} is taken by the needle in line {other.line}: a hole has one needle")
+    depth = reader.number(keys["depth"], f"{place}.depth")
+    seeds: list[float] = []
+    for i, item in enumerate(reader.items(keys["seeds"], f"{place}.seeds")):
+        seed = reader.number(item, f"{place}.seeds[{i}]")
+        if seeds and seed <= seeds[-1]:
+            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m is not behind the one before, {seeds[-1]:g} m: list them from the tip back")
+        if seed >= depth:
+            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m behind the tip is outside of the template's face, which is {depth:g} m behind it; "
+                              "lengths are in metres")
+        seeds.append(seed)
+    return Needle(name, depth, seeds, reader.line(node))
+
+
+def read(path: str | PathLike[str]) -> Plan:
+    """Reads a plan. BadPlan with file, line and remedy for anything that it does not understand."""
+    reader = _Reader(fspath(path))
+    keys = reader.mapping(reader.root, "", ("template", "columns", "rows", "spacing", "needles"), ("source",))
+    plan = Plan(reader.text(keys["template"], "template"), reader.count(keys["columns"], "columns"), reader.count(keys["rows"], "rows"),
+                reader.number(keys["spacing"], "spacing"), path=fspath(path), line=reader.line(keys["template"]))
+    if "source" in keys:
+        given = reader.mapping(keys["source"], "source", ("isotope", "model", "strength"))
+        isotope = reader.text(given["isotope"], "source.isotope")
+        if isotope not in ("I-125", "Pd-103"):
+            raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are I-125 and Pd-103")
+        plan.source = Source(isotope, reader.text(given["model"], "source.model"), reader.number(given["strength"], "source.strength"))
+    for i, node in enumerate(reader.items(keys["needles"], "needles")):
+        plan.needles.append(_read_needle(reader, node, f"needles[{i}]", plan))
+    if not plan.needles:
+        raise reader.fail(keys["needles"], "needles: empty: a plan has at least one")
+    return plan
+
+
+def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
+    """Writes a plan that `read` reads."""
+    number = lambda value: f"{value:.9g}"
+    quoted = lambda text: "\"" + text.replace("\\", "\\\\").replace("\"", "\\\"") + "\""
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += [f"template: {quoted(plan.template)}", f"columns: {plan.columns}", f"rows: {plan.rows}", f"spacing: {number(plan.spacing)}    # m"]
+    if plan.source:
+        lines.append(f"source: {{isotope: {plan.source.isotope}, model: {quoted(plan.source.model)}, strength: {number(plan.source.strength)}}}")
+    lines.append("needles:    # m: depth of the tip behind the template's face, seeds from the tip back to their centres")
+    for needle in plan.needles:
+        lines.append(f"  - {{hole: {needle.hole}, depth: {number(needle.depth)}, seeds: [{', '.join(map(number, needle.seeds))}]}}")
+    with open(path, "w", encoding="utf-8") as file:
+        file.write("\n".join(lines) + "\n")
+
+
+# ---- a plan in a scene ------------------------------------------------------------------------------------------------------------
+
+
+class Frame:
+    """The axes in which positions are told: the patient's (mm to the left, to the back and to the head) if the scene knows them, else the mesh's."""
+
+    def __init__(self, model: Model):
+        matrix = model.patient_to_mesh
+        self.is_patient = matrix is not None
+        self.names = ("left", "posterior", "superior") if self.is_patient else ("x", "y", "z")
+        self._from_mesh = np.linalg.inv(matrix) if matrix is not None else np.diag([1e3, 1e3, 1e3, 1.0])
+
+    def position(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """(..., 3) mm of (..., 3) m in the mesh."""
+        return np.asarray(point) @ self._from_mesh[:3, :3].T + self._from_mesh[:3, 3]
+
+    def vector(self, vector: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """(..., 3) mm of a difference (..., 3) of positions in the mesh, m."""
+        return np.asarray(vector) @ self._from_mesh[:3, :3].T
+
+    def to_mesh(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """(..., 3) m in the mesh of (..., 3) mm."""
+        to_mesh = np.linalg.inv(self._from_mesh)
+        return np.asarray(point) @ to_mesh[:3, :3].T + to_mesh[:3, 3]
+
+
+def guide_of(plan: Plan, model: Model) -> Guide:
+    """The scene's guide that the plan is made for. BadPlan if the scene has no such template."""
+    place = f"{plan.path}:{plan.line}" if plan.line else plan.path
+    guides = model.guides
+    guide = next((g for g in guides if g.name == plan.template), None)
+    if guide is None:
+        there = ", ".join(g.name for g in guides)
+        raise BadPlan(f"{place}: the plan is for the template \"{plan.template}\"; the scene has {there or 'none'}: choose that scene, or make the plan anew")
+    if (guide.columns, guide.rows) != (plan.columns, plan.rows) or abs(guide.spacing - plan.spacing) > _SPACING_TOLERANCE:
+        raise BadPlan(f"{place}: the plan's template \"{plan.template}\" has {plan.columns} x {plan.rows} holes, {1e3 * plan.spacing:g} mm apart; the scene's has "
+                      f"{guide.columns} x {guide.rows}, {1e3 * guide.spacing:g} mm apart: choose that scene, or make the plan anew")
+    return guide
+
+
+def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
+    """(3,) m, where the axis of the hole of this name meets the front face, where needles enter."""
+    column, row = hole_number(hole)
+    aside = [guide.spacing * (index - 0.5 * (count - 1)) for index, count in ((column, guide.columns), (row, guide.rows))]
+    return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
+
+
+def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
+    """Where the plan has its seeds in the tissue at rest: on the axes of the holes. BadPlan if the scene's template is another, its needle is
+    too short, or the seeds would overlap."""
+    guide, length, reach = guide_of(plan, model), model.seed_size.length, model.needle_length
+    found = []
+    for needle in plan.needles:
+        place = f"{plan.path}:{needle.line}: needle {needle.hole}" if needle.line else f"{plan.path}: needle {needle.hole}"
+        if needle.depth >= reach:
+            raise BadPlan(f"{place}: its depth of {needle.depth:g} m does not leave its base in front of the template: the scene's needle is {reach:g} m long; "
+                          "lengths are in metres")
+        if needle.seeds and needle.seeds[0] < 0.5 * length - _GAP:
+            raise BadPlan(f"{place}: the first seed's centre is {1e3 * needle.seeds[0]:g} mm behind the tip, less than half of its length of {1e3 * length:g} mm")
+        for before, after in zip(needle.seeds, needle.seeds[1:]):
+            if after - before < length - _GAP:
+                raise BadPlan(f"{place}: seeds of {1e3 * length:g} mm at {1e3 * before:g} and {1e3 * after:g} mm behind the tip overlap")
+        face = hole_axis(guide, needle.hole)
+        for i, seed in enumerate(needle.seeds):
+            found.append(Planned(needle.hole, i + 1, face + (needle.depth - seed) * guide.normal, guide.normal))
+    return found
+
+
+def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
+    """The region in which each point (k, 3) lies, None outside of the tissue."""
+    corners = model.nodes[model.tets]
+    edges = np.linalg.inv((corners[:, :3] - corners[:, 3:]).transpose(0, 2, 1))
+    names, found = model.groups, []
+    for point in points:
+        weights = np.einsum("tij,tj->ti", edges, point - corners[:, 3])
+        inside = np.minimum(weights.min(axis=1), 1 - weights.sum(axis=1))
+        best = int(np.argmax(inside))
+        found.append(names[model.tet_regions[best]] if inside[best] > -1e-9 else None)
+    return found
+
+
+def check(plan: Plan, model: Model) -> dict[str, int]:
+    """How many seeds the plan has in each region. BadPlan as `planned_seeds`, and for a seed that reaches out of the tissue."""
+    seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
+    if not seeds:
+        return {}
+    ends = np.array([s.position + end * half * s.direction for s in seeds for end in (-1, 0, 1)])
+    regions, counts = _regions_at(model, ends), {}
+    for i, seed in enumerate(seeds):
+        if None in regions[3 * i:3 * i + 3]:
+            needle = next(n for n in plan.needles if n.hole == seed.hole)
+            raise BadPlan(f"{plan.path}:{needle.line}: needle {seed.hole}: seed {seed.number}, {1e3 * needle.seeds[seed.number - 1]:g} mm behind the tip, is not "
+                          "in the tissue")
+        counts[regions[3 * i + 1]] = counts.get(regions[3 * i + 1], 0) + 1
+    return counts
+
+
+# ---- what was achieved --------------------------------------------------------------------------------------------------------------
+
+
+def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> list[Placed]:
+    """The table that `trocar-replay --seeds` writes. now: where the seeds were at the end of the replay, else in the tissue at rest."""
+    name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+    except OSError as error:
+        raise BadPlan(f"{name}: cannot be opened: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadPlan(f"{name}: not a table: {error}") from error
+    header = rows[0] if rows else []
+    unit = next((u for u in ("m", "mm") if f"rest_x [{u}]" in header), None)
+    needed = ["seed", "guide", "hole", *(f"{prefix}{axis} [{unit}]" for axis in "xyz")]
+    if unit is None or any(column not in header for column in needed):
+        raise BadPlan(f"{name}:1: not a table of seeds: write one with trocar-replay --seeds")
+    if unit == "mm" and not frame.is_patient:
+        raise BadPlan(f"{name}:1: in the patient's coordinates, which the scene does not have: replay without --patient, or choose the scene that it was made with")
+    seeds = []
+    for line, row in enumerate(rows[1:], 2):
+        if len(row) != len(header):
+            raise BadPlan(f"{name}:{line}: {len(row)} columns, not {len(header)}")
+        value = dict(zip(header, row))
+        try:
+            position = np.array([float(value[column]) for column in needed[3:]])
+            number = int(value["seed"])
+        except ValueError as error:
+            raise BadPlan(f"{name}:{line}: {error}") from error
+        if not np.isfinite(position).all():
+            raise BadPlan(f"{name}:{line}: a position is not finite")
+        seeds.append(Placed(number, value["guide"], value["hole"], frame.to_mesh(position) if unit == "mm" else position))
+    return seeds
+
+
+def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
+    """The seeds of a simulation. now: where they are in the tissue as it is displaced, else in the tissue at rest."""
+    seeds, guides = sim.seeds(), sim.model.guides
+    places = sim.model.displaced_seeds(seeds, sim.displacements())[0] if now else [s.position for s in seeds]
+    found = []
+    for i, (seed, place) in enumerate(zip(seeds, places)):
+        guide = guides[seed.guide] if seed.guide is not None else None
+        found.append(Placed(i + 1, guide.name if guide else "", hole_name(seed.hole % guide.columns, seed.hole // guide.columns) if guide else "", place))
+    return found
+
+
+def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:
+    """Pairs the seeds of one needle, both by depth and in that order, with the least sum of distances. As many pairs as there can be."""
+    few, many = sorted((planned, placed), key=len)
+    cost = np.full((len(few) + 1, len(many) + 1), np.inf)
+    cost[0] = 0.0
+    for i in range(1, len(few) + 1):
+        for k in range(i, len(many) + 1):
+            cost[i, k] = min(cost[i, k - 1], cost[i - 1, k - 1] + abs(few[i - 1] - many[k - 1]))
+    partner: list[int | None] = [None] * len(many)
+    i = len(few)
+    for k in range(len(many), 0, -1):
+        if i > 0 and cost[i, k] < cost[i, k - 1]:
+            i -= 1
+            partner[k - 1] = i
+    pairs = [(p, k) for k, p in enumerate(partner)]
+    return pairs if few is planned else [(k, p) for p, k in pairs]
+
+
+def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplacement]:
+    """The misplacement of each seed against the plan: those of a hole are paired by their order along the needle. Planned seeds that were
+    not placed, and placed ones that were not planned, come without a counterpart."""
+    frame, planned, placed = Frame(model), planned_seeds(plan, model), list(placed)
+    normal = guide_of(plan, model).normal
+    own = lambda seed: seed.guide == plan.template
+    rows: list[Misplacement] = []
+    for hole in dict.fromkeys([s.hole for s in planned] + [s.hole for s in placed if own(s)]):
+        wanted = [s for s in planned if s.hole == hole]
+        there = sorted((s for s in placed if own(s) and s.hole == hole), key=lambda s: -(s.position @ normal))
+        for p, k in _pairs([-(s.position @ normal) for s in wanted], [-(s.position @ normal) for s in there]):
+            if p is None or k is None:
+                rows.append(Misplacement(hole, None if p is None else wanted[p], None if k is None else there[k], None, None, None))
+                continue
+            off, axis = frame.vector(there[k].position - wanted[p].position), frame.vector(wanted[p].direction)
+            along = float(off @ axis / np.linalg.norm(axis))
+            across = math.sqrt(max(off @ off - along * along, 0.0))
+            rows.append(Misplacement(hole, wanted[p], there[k], off, along, across))
+    return rows + [Misplacement(s.hole, None, s, None, None, None) for s in placed if not own(s)]
+
+
+def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
+    """Over all seeds with a counterpart: `count`, and the means, mm, of `distance`, of each axis' absolute value (`0`, `1`, `2`), of `along`
+    (absolute) and `across`, and `deeper`, the mean of `along` with its sign."""
+    both = [r for r in rows if r.offset is not None]
+    if not both:
+        return {"count": 0}
+    offsets, along = np.array([r.offset for r in both]), np.array([r.along for r in both])
+    return {"count": len(both), "distance": float(np.linalg.norm(offsets, axis=1).mean()),
+            **{str(i): float(value) for i, value in enumerate(np.abs(offsets).mean(axis=0))},
+            "along": float(np.abs(along).mean()), "across": float(np.mean([r.across for r in both])), "deeper": float(along.mean())}
+
+
+# ---- tables -------------------------------------------------------------------------------------------------------------------------
+
+
+def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
+    head = ["hole", "seed", "x [m]", "y [m]", "z [m]"] + ([f"{name} [mm]" for name in frame.names] if frame.is_patient else [])
+    rows = [head]
+    for seed in seeds:
+        patient = [f"{value:.3f}" for value in frame.position(seed.position)] if frame.is_patient else []
+        rows.append([seed.hole, str(seed.number), *(f"{value:.6f}" for value in seed.position), *patient])
+    return rows
+
+
+def _misplacement_table(rows: Sequence[Misplacement], frame: Frame) -> list[list[str]]:
+    table = [["hole", "planned", "seed", *(f"{name} [mm]" for name in frame.names), "along [mm]", "across [mm]", "distance [mm]", "remark"]]
+    for r in rows:
+        numbers = [""] * 6 if r.offset is None else [f"{value:.3f}" for value in (*r.offset, r.along, r.across, np.linalg.norm(r.offset))]
+        remark = "not planned" if r.planned is None else "not placed" if r.placed is None else ""
+        table.append([r.hole, str(r.planned.number) if r.planned else "", str(r.placed.number) if r.placed else "", *numbers, remark])
+    return table
+
+
+def _print(table: list[list[str]]) -> None:
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    for row in table:
+        print("  ".join(text.rjust(width) for text, width in zip(row, widths)).rstrip())
+
+
+def _save(table: list[list[str]], path: str) -> None:
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(table)
+
+
+# ---- the program --------------------------------------------------------------------------------------------------------------------
+
+
+def _show(given: argparse.Namespace, model: Model) -> None:
+    table = _planned_table(planned_seeds(read(given.plan), model), Frame(model))
+    _save(table, given.out) if given.out else _print(table)
+
+
+def _check(given: argparse.Namespace, model: Model) -> None:
+    plan = read(given.plan)
+    counts = check(plan, model)
+    where = ", ".join(f"{count} in {name}" for name, count in counts.items())
+    print(f"{plan.path}: {len(plan.needles)} needles, {sum(counts.values())} seeds{': ' + where if where else ''}")
+
+
+def _export(given: argparse.Namespace, model: Model) -> None:
+    from . import rtplan
+    rtplan.export(read(given.plan), model, given.out, given.structures)
+
+
+def _import(given: argparse.Namespace, model: Model) -> None:
+    from . import rtplan
+    plan = rtplan.read(given.file, model, given.template)
+    planned_seeds(plan, model)
+    write(plan, given.out, f"From {given.file}")
+
+
+def _compare(given: argparse.Namespace, model: Model) -> None:
+    frame = Frame(model)
+    rows = compare(read(given.plan), model, read_seeds(given.seeds, model, given.now))
+    table = _misplacement_table(rows, frame)
+    _save(table, given.out) if given.out else _print(table)
+    mean = summary(rows)
+    if mean["count"]:
+        axes = ", ".join(f"{name} {mean[str(i)]:.2f}" for i, name in enumerate(frame.names))
+        print(f"mean of {mean['count']} seeds: {mean['distance']:.2f} mm ({axes}); along the needle {mean['along']:.2f}, {mean['deeper']:+.2f} with its sign, "
+              f"across {mean['across']:.2f}")
+
+
+def _options() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python3 -m trocar.plan", description="Plans of an implant: needles by the template's coordinates, seeds along them.",
+                                     epilog="Exit status: 0, 2 for bad input.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, run: Any, words: str, *first: tuple[str, str]) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
+        for argument, text in first:
+            added.add_argument(argument, help=text, metavar=argument.upper())
+        added.add_argument("--scene", required=True, help="scene that the plan is for (required)", metavar="FILE")
+        added.set_defaults(run=run)
+        return added
+
+    plan = ("plan", "plan, a YAML file")
+    command("show", _show, "list where the plan has its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
+    command("check", _check, "check that the plan fits the scene and that its seeds are in the tissue", plan)
+    added = command("export", _export, "write the plan as a DICOM RT Plan", plan)
+    added.add_argument("--out", required=True, help="DICOM file (required)", metavar="FILE")
+    added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
+    added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
+    added.add_argument("--out", required=True, help="plan, a YAML file (required)", metavar="FILE")
+    added.add_argument("--template", help="the scene's guide that is meant, if the file has another name for it", metavar="NAME")
+    added = command("compare", _compare, "list how far seeds are from their places in the plan", plan, ("seeds", "table that trocar-replay --seeds has written"))
+    added.add_argument("--now", action="store_true", help="where the seeds are at the end of the replay (default: in the tissue at rest)")
+    added.add_argument("--out", help="write a CSV file", metavar="FILE")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The program; returns its exit status."""
+    given = _options().parse_args(arguments)
+    try:
+        given.run(given, Model(Scene.load(given.scene), mesh_only=True))
+    except (BadPlan, Error) as error:
+        print(f"trocar.plan: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"trocar.plan: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    from trocar import plan as _imported  # rtplan imports this module by its name: its BadPlan must be the same
+
+    sys.exit(_imported.main())

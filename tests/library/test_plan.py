@@ -1,0 +1,415 @@
+#!/usr/bin/python3
+"""Plans: the YAML reader, DICOM RT Plans held against dcmtk's and dicom3tools' readers, misplacement; and a log with commands replayed.
+
+usage: test_plan.py BUILD_DIR SOURCE_DIR
+"""
+import contextlib
+import io
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+import warnings
+from pathlib import Path
+
+BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
+os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
+sys.path.insert(0, str(BUILD / "clients/python"))
+sys.dont_write_bytecode = True
+import numpy as np
+import pydicom
+
+import trocar
+from trocar import plan as plans
+from trocar import rtplan
+
+SCENE, EXAMPLE = SOURCE / "meshes/implant.yaml", SOURCE / "docs/examples/implant-plan.yaml"
+MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
+
+
+def with_guide(**keys):
+    """The same scene with another guide."""
+    scene = trocar.Scene.load(SCENE)
+    for key, value in keys.items():
+        scene[f"guides[0].{key}"] = value
+    return trocar.Model(scene, mesh_only=True)
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.out = Path(folder.name)
+
+    def write(self, text, name="plan.yaml"):
+        (self.out / name).write_text(text)
+        return self.out / name
+
+    def refused(self, words, call, *arguments):
+        with self.assertRaises(plans.BadPlan) as caught:
+            call(*arguments)
+        self.assertRegex(str(caught.exception), words)
+
+
+class Holes(Case):
+    def test_names(self):
+        self.assertEqual([plans.hole_name(*at) for at in ((0, 0), (2, 5), (12, 12), (25, 1), (26, 0), (99, 99))], ["A1", "C3.5", "M7", "Z1.5", "AA1", "CV50.5"])
+        for column in range(100):
+            for row in range(100):
+                self.assertEqual(plans.hole_number(plans.hole_name(column, row)), (column, row))
+        self.assertEqual(plans.hole_number("C3.0"), (2, 4))
+        for wrong in ("", "3C", "c3", "C0", "C3.2", "C-1", "C3.", "C 3", "ABC1", "C1e1"):
+            self.assertIsNone(plans.hole_number(wrong), wrong)
+
+
+class Reader(Case):
+    def test_the_example(self):
+        plan = plans.read(EXAMPLE)
+        seeds = plans.planned_seeds(plan, MODEL)
+        self.assertEqual((len(plan.needles), len(seeds)), (16, 46))
+        self.assertEqual(plans.check(plan, MODEL), {"prostate": 46})
+        # Column F is the sixth of 13, 5 mm apart, whose seventh is in the middle; row 4 the seventh of 13; the face is at z = -25 mm.
+        first = next(s for s in seeds if s.hole == "F4")
+        np.testing.assert_allclose(first.position, [-0.005, 0.0, -0.025 + 0.09725 - 0.00225], atol=1e-12)
+        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [5, 0, 70], atol=1e-9)
+        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([5, 0, 70]), first.position, atol=1e-12)
+
+    def test_written_and_read_again(self):
+        plan = plans.read(EXAMPLE)
+        plan.source.model = 'a "b" \\ c'
+        plans.write(plan, self.out / "again.yaml", "two\nlines")
+        again = plans.read(self.out / "again.yaml")
+        self.assertEqual(again.source, plan.source)
+        self.assertEqual([(n.hole, n.depth, n.seeds) for n in again.needles], [(n.hole, n.depth, n.seeds) for n in plan.needles])
+
+    def test_bad_plans_are_refused_with_file_line_and_remedy(self):
+        text = EXAMPLE.read_text()
+        needle = "{hole: F4, depth: 0.09725, seeds: [0.00225, 0.01225, 0.02225, 0.03225]}"
+        line = text[:text.index(needle)].count("\n") + 1
+        self.assertIn(needle, text)
+        cases = [
+            ("template: template ", "templte: template ", r":4: unknown key \"templte\": there are template, columns"),
+            ("rows: 13\n", "", r":4: missing key \"rows\""),
+            ("rows: 13", "rows: 13\nrows: 13", r":7: \"rows\" is given twice"),
+            ("rows: 13", "rows: 1e9", r":6: rows: \"1e9\": write a whole number from 1 to 100"),
+            ("rows: 13", "rows: 2.5", r":6: rows: .* whole number"),
+            ("spacing: 5e-3", "spacing: five", r":7: spacing: \"five\": write a number above 0"),
+            ("spacing: 5e-3", "spacing: .nan", r":7: spacing: "),
+            ("spacing: 5e-3", "spacing: [1]", r":7: spacing: a list: write a number"),
+            ("I-125", "I-131", r":8: source.isotope: \"I-131\": there are I-125 and Pd-103"),
+            ("strength: 0.5", "strength: -1", r":8: source.strength"),
+            ("strength: 0.5", "activity: 0.5", r":8: source: unknown key \"activity\""),
+            (needle, needle.replace("F4", "N4"), rf":{line}: needles\[7\].hole: no hole \"N4\": the template has columns A to M, rows 1 to 7 in halves"),
+            (needle, needle.replace("F4", "F7.5"), rf":{line}: needles\[7\].hole: no hole \"F7.5\""),
+            (needle, needle.replace("F4", "F4.3"), rf":{line}: .*no hole \"F4.3\""),
+            (needle, needle.replace("F4", "F3"), rf":{line}: .*F3 is taken by the needle in line {line - 6}"),
+            (needle, needle.replace("0.00225", "0.02"), rf":{line}: needles\[7\].seeds\[1\]: 0.01225 m is not behind"),
+            (needle, needle.replace("0.03225", "32.25"), rf":{line}: needles\[7\].seeds\[3\]: 32.25 m behind the tip is outside .* in metres"),
+            (needle, needle.replace("depth: 0.09725, ", ""), rf":{line}: needles\[7\]: missing key \"depth\""),
+            (needle, "F4", rf":{line}: needles\[7\]: write keys and values"),
+            (needle, needle.replace("[", "{"), rf":{line}: not YAML"),
+            (text[text.index("needles:"):], "needles: []\n", r":10: needles: empty"),
+            (text, "", r":1: empty"), (text, "a plan", r":1: a plan: write keys"), (text, "[" * 5000, r"not YAML|too deep"),
+        ]
+        for old, new, words in cases:
+            with self.subTest(new=new[:60]):
+                self.refused(r"plan\.yaml" + words, plans.read, self.write(text.replace(old, new, 1)))
+        self.refused("nowhere.yaml: cannot be opened", plans.read, self.out / "nowhere.yaml")
+        (self.out / "binary.yaml").write_bytes(bytes(range(256)))
+        self.refused("binary.yaml: not", plans.read, self.out / "binary.yaml")
+
+    def test_what_does_not_fit_the_scene_is_refused(self):
+        text = EXAMPLE.read_text()
+        plan = plans.read(EXAMPLE)
+        self.refused(r"plan.yaml:4: the plan is for the template \"template\"; the scene has plate", plans.planned_seeds, plan, with_guide(name="plate"))
+        self.refused(r"plan.yaml:4: .*13 x 13 holes, 5 mm apart; the scene's has 13 x 11, 5 mm", plans.planned_seeds, plan, with_guide(rows=11))
+        self.refused(r"the scene's has 13 x 13, 4.8 mm", plans.planned_seeds, plan, with_guide(spacing=4.8e-3))
+        self.refused(r"the scene has none", plans.planned_seeds, plan, trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"), mesh_only=True))
+        for old, new, words in (("depth: 0.09725", "depth: 97.25", r"needle F4: its depth of 97.25 m .* 0.2 m long; lengths are in metres"),
+                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.002]", "needle F4: the first seed's centre is 2 mm behind the tip, less than half"),
+                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.0025, 0.006]", "needle F4: seeds of 4.5 mm at 2.5 and 6 mm behind the tip overlap"),
+                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.00225, 0.0715]", "needle F4: seed 2, 71.5 mm behind the tip, is not in the tissue")):
+            with self.subTest(new=new):
+                self.refused(words, plans.check, plans.read(self.write(text.replace(old, new, 1))), MODEL)
+
+
+def dumped(path):
+    """What dcmtk reads: [(applicator, position, orientation, relative position)] of the control points."""
+    found, hole, place = [], None, {}
+    for line in subprocess.run(["dcmdump", "+L", path], check=True, capture_output=True, text=True).stdout.splitlines():
+        match = re.match(r" *\((300a,\w{4})\) \w\w \[?([^\]#]*?)\]? *#", line)
+        if not match:
+            continue
+        tag, value = match.groups()
+        numbers = lambda: [float(v) for v in value.split("\\")]
+        if tag == "300a,0291":
+            hole = value
+        elif tag == "300a,02d2":
+            place = {"behind": numbers()[0]}
+        elif tag == "300a,02d4":
+            place["at"] = numbers()
+        elif tag == "300a,0412":
+            found.append((hole, place["at"], numbers(), place["behind"]))
+    return found
+
+
+class Dicom(Case):
+    def exported(self, model=MODEL, structures=None):
+        path = self.out / "plan.dcm"
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            rtplan.export(plans.read(EXAMPLE), model, path, structures)
+        return path
+
+    def test_other_readers_find_the_seeds(self):
+        path, seeds = self.exported(), plans.planned_seeds(plans.read(EXAMPLE), MODEL)
+        points = dumped(path)
+        self.assertEqual(len(points), 2 * len(seeds))
+        for i, seed in enumerate(seeds):
+            for hole, at, along, behind in points[2 * i:2 * i + 2]:
+                self.assertEqual(hole, seed.hole)
+                np.testing.assert_allclose(at, [-1e3, -1e3, 1e3] * seed.position, atol=1e-4)
+                np.testing.assert_allclose(along, [0, 0, 1], atol=1e-6)
+                self.assertAlmostEqual(behind, 10 * (seed.number - 1), places=4)
+        said = subprocess.run(["dciodvfy", path], capture_output=True, text=True).stderr
+        self.assertRegex(said, r"(?m)^RTPlan$")
+        self.assertEqual([line for line in said.splitlines() if line.startswith("Error")], [])
+
+    def test_read_back_it_is_the_same_plan(self):
+        plan, again = plans.read(EXAMPLE), rtplan.read(self.exported(), MODEL)
+        self.assertEqual((again.template, again.columns, again.rows, again.spacing, again.source), ("template", 13, 13, 0.005, plan.source))
+        by_hole = lambda p: sorted((n.hole, n.depth, n.seeds) for n in p.needles)
+        for (hole, depth, found), (expected, its_depth, its_seeds) in zip(by_hole(again), by_hole(plan), strict=True):
+            self.assertEqual(hole, expected)
+            np.testing.assert_allclose([depth, *found], [its_depth, *its_seeds], atol=2e-7)
+
+    def test_it_belongs_to_the_structure_set(self):
+        structures = SOURCE / "meshes/synthetic.dcm"
+        given, data = pydicom.dcmread(structures), pydicom.dcmread(self.exported(structures=structures))
+        for name in ("PatientName", "PatientID", "StudyInstanceUID"):
+            self.assertEqual(data[name].value, given[name].value)
+        self.assertEqual(data.RTPlanGeometry, "PATIENT")
+        self.assertEqual(data.ReferencedStructureSetSequence[0].ReferencedSOPInstanceUID, given.SOPInstanceUID)
+        self.assertEqual(data.FrameOfReferenceUID, rtplan._frame_of_reference(given) or data.FrameOfReferenceUID)
+        said = subprocess.run(["dciodvfy", self.out / "plan.dcm"], capture_output=True, text=True).stderr
+        self.assertEqual([line for line in said.splitlines() if line.startswith("Error")], [])
+        self.refused("plan.dcm: its modality is RTPLAN, not RTSTRUCT", self.exported, MODEL, self.out / "plan.dcm")
+
+    def test_what_is_no_plan_for_this_scene_is_refused(self):
+        path = self.exported()
+        self.refused(r"its template is \"template\"; the scene has plate: .*--template", rtplan.read, path, with_guide(name="plate"))
+        self.assertEqual(rtplan.read(path, with_guide(name="plate"), "plate").template, "plate")
+        self.refused("has 13x13 5 mm of holes; the scene's has 13x11 5 mm", rtplan.read, path, with_guide(rows=11))
+        self.refused(r"channel 1: the seed at \(15.0, 10.0, 60.0\) mm is 2.0 mm from the axis of the closest hole, D3", rtplan.read, path,
+                     with_guide(origin=[0.002, 0, -0.025]))
+        data = pydicom.dcmread(path)
+
+        def changed(change):
+            again = pydicom.dcmread(path)
+            change(again)
+            again.save_as(self.out / "changed.dcm")
+            return self.out / "changed.dcm"
+        for change, words in ((lambda d: setattr(d, "BrachyTreatmentTechnique", "INTERSTITIAL"), "technique is INTERSTITIAL, not PERMANENT"),
+                              (lambda d: delattr(d, "ApplicationSetupSequence"), "RTPLAN, without seeds"),
+                              (lambda d: delattr(d.ApplicationSetupSequence[0].ChannelSequence[3].BrachyControlPointSequence[0], "ControlPoint3DPosition"), "channel 4: a control point has no"),
+                              (lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Ir-192"), "seeds of \"Ir-192\": there are I-125 and Pd-103"),
+                              (lambda d: setattr(d.ApplicationSetupSequence[0], "ChannelSequence", []), "no seeds")):
+            self.refused(words, rtplan.read, changed(change), MODEL)
+        self.assertEqual(rtplan.read(changed(lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Palladium-103")), MODEL).source.isotope, "Pd-103")
+        whole = path.read_bytes()
+        for size in range(0, len(whole), 997):
+            (self.out / "cut.dcm").write_bytes(whole[:size])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                try:
+                    rtplan.read(self.out / "cut.dcm", MODEL)
+                except plans.BadPlan as refusal:
+                    self.assertIn("cut.dcm: ", str(refusal))
+        self.refused("not a DICOM file", rtplan.read, EXAMPLE, MODEL)
+        self.refused("its modality is RTSTRUCT, not RTPLAN", rtplan.read, SOURCE / "meshes/synthetic.dcm", MODEL)
+        plan = plans.read(EXAMPLE)
+        self.refused("no patient_to_mesh", rtplan.dataset, plans.Plan("template", 13, 13, 0.005, plan.needles, plan.source),
+                     trocar.Model(trocar.Scene.load(self.without_patient()), mesh_only=True))
+        plan.source = None
+        self.refused("without \"source\", which a DICOM plan needs: add source", rtplan.dataset, plan, MODEL)
+        self.assertEqual(data.Modality, "RTPLAN")
+
+    def without_patient(self):
+        text = re.sub(r"(?m)^patient_to_mesh:.*\n", "", SCENE.read_text()).replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
+        return self.write(text, "scene.yaml")
+
+
+class Compare(Case):
+    def test_misplacements(self):
+        plan = plans.read(EXAMPLE)
+        seeds = plans.planned_seeds(plan, MODEL)
+        moved = [np.array([0.3e-3, -0.4e-3, -2e-3]) * (1 + 0.1 * i) for i in range(len(seeds))]
+        placed = [plans.Placed(i + 1, "template", s.hole, s.position + moved[i]) for i, s in enumerate(seeds)]
+        rows = plans.compare(plan, MODEL, list(reversed(placed)))
+        self.assertEqual(len(rows), 46)
+        for row in rows:
+            off = moved[row.placed.number - 1] * 1e3
+            np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # to the left, to the back, to the head
+            self.assertAlmostEqual(row.along, off[2])
+            self.assertAlmostEqual(row.across, np.hypot(off[0], off[1]))
+            np.testing.assert_array_equal(row.planned.position, seeds[row.placed.number - 1].position)
+        mean = plans.summary(rows)
+        self.assertAlmostEqual(mean["distance"], 1e3 * np.mean(np.linalg.norm(moved, axis=1)))
+        self.assertAlmostEqual(mean["deeper"], 1e3 * np.mean(moved, axis=0)[2])
+
+    def test_seeds_without_a_counterpart(self):
+        plan = plans.read(EXAMPLE)
+        seeds = [s for s in plans.planned_seeds(plan, MODEL) if s.hole in ("F4", "D3")]
+        placed = [plans.Placed(1, "template", "F4", seeds[3].position + [0, 0, 1e-3]), plans.Placed(2, "template", "F4", seeds[5].position),
+                  *(plans.Placed(3 + i, "template", "D3", seeds[0].position - [0, 0, 9e-3 * i]) for i in range(3)),
+                  plans.Placed(6, "", "", seeds[0].position), plans.Placed(7, "template", "A1", seeds[0].position), plans.Placed(8, "plate", "F4", seeds[0].position)]
+        rows = {(r.placed.number if r.placed else None, r.planned.number if r.planned else None) for r in plans.compare(plan, MODEL, placed) if r.hole in ("F4", "D3", "A1", "")}
+        self.assertEqual(rows, {(1, 2), (2, 4), (None, 1), (None, 3), (3, 1), (4, 2), (5, None), (6, None), (7, None), (8, None)})
+
+    def test_pairs_have_the_least_distance(self):
+        random = np.random.default_rng(1)
+        import itertools
+        for _ in range(200):
+            few, many = np.sort(random.uniform(0, 50, 3)), np.sort(random.uniform(0, 50, 5))
+            best = min(np.abs(few - many[list(chosen)]).sum() for chosen in itertools.combinations(range(5), 3))
+            for a, b in ((few, many), (many, few)):
+                pairs = plans._pairs(list(a), list(b))
+                self.assertAlmostEqual(sum(abs(a[p] - b[k]) for p, k in pairs if p is not None and k is not None), best)
+                self.assertEqual(len(pairs), 5)
+                for side, count in ((0, len(a)), (1, len(b))):
+                    self.assertEqual(sorted(pair[side] for pair in pairs if pair[side] is not None), list(range(count)))
+
+    def test_bad_tables_are_refused(self):
+        good = "seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],x [m],y [m],z [m]\n1,template,F4,1e-3,2e-3,3e-3,4e-3,5e-3,6e-3\n"
+        np.testing.assert_allclose(plans.read_seeds(self.write(good), MODEL)[0].position, [1e-3, 2e-3, 3e-3])
+        np.testing.assert_allclose(plans.read_seeds(self.write(good), MODEL, now=True)[0].position, [4e-3, 5e-3, 6e-3])
+        np.testing.assert_allclose(plans.read_seeds(self.write(good.replace("[m]", "[mm]").replace("e-3", "")), MODEL)[0].position, [-1e-3, -2e-3, 3e-3])
+        figure8 = trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"), mesh_only=True)
+        for text, words, model in ((good.replace("hole", "hull"), ":1: not a table of seeds", MODEL), (good.replace("1e-3", "x"), ":2: could not convert", MODEL),
+                                   (good.replace("1e-3", "nan"), ":2: a position is not finite", MODEL), (good.replace(",2e-3", ""), ":2: 8 columns, not 9", MODEL),
+                                   ("", ":1: not a table", MODEL), (good.replace("[m]", "[mm]"), ":1: in the patient's coordinates", figure8)):
+            self.refused(words, plans.read_seeds, self.write(text), model)
+
+
+class Program(Case):
+    def run_plan(self, *arguments):
+        said, error = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(error):
+            status = plans.main([str(a) for a in arguments])
+        return status, said.getvalue(), error.getvalue()
+
+    def test_subcommands(self):
+        scene = ("--scene", SCENE)
+        self.assertEqual(self.run_plan("check", EXAMPLE, *scene), (0, f"{EXAMPLE}: 16 needles, 46 seeds: 46 in prostate\n", ""))
+        status, said, _ = self.run_plan("show", EXAMPLE, *scene)
+        self.assertEqual((status, len(said.splitlines())), (0, 47))
+        self.assertRegex(said, r"(?m)^ +F4 +1 +-0.005000 +0.000000 +0.070000 +5.000 +-?0.000 +70.000$")
+        self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--out", self.out / "a.dcm")[0], 0)
+        self.assertEqual(self.run_plan("import", self.out / "a.dcm", *scene, "--out", self.out / "a.yaml")[0], 0)
+        self.assertEqual(self.run_plan("check", self.out / "a.yaml", *scene)[0], 0)
+        status, _, error = self.run_plan("check", self.out / "none.yaml", *scene)
+        self.assertEqual((status, error), (2, f"trocar.plan: {self.out}/none.yaml: cannot be opened: No such file or directory\n"))
+        self.assertEqual(self.run_plan("check", EXAMPLE, "--scene", self.out / "none.yaml")[0], 2)
+        self.assertEqual(self.run_plan("show", EXAMPLE, *scene, "--out", self.out / "no/folder.csv")[0], 2)
+        done = subprocess.run(["/usr/bin/python3", "-m", "trocar.plan", "import", EXAMPLE, "--scene", SCENE, "--out", self.out / "b.yaml"], capture_output=True, text=True,
+                              env=dict(os.environ, PYTHONPATH=str(BUILD / "clients/python")))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("not a DICOM file", done.stderr)
+
+
+class Log:
+    """An LCM event log, written byte by byte."""
+
+    def __init__(self, path):
+        self.file, self.count = open(path, "wb"), 0
+
+    def add(self, channel, message):
+        data, name = message.encode(), channel.encode()
+        self.file.write(struct.pack(">IqqII", 0xEDA1DA01, self.count, message.utime, len(name), len(data)) + name + data)
+        self.count += 1
+
+
+class Replay(Case):
+    def test_a_log_with_commands_is_an_implant(self):
+        subprocess.run(["lcm-gen", "-p", "--ppath", self.out, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
+        needle_pose_t, command_t = self.types()
+        model = trocar.Model(trocar.Scene.load(SCENE))
+        sim, log, dt = trocar.Sim(model), Log(self.out / "implant.log"), 4000  # us
+        guide = model.guides[0]
+        state = {"utime": 10 ** 9, "seq": 0}
+
+        def pose(hole, tip):
+            base = plans.hole_axis(guide, hole) + (tip - model.needle_length) * guide.normal
+            return np.array([*base, 1, 0, 0, 0])
+
+        def step(hole, tip):
+            at, message = pose(hole, tip), needle_pose_t()
+            message.utime, message.session, message.seq, message.needle = state["utime"], 7, state["seq"], 0
+            message.position, message.orientation = list(at[:3]), list(at[3:])
+            if state["seq"] == 0:
+                sim.reset(at)
+            sim.step(at, 1 / model.rate_hz if state["seq"] == 0 else 1e-6 * dt)
+            log.add("TROCAR_POSE", message)
+            state["utime"] += dt
+            state["seq"] += 1
+
+        def tell(command, seeds=0, spacing=0.0, session=7):
+            message = command_t()
+            message.utime, message.session, message.command, message.seeds, message.spacing = state["utime"] - 1, session, command, seeds, spacing
+            log.add("TROCAR_COMMAND", message)
+
+        tell(command_t.DROP_SEED, 1)                     # before the first pose: skipped
+        for hole in ("F4", "I3.5"):
+            ways = {"in": np.arange(-0.02, 0.0900, 8e-4), "out": np.arange(0.0900, -0.02, -8e-4)}
+            for tip in ways["in"]:
+                step(hole, tip)
+            tell(command_t.DROP_SEED, 3, 9e-3)
+            sim.drop_seeds(3, 9e-3)
+            tell(command_t.DROP_SEED, 1, session=8)      # another session's: skipped
+            if hole == "F4":
+                tell(command_t.DROP_SEED, 1)             # refused while three are pending
+            for tip in ways["out"]:
+                step(hole, tip)
+            if hole == "F4":
+                tell(command_t.UNDO)
+                sim.undo_seed()
+        log.file.close()
+        expected = plans.seeds_of(sim)
+        self.assertEqual([s.hole for s in expected], ["F4"] * 2 + ["I3.5"] * 3)
+        for frame in ([], ["--patient"]):
+            done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--poses", self.out / "implant.log", "--seeds", self.out / "seeds.csv", "--out",
+                                   self.out / "again.log", *frame], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(done.stderr, r"5 seeds\n3 commands for seeds skipped")
+            self.assertRegex(done.stderr, r"1 of 4 commands refused; the first: needle 0 still holds 3 of the seeds")
+            placed = plans.read_seeds(self.out / "seeds.csv", model)
+            self.assertEqual([(s.number, s.guide, s.hole) for s in placed], [(s.number, s.guide, s.hole) for s in expected])
+            np.testing.assert_allclose([s.position for s in placed], [s.position for s in expected], atol=1e-9)
+            np.testing.assert_allclose([s.position for s in plans.read_seeds(self.out / "seeds.csv", model, now=True)],
+                                       [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
+            first = (self.out / "seeds.csv").read_text()
+        done = subprocess.run([BUILD / "clients/trocar-replay", "--quiet", "--scene", SCENE, "--poses", self.out / "again.log", "--seeds", self.out / "seeds.csv", "--patient"],
+                              capture_output=True, text=True)
+        self.assertEqual((done.returncode, (self.out / "seeds.csv").read_text()), (0, first))
+
+    def types(self):
+        """The generated package has the same name as the library's: its modules are loaded by path."""
+        import importlib.util
+        found = []
+        for name in ("needle_pose_t", "command_t"):
+            spec = importlib.util.spec_from_file_location(f"generated_{name}", self.out / f"trocar/{name}.py")
+            module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+            found.append(getattr(module, name))
+        return found
+
+
+if __name__ == "__main__":
+    for program in ("dcmdump", "dciodvfy", "lcm-gen"):
+        if not shutil.which(program):
+            sys.exit(f"FAILED: no {program}: scripts/test installs dcmtk, dicom3tools and liblcm-bin")
+    unittest.main(argv=sys.argv[:1])

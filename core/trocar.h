@@ -568,7 +568,7 @@ typedef struct trocar_dose_seed {
     double strength;             /* U, air-kerma strength at the implantation, above 0, at most 1000 */
 } trocar_dose_seed;
 
-/* Dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m): the plain sum of the formula in floating point. 20 ns a
+/* Dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m): the plain sum of the formula in floating point. 25 ns a
    point and seed. BAD_INPUT, and nothing is written, for a seed or point that is not finite or beyond 1000 m, or a bad strength or
    direction. RT */
 TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
@@ -598,7 +598,7 @@ TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *sou
                                                    trocar_error *error);
 TROCAR_API void trocar_dose_free(trocar_dose *dose);
 
-/* Adds a seed; `id` (may be NULL) names it from then on, and is never given again. 20 ns a point. Allocates a little for the list of seeds.
+/* Adds a seed; `id` (may be NULL) names it from then on, and is never given again. 25 ns a point. Allocates a little for the list of seeds.
    BAD_INPUT as in trocar_dose_rates, and beyond TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. On an error nothing has changed. */
 TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
 

@@ -1,0 +1,104 @@
+// Procedure mode with a live server, as someone new to it uses the page: hole C3.5, needle in, seed dropped, needle drawn back. Run by
+// test_view.sh in a private network.
+// usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+import assert from 'node:assert/strict'
+import path from 'node:path'
+import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
+import { source, start, stop } from './parts.mjs'
+
+const SIZES = [[1440, 900], [1024, 768], [390, 844]]
+const OUT = process.argv[4]
+const implant = path.join(source, 'meshes/implant.yaml')
+const text = (id) => `document.getElementById('${id}').textContent`
+const says = (id, pattern) => until(page, `${pattern}.test(${text(id)})`)
+const tip = () => page.evaluate('trocar.stage.needles[0].tip.toArray()')
+
+let shots = 0
+/** A picture of the page, for people to look at. */
+const shoot = (name) => page.screenshot({ path: path.join(OUT, `procedure-${++shots}-${name}.png`) })
+
+/** The middle of a hole on the screen. */
+const onScreen = (hole) => page.evaluate((name) => {
+  const { procedure, echo } = trocar, { template } = procedure, place = template.place(template.find(name)), box = echo.canvas.getBoundingClientRect()
+  const [x, y] = echo.toPixel(place.x, place.y), ratio = echo.marks.width / box.width
+  return [box.left + x / ratio, box.top + y / ratio]
+}, hole)
+
+const press = async (key, done) => {
+  await page.keyboard.down(key)
+  await until(page, done)
+  await page.keyboard.up(key)
+}
+
+let view = await start('clients/view/trocar-view', '--scene', implant), server, page
+try {
+  server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
+  page = await open({ width: 1440, height: 900 })
+
+  await check('the page has the images, the grid and a first step', async () => {
+    await until(page, `${text('link')} === 'live' && document.body.classList.contains('procedure')`)
+    await says('next', /Click on a hole/)
+    await until(page, `/No seeds yet/.test(${text('dose')})`)
+    await shoot('start')
+  })
+
+  await check('a name that is no hole is refused with the names that are', async () => {
+    await page.fill('#hole', 'Q9')
+    await page.press('#hole', 'Enter')
+    await says('answer', /no hole “Q9”: type a letter from A to M and a number from 1 to 7 in halves/)
+  })
+
+  await check('a click in the grid chooses C3.5', async () => {
+    await page.mouse.click(...await onScreen('C3.5'))
+    assert.equal(await page.inputValue('#hole'), 'C3.5')
+    await says('next', /C3.5 is chosen/)
+    await shoot('hole')
+  })
+
+  await driven('the driven needle moves in front of the hole', page, async () => {
+    await says('next', /Hold W/)
+    const [x, y, z] = await tip() // C is 4 columns from the middle one, 3.5 one row from the middle one: 5 mm each
+    assert(Math.abs(x + 0.020) < 1e-4 && Math.abs(y + 0.005) < 1e-4 && z < -0.025, `${[x, y, z]}`)
+    await shoot('in-front')
+  })
+
+  await check('a seed is not dropped outside of the tissue, and the page says so', async () => {
+    await page.click('#drop')
+    await says('answer', /No seed dropped: the tip of needle 0 is outside of the tissue/)
+  })
+
+  await driven('W pushes the needle through the hole to the target', page, async () => {
+    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.004`)
+    await says('needles', /driven hereC3.5/)
+    assert((await tip())[2] > 0.04)
+    await shoot('at-target')
+  })
+
+  await driven('a seed is dropped, and stays when the needle is drawn back', page, async () => {
+    await page.click('#drop')
+    await says('answer', /The seed is at the tip/)
+    await says('next', /Draw the needle back 4\.\d mm/)
+    await shoot('dropped')
+    await press('s', 'trocar.procedure.seeds.seeds.length === 1')
+    await says('answer', /Seed 1 is in the tissue/)
+    const [seed] = await page.evaluate('trocar.procedure.seeds.seeds.map(({ hole, restPosition }) => ({ hole, place: [...restPosition] }))')
+    assert.equal(seed.hole, 2 + 13 * 5, 'in C3.5')
+    assert(Math.hypot(seed.place[0] + 0.020, seed.place[1] + 0.005) < 0.003, `${seed.place}`)
+  })
+
+  await check('its dose is drawn and summed up', async () => {
+    await until(page, `/Dose of 1 seed/.test(${text('dose')}) && trocar.procedure.dose.seeds === 1 && trocar.echo.doses.doseTop.value > 0`)
+    await until(page, '!trocar.echo.dirty && !trocar.procedure.sagittal.dirty')
+    await shoot('dose')
+  })
+
+  await driven('Undo takes the seed and its dose back', page, async () => {
+    await page.keyboard.press('u')
+    await says('answer', /The last seed is taken back/)
+    await until(page, `trocar.procedure.seeds.seeds.length === 0 && /No seeds yet/.test(${text('dose')})`)
+  })
+} finally {
+  await stop(server)
+  await stop(view)
+  await browser.close()
+}

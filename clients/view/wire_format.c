@@ -165,6 +165,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     write_homes(&j, homes, needles);
     double patient_to_mesh[16];
     if (trocar_model_patient_to_mesh(m, patient_to_mesh)) json_numbers(&j, "patientToMesh", patient_to_mesh, 16);
+    json_number(&j, "seedLength", trocar_model_seed_size(m).length);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
     write_guides(&j, s, m);
@@ -347,9 +348,7 @@ static sent_seed seed_of(const trocar_seeds_t *m, int i) {
 
 void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds) {
     size_t begun = section_begin(out, SECTION_SEEDS);
-    float size[2] = {(float)seeds->length, (float)seeds->diameter};
     int32_t counts[2] = {seeds->needle_count, seeds->seed_count};
-    bytes_append(out, size, sizeof size);
     bytes_append(out, counts, sizeof counts);
     for (int i = 0; i < seeds->needle_count; i++) bytes_append(out, &(int32_t){seeds->pending[i]}, 4);
     for (int i = 0; i < seeds->seed_count; i++) {

@@ -93,14 +93,14 @@ function decodeSamples(message, at, length) {
 /** `pending`: for each needle, the seeds still in it; `seeds`: centre and unit direction to the distal end, displaced and at rest (m), the
     needle that left it, guide and hole (-1: none), number in its strand. */
 function decodeSeeds(message, at) {
-  const head = new DataView(message, at), needles = head.getInt32(8, true), count = head.getInt32(12, true)
-  const pending = Array.from({ length: needles }, (_, i) => head.getInt32(16 + 4 * i, true))
+  const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
+  const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
   const seeds = Array.from({ length: count }, (_, i) => {
-    const start = at + 16 + 4 * needles + 64 * i, places = new Float32Array(message.slice(start, start + 48)), numbers = new Int32Array(message.slice(start + 48, start + 64))
+    const start = at + 8 + 4 * needles + 64 * i, places = new Float32Array(message.slice(start, start + 48)), numbers = new Int32Array(message.slice(start + 48, start + 64))
     return { position: places.subarray(0, 3), direction: places.subarray(3, 6), restPosition: places.subarray(6, 9), restDirection: places.subarray(9, 12),
              needle: numbers[0], guide: numbers[1], hole: numbers[2], strand: numbers[3] }
   })
-  return { length: head.getFloat32(0, true), diameter: head.getFloat32(4, true), pending, seeds }
+  return { pending, seeds }
 }
 
 /** The figures, and `levels`: a byte for each voxel (z fastest), 255 at `top` prescriptions or more. */

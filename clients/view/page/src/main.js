@@ -113,7 +113,7 @@ function showState() {
 
 function noticeOf({ flags = [], scene: served = '', message = '' }) {
   const words = flags.filter((flag) => flag !== 'ramping').map((flag) => flag.replaceAll('_', ' '))
-  if (message) words.push(scene?.live ? `server: ${message}` : message)
+  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
 }

@@ -46,7 +46,7 @@ function figures({ organs, prescription }) {
     const kind = Object.keys(OTHER_ROWS).find((name) => organ.name.toLowerCase().includes(name)), list = organ.target ? TARGET_ROWS : OTHER_ROWS[kind] ?? []
     return list.map(([name, show, aim]) => `<tr><th scope="row">${escape(organ.name)} ${name}</th><td>${show(organ.now)}</td>${planned ? `<td>${show(organ.planned)}</td>` : ''}<td>${aim(prescription)}</td></tr>`)
   })
-  return `<table class="figures"><thead><tr><th></th><th>now</th>${planned ? '<th>plan</th>' : ''}<th>usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
+  return `<table class="figures"><thead><tr><td></td><th>now</th>${planned ? '<th>plan</th>' : ''}<th>usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
 }
 
 /** HTML of the histogram, the legend and the figures. */

@@ -10,7 +10,7 @@ import { Template } from './template.js'
 const ORGANS = /prostate|gland|urethra|rectum/i
 const IN_LINE = 5e-4 // m, of the tip with the hole's axis
 const AT_TARGET = 1e-3 // m
-const NONE = { length: 0.0045, pending: [], seeds: [] }
+const NONE = { pending: [], seeds: [] }
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
@@ -27,7 +27,7 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], nodes: null, shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], nodes: null, shown: '' })
   }
 
   load(scene) {
@@ -40,7 +40,7 @@ export class Procedure {
     for (const row of document.querySelectorAll('.implant-key')) row.hidden = !this.available
     if (this.available) {
       this.template = new Template(scene.guides[index], index)
-      this.models = new Seeds3D()
+      this.models = new Seeds3D(scene.seedLength)
       this.stage.content.add(this.models.group)
       for (const slice of [this.echo, this.sagittal]) {
         slice.focus = (region) => ORGANS.test(region.name)
@@ -172,8 +172,9 @@ export class Procedure {
     const name = this.template.name(this.hole), holeNumber = this.hole.column + this.template.columns * this.hole.row
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
     const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
-    if (planned.length <= placed) return false
-    this.setTarget(planned[placed] + this.seeds.length / 2)
+    this.planned = planned.length > placed // the target is where the plan has the next seed
+    if (!this.planned) return false
+    this.setTarget(planned[placed] + this.seedLength / 2)
     return true
   }
 
@@ -203,7 +204,7 @@ export class Procedure {
   /* ---- drawing ---- */
 
   get needles() { return this.stage.needles }
-  get seedLength() { return this.seeds.length }
+  get seedLength() { return this.scene.seedLength }
 
   /** With each frame: `picture` is the one that is shown; `following`: it is live. */
   show(picture, following, chosen) {
@@ -316,16 +317,17 @@ export class Procedure {
     const name = this.template.name(this.hole)
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
     if (this.seeds.pending[chosen] > 0) {
-      const rest = this.dropped?.depth == null ? this.seeds.length : this.seeds.length - (this.dropped.depth - depth)
+      const rest = this.dropped?.depth == null ? this.seedLength : this.seedLength - (this.dropped.depth - depth)
       return `Draw the needle back ${mm(Math.max(rest, 0))} mm (hold S) to leave the seed.`
     }
     const current = this.template.holeOf(this.needles[chosen].line)
     if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (hold S) before it can go to hole ${name}.`
     if (depth === 0 && (!tip || this.template.aside(tip, this.hole).length() > IN_LINE)) return `The needle moves to hole ${name}.`
     if (depth === 0) return 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
+    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, or draw the needle out.'
     const { along } = this.tipError(tip)
-    if (along > AT_TARGET && !this.seedHere(chosen)) return `Push on (W): ${mm(along)} mm to the target. Then press “Drop seed”.`
-    if (this.seedHere(chosen)) return 'The seed is left, and its dose is shown. Drop the next one farther out, or draw the needle out.'
+    if (along > AT_TARGET) return `Push on (W): ${mm(along)} mm to the target. Then press “Drop seed”.`
+    if (along < -AT_TARGET) return `Draw the needle back (S): ${mm(-along)} mm to the target. Then press “Drop seed”.`
     return 'Press “Drop seed”.'
   }
 

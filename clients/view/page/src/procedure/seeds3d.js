@@ -21,8 +21,8 @@ function place(mesh, items) {
 }
 
 export class Seeds3D {
-  constructor() {
-    const grain = () => new THREE.CylinderGeometry(0.0004, 0.0004, 0.0045, 10)
+  constructor(length) {
+    const grain = () => new THREE.CylinderGeometry(0.0008, 0.0008, length, 10) // twice as thick as they are, to be seen
     this.seeds = shapes(grain(), SEED, 1)
     this.planned = shapes(grain(), PLANNED, 0.45)
     this.target = shapes(new THREE.TorusGeometry(0.0022, 0.0003, 8, 32).rotateX(Math.PI / 2), TARGET, 0.9)

@@ -93,7 +93,7 @@ export class SliceMarks {
   drawHole(ink, hole, colour, width) {
     const [x, y] = this.pixel(this.model.template.place(hole))
     ring(ink, [x, y], 8, colour, width)
-    label(ink, this.model.template.name(hole), x, y - 17 * ink.unit, colour)
+    label(ink, this.model.template.name(hole), x, y + 17 * ink.unit, colour) // the bevel's arrow is above at first
   }
 
   /** The chosen hole's axis, in the sagittal image. */

@@ -37,7 +37,7 @@ export class Template {
   /** Somewhat beyond the outer holes. */
   corners() {
     const { spacing } = this.guide
-    return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 1.6 * side * spacing))
+    return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 2.6 * side * spacing))
   }
 
   /** The hole in line with a point, and its distance from the hole's axis (m); null beside the template. */

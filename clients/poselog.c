@@ -26,7 +26,7 @@ typedef struct {
 
 static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
-static const older_type older_statuses[] = {{0xbcbe6819f8e2446a, 3 * 4 + 8}, {0}};
+static const older_type older_statuses[] = {{0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0xe428bcd4a42ff814, 4}, {0}};
 
 /* A log being read. */
 typedef struct {

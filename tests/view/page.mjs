@@ -54,7 +54,7 @@ export async function driven(name, page, body) {
         return await body()
       } catch (error) {
         if (!await lost(page) || attempt === 4) throw error
-        console.log(`   once more, because the needle was let go: ${name}`)
+        console.log(`   once more: ${name}: ${await lost(page)} ${error.message}`)
         for (const key of ['w', 'a']) await page.keyboard.up(key)
         await page.mouse.up()
       } finally {

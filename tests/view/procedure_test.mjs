@@ -25,10 +25,14 @@ const onScreen = (hole) => page.evaluate((name) => {
   return [box.left + x / ratio, box.top + y / ratio]
 }, hole)
 
+/** Holds a key down until the expression is true. On a busy machine the page may stop the needle meanwhile, and then wants the key pressed again. */
 const press = async (key, done) => {
-  await page.keyboard.down(key)
+  for (let times = 0; times < 30 && !await page.evaluate(done); times++) {
+    await page.keyboard.down(key)
+    for (const end = Date.now() + 3000; Date.now() < end && !await page.evaluate(done);) await page.waitForTimeout(30)
+    await page.keyboard.up(key)
+  }
   await until(page, done)
-  await page.keyboard.up(key)
 }
 
 // Two planned seeds in C3.5, which is 4 columns beside the middle one and 1 row below it, 5 mm each; another one elsewhere.

@@ -34,8 +34,23 @@ bool deformation_fits(const void *data, size_t size, int node_count) {
     return length_at(data, size, NODES) == node_count && size == NODES + 4 + NODE * (size_t)node_count;
 }
 
+bool seeds_fit(const void *data, size_t size) {
+    enum { NEEDLES = FINGERPRINT + 3 * 8 + 2 * 8, PENDING = 2, SEED = 4 * 3 * 4 + 4 * 2 };
+    int64_t needles = length_at(data, size, NEEDLES);
+    if (needles < 0 || needles > TROCAR_MAX_NEEDLES) return false;
+    size_t count_at = NEEDLES + 4 + PENDING * (size_t)needles;
+    int64_t seeds = length_at(data, size, count_at);
+    return seeds >= 0 && seeds <= TROCAR_MAX_SEEDS && size == count_at + 4 + SEED * (size_t)seeds;
+}
+
+bool reply_fits(const void *data, size_t size) {
+    enum { MESSAGE = FINGERPRINT + 4 * 8 + 3 * 4 };
+    int64_t length = length_at(data, size, MESSAGE);
+    return length >= 1 && size == MESSAGE + 4 + (size_t)length && ((const char *)data)[size - 1] == '\0';
+}
+
 bool status_fits(const void *data, size_t size) {
-    enum { STRINGS = 4, AFTER_STRINGS = 3 * 4 + 8 };
+    enum { STRINGS = 4, AFTER_STRINGS = 3 * 4 + 8 + 4 };
     trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
     size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1) - AFTER_STRINGS; /* empty string: length and zero */
     for (int string = 0; string < STRINGS; string++) {

@@ -4,9 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "trocar_command_reply_t.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
 #include "trocar.h"
+#include "trocar_seeds_t.h"
 #include "trocar_status_t.h"
 #include "trocar_tracks_t.h"
 
@@ -65,6 +67,34 @@ static void tracks_must_have_their_exact_size_and_room(void **unused) {
     assert_false(tracks_fit(bytes, (size_t)trocar_tracks_t_encode(bytes, 0, sizeof bytes, &m)));
 }
 
+static void seeds_must_have_their_exact_size_and_room(void **unused) {
+    (void)unused;
+    enum { SEEDS = TROCAR_MAX_SEEDS + 1 };
+    static float places[SEEDS][3], *rows[SEEDS];
+    static int16_t numbers[SEEDS];
+    for (int i = 0; i < SEEDS; i++) rows[i] = places[i];
+    trocar_seeds_t m = {.needle_count = 2, .pending = numbers, .seed_count = 3, .position = rows, .direction = rows, .rest_position = rows, .rest_direction = rows,
+                        .needle = numbers, .guide = numbers, .hole = numbers, .strand = numbers};
+    size_t size = (size_t)trocar_seeds_t_encode(bytes, 0, sizeof bytes, &m);
+    for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(seeds_fit(bytes, wrong) == (wrong == size));
+    for (int seeds = SEEDS - 1; seeds <= SEEDS; seeds++) {
+        m.seed_count = seeds;
+        assert_true(seeds_fit(bytes, (size_t)trocar_seeds_t_encode(bytes, 0, sizeof bytes, &m)) == (seeds < SEEDS));
+    }
+    m.seed_count = 0;
+    m.needle_count = TROCAR_MAX_NEEDLES + 1;
+    assert_false(seeds_fit(bytes, (size_t)trocar_seeds_t_encode(bytes, 0, sizeof bytes, &m)));
+}
+
+static void a_reply_must_be_terminated(void **unused) {
+    (void)unused;
+    trocar_command_reply_t m = {.message = "not in the tissue"};
+    size_t size = (size_t)trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
+    for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(reply_fits(bytes, wrong) == (wrong == size));
+    bytes[size - 1] = 'x';
+    assert_false(reply_fits(bytes, size));
+}
+
 static void deformation_must_match_the_mesh(void **unused) {
     (void)unused;
     static float displacements[NODES][3], *rows[NODES];
@@ -82,7 +112,7 @@ static void strings_must_be_terminated(void **unused) {
     size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
     assert_true(status_fits(bytes, size));
     for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !status_fits(bytes, wrong));
-    size_t strings_end = size - (3 * 4 + 8);
+    size_t strings_end = size - (3 * 4 + 8 + 4);
     bytes[strings_end - 1] = 'x';
     assert_false(status_fits(bytes, size));
     bytes[strings_end - 1] = 0;
@@ -97,6 +127,8 @@ int main(void) {
         cmocka_unit_test(contacts_must_have_their_exact_size),
         cmocka_unit_test(contacts_with_wrong_counts_are_rejected),
         cmocka_unit_test(tracks_must_have_their_exact_size_and_room),
+        cmocka_unit_test(seeds_must_have_their_exact_size_and_room),
+        cmocka_unit_test(a_reply_must_be_terminated),
         cmocka_unit_test(deformation_must_match_the_mesh),
         cmocka_unit_test(strings_must_be_terminated),
     };

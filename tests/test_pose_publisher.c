@@ -30,6 +30,8 @@ typedef struct {
     int32_t command;
     int64_t command_session;
     int32_t command_needle;
+    int64_t command_seq;
+    int32_t command_seeds;
 } fixture;
 
 static void on_pose(const lcm_recv_buf_t *b, const char *channel, const trocar_needle_pose_t *m, void *context) {
@@ -47,6 +49,8 @@ static void on_command(const lcm_recv_buf_t *b, const char *channel, const troca
     f->command = m->command;
     f->command_session = m->session;
     f->command_needle = m->needle;
+    f->command_seq = m->seq;
+    f->command_seeds = m->seeds;
 }
 
 static fixture *open_fixture(void) {
@@ -215,11 +219,58 @@ static void thread_executes_orders(void **unused) {
     close_fixture(f);
 }
 
+/* Only the holder of a needle may drop a seed, and each command has a number of its own. */
+static void drops_and_takes_back_seeds(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_DROP, 0);
+    run(f, 10);
+    assert_int_equal(f->commands, 0);
+    tell(f, ORDER_TAKE, 0);
+    tell(f, ORDER_DROP, 0);
+    run(f, 10);
+    assert_true(f->commands == 1 && f->command == TROCAR_COMMAND_T_DROP_SEED && f->command_seeds == 1 && f->command_session == f->pose.session);
+    int64_t first = f->command_seq;
+    tell(f, ORDER_UNDO, 0);
+    run(f, 10);
+    assert_true(f->commands == 2 && f->command == TROCAR_COMMAND_T_UNDO && f->command_seq == first + 1);
+    close_fixture(f);
+}
+
+/* It goes to its new home by itself, at 80 mm/s, unless it is steered. */
+static void goes_to_a_hole_until_it_is_steered(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    publisher_order hole = {.kind = ORDER_HOLE, .home = {{0.03, 0, -0.2}, {1, 0, 0, 0}}};
+    tell(f, ORDER_TAKE, 0);
+    publisher_tell(&f->pilot, &hole);
+    run(f, 125 + 2); /* 10 mm out of the template */
+    assert_close(f->pose.position[0], 0.01, 1e-3);
+    assert_close(f->pose.position[2], -0.2, 1e-9);
+    for (int i = 0; i < 5; i++) tell(f, ORDER_STEER, 0), run(f, 50);
+    assert_close(f->pose.position[0], 0.03, 1e-9);
+    hole.home.position.x = 0;
+    publisher_tell(&f->pilot, &hole);
+    run(f, 50);
+    tell(f, ORDER_STEER, 0.5);
+    run(f, 100);
+    tell(f, ORDER_STEER, 0);
+    run(f, 200);
+    double stopped = f->pose.position[0];
+    assert_true(stopped > 0.02 && stopped < 0.029 && f->pose.position[2] > -0.2);
+    tell(f, ORDER_STEER, 0);
+    run(f, 200);
+    assert_close(f->pose.position[0], stopped, 0);
+    close_fixture(f);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sends_nothing_before_taking_the_needle),
         cmocka_unit_test(needle_stops_without_orders),
         cmocka_unit_test(sends_nothing_without_a_server),
+        cmocka_unit_test(drops_and_takes_back_seeds),
+        cmocka_unit_test(goes_to_a_hole_until_it_is_steered),
         cmocka_unit_test(takes_one_needle_after_the_other),
         cmocka_unit_test(releases_the_needle),
         cmocka_unit_test(reset_starts_at_home),

@@ -217,6 +217,33 @@ static void damaged_messages_are_counted(void **state) {
     assert_int_equal(f->timeline.sample_end, 0);
 }
 
+/* Seeds and replies are those of the followed server, and replies those to this program's own session. Another server starts without. */
+static void seeds_and_replies_are_kept(void **state) {
+    fixture *f = *state;
+    float place[3] = {0.1f, 0.2f, 0.3f}, *rows[] = {place};
+    int16_t number = 7;
+    trocar_seeds_t seeds = {.server = 1, .seed_count = 1, .position = rows, .direction = rows, .rest_position = rows, .rest_direction = rows, .needle = &number,
+                            .guide = &number, .hole = &number, .strand = &number};
+    trocar_command_reply_t reply = {.server = 1, .session = 5, .seq = 3, .message = "too late"}, other = {.server = 1, .session = 6, .message = ""};
+    f->feed.session = 5;
+    hear_wrench(f, 1, 1);
+    int64_t heard = f->feed.seeds_heard, replies = f->feed.replies_heard;
+    trocar_seeds_t_publish(f->lcm, "TROCAR_SEEDS", &seeds);
+    seeds.server = 2, seeds.seed_count = 0;
+    trocar_seeds_t_publish(f->lcm, "TROCAR_SEEDS", &seeds);
+    trocar_command_reply_t_publish(f->lcm, "TROCAR_REPLY", &reply);
+    trocar_command_reply_t_publish(f->lcm, "TROCAR_REPLY", &other);
+    lcm_publish(f->lcm, "TROCAR_REPLY", "nonsense", 8);
+    lcm_publish(f->lcm, "TROCAR_SEEDS", "nonsense", 8);
+    handle_all(f);
+    assert_true(f->feed.seeds_heard == heard + 1 && f->feed.seeds->seed_count == 1 && f->feed.seeds->hole[0] == 7 && f->feed.seeds->position[0][2] == 0.3f);
+    assert_true(f->feed.replies_heard == replies + 1 && f->feed.reply->seq == 3 && strcmp(f->feed.reply->message, "too late") == 0);
+    assert_int_equal(f->feed.refused, 2);
+    sleep_until(f->feed.heard + 500000001);
+    hear_wrench(f, 2, 3);
+    assert_true(f->feed.seeds == NULL && f->feed.reply == NULL && f->feed.seeds_heard > heard + 1);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(picture_needs_both_messages_of_its_tick, open_fixture, close_fixture),
@@ -227,6 +254,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(first_of_two_servers_is_followed, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(needles_are_told_apart, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_picture_shows_the_needles_that_were_held, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(seeds_and_replies_are_kept, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,7 +1,7 @@
 #!/bin/bash
-# The complete viewer in a private network namespace: with a live server, or with a log and pictures of it.
+# The complete viewer in a private network namespace: with a live server, with a log and pictures of it, or in the procedure mode of an implant.
 # Status 77: this machine has no Chromium, no npm or no namespaces.
-# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log [OUT_DIR]
+# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure [OUT_DIR]
 set -euo pipefail
 build=$1 source=$2 part=$3 out=${4:-}
 if [ "${TROCAR_NAMESPACE:-}" != yes ]; then
@@ -38,6 +38,9 @@ refuses "the log is truncated; showing it up to there" "$build/clients/view/troc
     --png "$work/late.png" --at 99
 refuses "--png needs --log" "$build/clients/view/trocar-view" --scene x.yaml --png x.png
 refuses "--at needs --png" "${show[@]}" --at 1
+refuses "--plan needs a live server" "${show[@]}" --plan plan.csv
+refuses "--plan: the scene has no template" "$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --plan plan.csv
+refuses "none.csv: cannot be opened" "$build/clients/view/trocar-view" --scene "$source/meshes/implant.yaml" --plan none.csv
 refuses "--theme needs --png" "${show[@]}" --theme dark
 for wrong in --size=10x10 --size=1600 --view=behind --cut=oblique --cut=axial:x --theme=blue; do
     refuses "${wrong%=*}" "${show[@]}" --png "$work/late.png" "$wrong"

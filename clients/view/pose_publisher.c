@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "exchange.h"
+#include "hole_approach.h"
 #include "poselog.h"
 #include "realtime.h"
 #include "session.h"
@@ -39,8 +40,9 @@ void publisher_tell(pose_publisher *p, const publisher_order *order) {
 
 void publisher_hear(pose_publisher *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
 
-static void publish_command(const pose_publisher *p, int32_t what) {
-    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what, .needle = p->needle};
+static void publish_command(pose_publisher *p, int32_t what) {
+    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what, .needle = p->needle, .seq = ++p->command_seq,
+                          .seeds = what == TROCAR_COMMAND_T_DROP_SEED};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
 }
 
@@ -49,9 +51,14 @@ static void release(pose_publisher *p) {
     p->holding = false;
 }
 
+static bool is_still(const rate_control_command *c) {
+    return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
+}
+
 static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     p->ordered = now;
     p->command = order->command;
+    p->approaching &= order->kind == ORDER_STEER && is_still(&order->command);
     switch (order->kind) {
     case ORDER_TAKE:
         if (p->holding) break;
@@ -63,6 +70,17 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     case ORDER_RESET:
         if (p->holding) publish_command(p, TROCAR_COMMAND_T_RESET);
         rate_control_begin(&p->drive, p->home, p->home);
+        break;
+    case ORDER_HOLE:
+        p->home = order->home;
+        rate_control_begin(&p->drive, p->home, p->drive.base);
+        p->approaching = true;
+        break;
+    case ORDER_DROP:
+        if (p->holding) publish_command(p, TROCAR_COMMAND_T_DROP_SEED);
+        break;
+    case ORDER_UNDO:
+        if (p->holding) publish_command(p, TROCAR_COMMAND_T_UNDO);
         break;
     case ORDER_STEER: break;
     case ORDER_RELEASE:
@@ -86,8 +104,10 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
         rate_control_begin(&p->drive, p->home, p->drive.base); /* at rest */
         return true;
     }
-    if (now - p->ordered > SILENCE) p->command = (rate_control_command){0};
-    rate_control_step(&p->drive, &p->limits, p->command, dt);
+    bool silent = now - p->ordered > SILENCE;
+    if (silent) p->command = (rate_control_command){0};
+    if (p->approaching && !silent) p->approaching = !approach_step(&p->drive, &p->limits, dt);
+    else rate_control_step(&p->drive, &p->limits, p->command, dt);
     publish_pose(p);
     return true;
 }

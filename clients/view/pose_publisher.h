@@ -9,12 +9,12 @@
 #include "rate_control.h"
 #include "base/spsc_ring.h"
 
-typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_RELEASE, ORDER_END } order_kind;
+typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_HOLE, ORDER_DROP, ORDER_UNDO, ORDER_RELEASE, ORDER_END } order_kind;
 
 typedef struct {
     order_kind kind;
     int needle;              /* TAKE: which one, */
-    pose home, base;         /* where it waits outside, and its initial pose */
+    pose home, base;         /* where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose */
     rate_control_command command;   /* STEER */
 } publisher_order;
 
@@ -32,8 +32,10 @@ typedef struct {
     int needle;              /* held now, or last */
     pose home;               /* of that needle */
     bool holding;
+    bool approaching;        /* on the way home */
     int64_t ordered;         /* ns, monotonic: last order */
-    int64_t seq;             /* sequence number of the last pose */
+    int64_t seq;             /* sequence number of the last pose, */
+    int64_t command_seq;     /* and of the last command */
 } pose_publisher;
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);

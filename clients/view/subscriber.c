@@ -33,12 +33,22 @@ static void forget_needles(subscriber *f) {
     }
 }
 
+static void forget_seeds(subscriber *f) {
+    if (f->seeds) trocar_seeds_t_destroy(f->seeds);
+    if (f->reply) trocar_command_reply_t_destroy(f->reply);
+    f->seeds = NULL;
+    f->reply = NULL;
+    f->seeds_heard++;
+    f->replies_heard++;
+}
+
 /* Discards the data of the previous server when another one is followed. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     if (f->heard != 0 && w->server == f->server) return;
     f->servers++;
     f->server = w->server;
     forget_needles(f);
+    forget_seeds(f);
     f->timing = (trocar_loop_timing_t){0};
 }
 
@@ -129,6 +139,38 @@ static void on_tracks(const lcm_recv_buf_t *received, const char *channel, void 
     trocar_tracks_t_decode_cleanup(&m);
 }
 
+static void on_seeds(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_seeds_t m = {0};
+    if (!seeds_fit(received->data, received->data_size) || trocar_seeds_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (m.server == f->choice.followed) {
+        if (f->seeds) trocar_seeds_t_destroy(f->seeds);
+        f->seeds = trocar_seeds_t_copy(&m);
+        f->seeds_heard++;
+    }
+    trocar_seeds_t_decode_cleanup(&m);
+}
+
+static void on_reply(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_command_reply_t m = {0};
+    if (!reply_fits(received->data, received->data_size) || trocar_command_reply_t_decode(received->data, 0, (int)received->data_size, &m) < 0) {
+        f->refused++;
+        return;
+    }
+    if (m.server == f->choice.followed && m.session == f->session) {
+        if (f->reply) trocar_command_reply_t_destroy(f->reply);
+        f->reply = trocar_command_reply_t_copy(&m);
+        f->replies_heard++;
+    }
+    trocar_command_reply_t_decode_cleanup(&m);
+}
+
 /* Time from the tick number, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
@@ -158,8 +200,9 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
 }
 
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why) {
-    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", NULL};
-    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation};
+    static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
+                                           "TROCAR_REPLY", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,
@@ -174,6 +217,7 @@ trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *mod
 
 void subscriber_close(subscriber *f) {
     forget_needles(f);
+    forget_seeds(f);
     *f = (subscriber){0};
 }
 

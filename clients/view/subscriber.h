@@ -7,8 +7,10 @@
 #include "base/vec.h"
 #include "server_choice.h"
 #include "timeline.h"
+#include "trocar_command_reply_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_seeds_t.h"
 #include "trocar_status_t.h"
 
 /* The newest messages about one needle. */
@@ -30,6 +32,10 @@ typedef struct {
     int64_t servers;         /* number of servers followed so far */
     trocar_loop_timing_t timing;
     needle_feed needles[TROCAR_MAX_NEEDLES];
+    trocar_seeds_t *seeds;   /* NULL before the first */
+    trocar_command_reply_t *reply; /* to the last command of `session`, NULL: none yet */
+    int64_t session;         /* that gives commands; set by the owner */
+    int64_t seeds_heard, replies_heard; /* so far, from all servers; a change of server counts as well */
     server_choice choice;    /* only messages of the followed server are used */
     int64_t refused;         /* messages of the wrong type for their channel */
 } subscriber;

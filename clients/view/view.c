@@ -13,6 +13,8 @@
 #include "exchange.h"
 #include "subscriber.h"
 #include "events.h"
+#include "hole_approach.h"
+#include "implant.h"
 #include "json.h"
 #include "messages.h"
 #include "options.h"
@@ -43,6 +45,8 @@ typedef struct {
     double at;               /* s; INFINITY: the end of the log */
     picture picture;
     const char *picture_option;   /* last option that needs --png, NULL: none */
+    const char *live_option; /* last option that needs a live server, NULL: none */
+    implant_settings implant;
     web_settings web;
 } options;
 
@@ -64,6 +68,7 @@ typedef struct {
     lcm_t *lcm;              /* live only */
     subscriber feed;
     pose_publisher pilot;
+    implant implant;
     int driven;              /* needle that a browser drives, or drove last */
     pthread_t pilot_thread;
     bool piloting;           /* the publisher's thread runs */
@@ -77,7 +82,7 @@ typedef struct {
 /* ---- command line ---- */
 
 enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
-       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME };
+       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_PLAN };
 
 enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; rendered at twice the resolution for anti-aliasing */ };
 
@@ -98,6 +103,11 @@ static const struct argp_option option_list[] = {
     {"view", OPTION_VIEW, "NAME", 0, "View: oblique (default), side, above, or along the needle", 2},
     {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue in a sagittal, coronal or axial plane, at MM along x, y or z (default: at the tip)", 2},
     {"theme", OPTION_THEME, "NAME", 0, "Theme: light (default) or dark", 2},
+    {0, 0, 0, 0, "Implants, in a scene with a template:", 3},
+    {"source", OPTION_SOURCE, "NAME", 0, "Seed model: \"I-125 6711\" (default), \"Pd-103 200\", or the path of a table that ends in .yaml", 3},
+    {"strength", OPTION_STRENGTH, "U", 0, "Air-kerma strength of each seed (default 0.5)", 3},
+    {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
+    {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.plan show --out writes", 3},
     {0},
 };
 
@@ -125,6 +135,19 @@ static void parse_cut(struct argp_state *state, const char *text, picture *p) {
     p->place = *colon ? 1e-3 * parse_number(state, "cut", colon + 1, -1e4, 1e4) : NAN;
 }
 
+static error_t parse_implant_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    implant_settings *i = &o->implant;
+    switch (key) {
+    case OPTION_SOURCE: i->dose.source = text, o->live_option = "--source"; break;
+    case OPTION_STRENGTH: i->dose.strength = parse_number(state, "strength", text, 1e-3, 1000), o->live_option = "--strength"; break;
+    case OPTION_PRESCRIPTION: i->dose.prescription = parse_number(state, "prescription", text, 1, 1e4), o->live_option = "--prescription"; break;
+    case OPTION_PLAN: i->plan = text, o->live_option = "--plan"; break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
 static error_t parse_picture_option(int key, char *text, struct argp_state *state) {
     static const char *const views[] = {"oblique", "side", "above", "along"}, *const themes[] = {"light", "dark"};
     options *o = state->input;
@@ -134,7 +157,7 @@ static error_t parse_picture_option(int key, char *text, struct argp_state *stat
     case OPTION_VIEW: o->picture.view = 1 + parse_name(state, "view", text, views, 4), o->picture_option = "--view"; break;
     case OPTION_CUT: parse_cut(state, text, &o->picture), o->picture_option = "--cut"; break;
     case OPTION_THEME: o->picture.theme = themes[parse_name(state, "theme", text, themes, 2)], o->picture_option = "--theme"; break;
-    default: return ARGP_ERR_UNKNOWN;
+    default: return parse_implant_option(key, text, state);
     }
     return 0;
 }
@@ -156,6 +179,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (!o->scene_path) argp_error(state, "--scene is missing");
         if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
         if (o->picture_option && !o->png_path) argp_error(state, "%s needs --png", o->picture_option);
+        if (o->live_option && o->log_path) argp_error(state, "%s needs a live server, not --log", o->live_option);
         if (o->png_path) o->web.port = 0, o->web.address = o->web.socket = NULL;
         break;
     default: return parse_picture_option(key, text, state);
@@ -172,9 +196,11 @@ static const struct argp parser = {
 
 /* Members of an object. */
 static void write_needle(const view *v, const trocar_status_t *s, json *j) {
+    static const char *const states[] = {"held", "leaving", "resting", "taking"};
     unsigned bit;
     const char *word;
     json_text(j, "message", s->message);
+    json_text(j, "state", (size_t)s->state < sizeof states / sizeof *states ? states[s->state] : "");
     json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.session ? "here" : "elsewhere");
     json_open(j, "flags", '[');
     for (int i = 0; flag_at(i, &bit, &word); i++)
@@ -220,6 +246,15 @@ static char *describe(void *context, bool drives, bool driven) {
     return text;
 }
 
+/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is in the tissue. */
+static bool order_hole(const view *v, const float *asked, publisher_order *order) {
+    trocar_guide guide = trocar_model_guide(v->model, (int)fmaxf(-1, fminf(asked[0], 1000)));
+    double column = asked[1], row = asked[2];
+    if (!(column >= 0 && column <= guide.columns - 1 && row >= 0 && row <= guide.rows - 1)) return false;
+    *order = (publisher_order){.kind = ORDER_HOLE, .home = hole_home(&guide, column, row, v->needle_length)};
+    return v->feed.needles[v->driven].wrench.depth == 0.0;
+}
+
 static void act(void *context, const web_action *action) {
     view *v = context;
     if (!v->lcm) return;
@@ -235,6 +270,11 @@ static void act(void *context, const web_action *action) {
         break;
     case ACTION_STEER: order.kind = ORDER_STEER; break;
     case ACTION_RESET: order.kind = ORDER_RESET; break;
+    case ACTION_DROP: order.kind = ORDER_DROP; break;
+    case ACTION_UNDO: order.kind = ORDER_UNDO; break;
+    case ACTION_HOLE:
+        if (!order_hole(v, c, &order)) return;
+        break;
     default: order.kind = ORDER_RELEASE; break;
     }
     publisher_tell(&v->pilot, &order);
@@ -246,6 +286,7 @@ static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     if (v->feed.servers != v->servers) web_let_go(v->web);
     v->servers = v->feed.servers;
+    implant_hear(&v->implant, &v->feed);
 }
 
 /* Whether a server is running and this needle is not owned by another client. */
@@ -275,6 +316,12 @@ static void on_lcm(void *context) {
     receive(v);
     if (!is_free(v, v->driven)) web_let_go(v->web);
     publisher_hear(&v->pilot, v->feed.heard);
+    web_news(v->web);
+}
+
+static void on_dose(void *context) {
+    view *v = context;
+    implant_note_dose(&v->implant);
     web_news(v->web);
 }
 
@@ -313,13 +360,18 @@ static void find_box(view *v) {
     }
 }
 
-/* The scene's start, or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
+/* The scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
 static pose find_home(const view *v, int needle) {
     static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
     pose start;
     if (find_start(v->scene, NULL, NULL, &start)) {
         start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside[needle], 0, 0)));
         return start;
+    }
+    int template = find_template(v->model);
+    if (template >= 0) {
+        trocar_guide guide = trocar_model_guide(v->model, template);
+        return hole_home(&guide, 0.5 * (guide.columns - 1) + aside[needle] / guide.spacing, 0.5 * (guide.rows - 1), v->needle_length);
     }
     double x = 0.5 * (v->low.x + v->high.x) + aside[needle], y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
     const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
@@ -346,6 +398,8 @@ static trocar_status open_web(view *v, report *why) {
     settings.page = page_folder(v->options, v->page, sizeof v->page);
     settings.timeline = &v->timeline;
     settings.scene = &v->encoded_scene;
+    settings.sections = v->implant.sections;
+    settings.section_count = IMPLANT_SECTIONS;
     settings.context = v;
     settings.describe = describe;
     settings.act = act;
@@ -365,7 +419,9 @@ static trocar_status open_live(view *v, report *why) {
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
     if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->needle_length, why);
+    if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
     if (status != TROCAR_OK) return status;
+    v->feed.session = v->pilot.session;
     v->piloting = pthread_create(&v->pilot_thread, NULL, publisher_run, &v->pilot) == 0;
     if (v->piloting) return TROCAR_OK;
     publisher_free(&v->pilot);
@@ -408,7 +464,7 @@ static trocar_status prepare(view *v, report *why) {
     v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
     for (int i = 0; i < v->needle_count; i++) v->homes[i] = find_home(v, i);
     status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);
-    if (status == TROCAR_OK && o->log_path) status = open_log(v, why);
+    if (status == TROCAR_OK) status = o->log_path ? open_log(v, why) : implant_open(&v->implant, v->model, &o->implant, why);
     if (status == TROCAR_OK) status = open_web(v, why);
     return status == TROCAR_OK && !o->log_path ? open_live(v, why) : status;
 }
@@ -421,6 +477,7 @@ static void clean_up(view *v) {
         publisher_free(&v->pilot);
     }
     subscriber_close(&v->feed);
+    implant_close(&v->implant);
     if (v->lcm) lcm_destroy(v->lcm);
     output_abandon(&v->png);
     timeline_free(&v->timeline);
@@ -473,7 +530,7 @@ static trocar_status take_picture(view *v, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = INFINITY, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
+    options o = {.at = INFINITY, .implant.dose = {"I-125 6711", 0.5, 145.0}, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     realtime_flush_denormals();   /* as in trocar-replay, so that results are the same */
 

@@ -24,6 +24,7 @@ typedef struct browser {
     struct lws *wsi;
     timeline_cursor cursor;
     bool has_scene, wants_status;
+    int64_t versions[WEB_SECTIONS]; /* of the sections that it has */
     bool refused;            /* is sent the reason and disconnected; not in `browsers` */
     int in_flight;
     int silent;              /* statuses since its last message */
@@ -96,8 +97,18 @@ static int filter(const web *w, struct lws *wsi, bool socket) {
 static void append_status(web *w, browser *b) {
     b->wants_status = false;
     char *json = w->settings.describe(w->settings.context, b == w->driver, w->driver != NULL);
-    if (json) encode_status(&w->update, json);
+    if (json) encode_json(&w->update, SECTION_STATUS, json);
     free(json);
+}
+
+static bool has_newest(const web *w, const browser *b, int section) { return b->versions[section] == w->settings.sections[section].version; }
+
+static void append_sections(web *w, browser *b) {
+    for (int i = 0; i < w->settings.section_count; i++) {
+        const web_section *s = &w->settings.sections[i];
+        if (!has_newest(w, b, i)) bytes_append(&w->update, s->bytes.data, s->bytes.length);
+        b->versions[i] = s->version;
+    }
 }
 
 /* Sends the reason. Returns -1 to close the connection. */
@@ -117,6 +128,7 @@ static int send_update(web *w, browser *b) {
     bytes_append(&w->update, space, sizeof space);
     if (!b->has_scene) bytes_append(&w->update, w->settings.scene->data, w->settings.scene->length);
     if (b->wants_status) append_status(w, b);
+    append_sections(w, b);
     timeline_read(w->settings.timeline, &b->cursor, UPDATE_BYTES, &w->update);
     size_t length = w->update.length - LWS_PRE;
     if (w->update.failed) return -1;
@@ -127,6 +139,8 @@ static int send_update(web *w, browser *b) {
 }
 
 static bool has_news(const web *w, const browser *b) {
+    for (int i = 0; i < w->settings.section_count; i++)
+        if (!has_newest(w, b, i)) return true;
     return !b->has_scene || b->wants_status || timeline_has_news(w->settings.timeline, &b->cursor);
 }
 
@@ -185,6 +199,9 @@ static void take_action(web *w, browser *b, const web_action *action) {
         break;
     case ACTION_STEER:
     case ACTION_RESET:
+    case ACTION_HOLE:
+    case ACTION_DROP:
+    case ACTION_UNDO:
         if (w->driver == b) w->settings.act(w->settings.context, action);
         break;
     default: break;
@@ -201,7 +218,7 @@ static bool take_message(web *w, browser *b) {
         w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
         return true;
     }
-    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_RELEASE) return false;
+    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_UNDO || action.kind == ACTION_PICTURE) return false;
     take_action(w, b, &action);
     return true;
 }

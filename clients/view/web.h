@@ -7,16 +7,22 @@
 
 typedef struct web web;
 
-enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100 };
+enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 4 };
 
 /* Message from a browser; little-endian, 32 bytes. */
-typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE } action_kind;
+typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO } action_kind;
 typedef struct {
     uint32_t kind;
-    float steer[6];          /* ACTION_STEER: right, up, forward, pitch, yaw, roll, each -1 .. 1 */
+    float steer[6];          /* ACTION_STEER: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row */
     uint32_t needle;         /* ACTION_TAKE */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
+
+/* What each browser gets whenever it changes; only the newest version is kept. */
+typedef struct {
+    byte_buffer bytes;       /* encoded section */
+    int64_t version;         /* counted up with each change; 0: nothing yet */
+} web_section;
 
 typedef struct {
     const char *page;        /* folder of the built page */
@@ -28,6 +34,8 @@ typedef struct {
                                 0: WEB_PATIENCE */
     const timeline *timeline;
     const byte_buffer *scene; /* encoded: sent first */
+    const web_section *sections; /* [section_count], at most WEB_SECTIONS; sent after the scene */
+    int section_count;
     void *context;           /* passed to the functions below */
     char *(*describe)(void *context, bool drives, bool driven);  /* state as JSON, freed by the caller; NULL: none */
     void (*act)(void *context, const web_action *action);        /* action of the driving browser */

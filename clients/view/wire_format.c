@@ -116,11 +116,15 @@ static void write_homes(json *j, const pose *homes, int needles) {
     json_close(j, ']');
 }
 
-static void write_guides(json *j, const trocar_model *m) {
+static void write_guides(json *j, const trocar_scene *s, const trocar_model *m) {
     json_open(j, "guides", '[');
     for (int i = 0; i < trocar_model_guide_count(m); i++) {
         trocar_guide g = trocar_model_guide(m, i);
+        char key[64], name[64] = "";
+        snprintf(key, sizeof key, "guides[%d].name", i);
+        trocar_scene_get(s, key, name, sizeof name, NULL);
         json_open(j, NULL, '{');
+        json_text(j, "name", name);
         json_numbers(j, "origin", g.origin, 3);
         json_numbers(j, "normal", g.normal, 3);
         json_numbers(j, "alongColumns", g.across[0], 3);
@@ -133,6 +137,14 @@ static void write_guides(json *j, const trocar_model *m) {
         json_close(j, '}');
     }
     json_close(j, ']');
+}
+
+static void append_json(byte_buffer *b, const char *json, size_t length) {
+    uint32_t count[2] = {(uint32_t)length, 0};
+    bytes_append(b, count, sizeof count);
+    size_t start = b->length;
+    bytes_append(b, json, length);
+    pad(b, start);
 }
 
 static void append_description(byte_buffer *b, const trocar_scene *s, const trocar_model *m, const pose *homes, int needles, bool live) {
@@ -153,18 +165,15 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     write_homes(&j, homes, needles);
     double patient_to_mesh[16];
     if (trocar_model_patient_to_mesh(m, patient_to_mesh)) json_numbers(&j, "patientToMesh", patient_to_mesh, 16);
+    json_number(&j, "seedLength", trocar_model_seed_size(m).length);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
-    write_guides(&j, m);
+    write_guides(&j, s, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');
     fclose(out);
-    uint32_t count[2] = {(uint32_t)length, 0};
-    bytes_append(b, count, sizeof count);
-    size_t start = b->length;
-    bytes_append(b, text, length);
-    pad(b, start);
+    append_json(b, text, length);
     free(text);
 }
 
@@ -304,8 +313,47 @@ void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count) 
     section_end(out, begun);
 }
 
-void encode_status(byte_buffer *out, const char *json) {
-    size_t begun = section_begin(out, SECTION_STATUS);
+void encode_json(byte_buffer *out, section_kind kind, const char *json) {
+    size_t begun = section_begin(out, kind);
     bytes_append(out, json, strlen(json));
+    section_end(out, begun);
+}
+
+void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json, size_t length, const void *bytes, size_t count) {
+    size_t begun = section_begin(out, kind);
+    append_json(out, json, length);
+    bytes_append(out, bytes, count);
+    section_end(out, begun);
+}
+
+/* ---- seeds ---- */
+
+/* Position and direction in the displaced tissue, position and direction at rest; needle, guide, hole, number in its strand. */
+typedef struct {
+    float places[4][3];
+    int32_t numbers[4];
+} sent_seed;
+_Static_assert(sizeof(sent_seed) == 64, "decode.js reads 64 bytes a seed");
+
+static sent_seed seed_of(const trocar_seeds_t *m, int i) {
+    sent_seed s = {.numbers = {m->needle[i], m->guide[i], m->hole[i], m->strand[i]}};
+    for (int a = 0; a < 3; a++) {
+        s.places[0][a] = m->position[i][a];
+        s.places[1][a] = m->direction[i][a];
+        s.places[2][a] = m->rest_position[i][a];
+        s.places[3][a] = m->rest_direction[i][a];
+    }
+    return s;
+}
+
+void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds) {
+    size_t begun = section_begin(out, SECTION_SEEDS);
+    int32_t counts[2] = {seeds->needle_count, seeds->seed_count};
+    bytes_append(out, counts, sizeof counts);
+    for (int i = 0; i < seeds->needle_count; i++) bytes_append(out, &(int32_t){seeds->pending[i]}, 4);
+    for (int i = 0; i < seeds->seed_count; i++) {
+        sent_seed s = seed_of(seeds, i);
+        bytes_append(out, &s, sizeof s);
+    }
     section_end(out, begun);
 }

@@ -10,6 +10,7 @@
 #include "trocar.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
+#include "trocar_seeds_t.h"
 #include "trocar_tracks_t.h"
 
 /* Growing buffer. If memory runs out, `failed` is set and nothing is appended until it is cleared. */
@@ -23,7 +24,8 @@ void bytes_append(byte_buffer *b, const void *data, size_t length);
 void bytes_clear(byte_buffer *b);  /* empties the buffer, keeps its memory */
 void bytes_free(byte_buffer *b);
 
-typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS } section_kind;
+typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS, SECTION_SEEDS, SECTION_REPLY, SECTION_DOSE,
+               SECTION_PLAN } section_kind;
 
 /* Begin a section, append its bytes, end it. `begin` returns the argument of `end`. */
 size_t section_begin(byte_buffer *b, section_kind kind);
@@ -57,6 +59,13 @@ typedef struct {
 void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
-void encode_status(byte_buffer *out, const char *json);
+
+/* A section of JSON alone: STATUS, REPLY, PLAN. */
+void encode_json(byte_buffer *out, section_kind kind, const char *json);
+
+/* JSON, padded, and then bytes: DOSE. */
+void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json, size_t length, const void *bytes, size_t count);
+
+void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds);
 
 #endif

@@ -54,7 +54,7 @@ export async function driven(name, page, body) {
         return await body()
       } catch (error) {
         if (!await lost(page) || attempt === 4) throw error
-        console.log(`   once more, because the needle was let go: ${name}`)
+        console.log(`   once more: ${name}: ${await lost(page)} ${error.message}`)
         for (const key of ['w', 'a']) await page.keyboard.up(key)
         await page.mouse.up()
       } finally {
@@ -90,19 +90,18 @@ async function objections() {
 function plainGround(theme) {
   const stage = document.getElementById('stage'), hidden = theme ? 'hidden' : ''
   stage.style.background = { dark: '#1d2732', light: '#e0e7ee' }[theme] ?? ''
-  for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas')) canvas.style.visibility = hidden
+  for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas, #sagittal canvas')) canvas.style.visibility = hidden
 }
 
 /** Runs in the page: elements that overlap, are cut off, or are outside the window. */
 function layoutFaults() {
   const dialog = document.querySelector('dialog[open]')
-  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
-    .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility() && part.getBoundingClientRect().width > 0)
+  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], input[type=text], #next, #answer:not(:empty), #panes, canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
+    .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility({ visibilityProperty: true }) && part.getBoundingClientRect().width > 0)
   const name = (part) => part.id || `${part.tagName.toLowerCase()} "${part.textContent.trim().slice(0, 20)}"`
-  const scroller = document.getElementById('plots').getBoundingClientRect()
   const boxOf = (part) => { // the visible part
-    const { left, right, top, bottom } = part.getBoundingClientRect()
-    return part.closest('#plots') ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
+    const { left, right, top, bottom } = part.getBoundingClientRect(), scroller = part.closest('#plots, #implant')?.getBoundingClientRect()
+    return scroller ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
   }
   const faults = [], boxes = parts.map(boxOf)
   parts.forEach((part, i) => {

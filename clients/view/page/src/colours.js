@@ -26,3 +26,6 @@ export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
 
 /** The needles' hubs. */
 export const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
+
+export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }] // parts of the prescription
+export const SEED = '#7dff6b', PLANNED = '#c79bff', TARGET = '#ffffff'

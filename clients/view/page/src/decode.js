@@ -1,13 +1,14 @@
 // Decodes messages from trocar-view: see clients/view/wire_format.h.
 
-const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4
+const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
 const SAMPLE_BYTES = 64
 const NEEDLE_BYTES = 48 // before a needle's joints
 export const CONTACT_NUMBERS = 9 // of each contact
 export const TRACK_NUMBERS = 6 // of each point of a track
 export const GUIDE = 2 // kind of a contact
-const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status' }
-const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText }
+const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan' }
+const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText,
+                   [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText }
 
 /** Each section of a message as [name, decoded content]. */
 export function* sections(message) {
@@ -87,4 +88,23 @@ function decodeSamples(message, at, length) {
     })
   }
   return samples
+}
+
+/** `pending`: for each needle, the seeds still in it; `seeds`: centre and unit direction to the distal end, displaced and at rest (m), the
+    needle that left it, guide and hole (-1: none), number in its strand. */
+function decodeSeeds(message, at) {
+  const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
+  const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
+  const seeds = Array.from({ length: count }, (_, i) => {
+    const start = at + 8 + 4 * needles + 64 * i, places = new Float32Array(message.slice(start, start + 48)), numbers = new Int32Array(message.slice(start + 48, start + 64))
+    return { position: places.subarray(0, 3), direction: places.subarray(3, 6), restPosition: places.subarray(6, 9), restDirection: places.subarray(9, 12),
+             needle: numbers[0], guide: numbers[1], hole: numbers[2], strand: numbers[3] }
+  })
+  return { pending, seeds }
+}
+
+/** The figures, and `levels`: a byte for each voxel (z fastest), 255 at `top` prescriptions or more. */
+function decodeDose(message, at, length) {
+  const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
+  return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }
 }

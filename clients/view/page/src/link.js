@@ -1,12 +1,12 @@
 // WebSocket to trocar-view: reconnects automatically; acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
-const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6
+const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
 export class Link {
-  /** `handlers`: scene, picture, samples, status (with the decoded content), received (after each message), open, closed (with
+  /** `handlers`: scene, picture, samples, status, seeds, reply, dose, plan (with the decoded content), received (after each message), open, closed (with
    *  the reason if trocar-view refused this page, else ''). */
   constructor(handlers) {
     this.handlers = handlers
@@ -48,5 +48,9 @@ export class Link {
   reset() { this.send(RESET) }
   /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. */
   steer(command) { this.send(STEER, command) }
+  /** The driven needle goes in front of this hole, unless it is in the tissue. */
+  goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
+  drop() { this.send(DROP) }
+  undo() { this.send(UNDO) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

@@ -10,6 +10,7 @@ import { FORCE_SCALE } from './needle.js'
 import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { patientText } from './patient.js'
 import { Plots, Strip } from './plots.js'
+import { Procedure } from './procedure/procedure.js'
 import { Stage } from './view3d.js'
 import { showBanner, Silence, stateOf } from './state.js'
 
@@ -42,11 +43,16 @@ const link = new Link({
   received() { refusal = ''; silence.end() },
   scene: takeScene,
   picture(picture) {
+    picture.seeds = procedure.seeds
     history.addPicture(picture)
     pictureSilence.end()
     if (clock.following && scene.live) picture.fresh = true
   },
   samples(samples) { history.addSamples(samples, scene.membranes) },
+  seeds(seeds) { procedure.hearSeeds(seeds) },
+  reply(reply) { procedure.hearReply(reply) },
+  dose(dose) { procedure.hearDose(dose) },
+  plan(plan) { procedure.hearPlan(plan) },
   status(received) {
     status = received
     chooseOfStatus()
@@ -57,6 +63,8 @@ const link = new Link({
 })
 
 const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
+
+const procedure = new Procedure({ stage, echo, drive, link })
 
 function takeScene(received) {
   scene = received
@@ -69,6 +77,7 @@ function takeScene(received) {
   plots.budget = 1 / scene.rate
   stage.load(scene)
   echo.load(scene)
+  procedure.load(scene)
   setCut(element('cut-axis').value)
   listLayers()
   document.body.classList.toggle('log', !scene.live)
@@ -104,7 +113,7 @@ function showState() {
 
 function noticeOf({ flags = [], scene: served = '', message = '' }) {
   const words = flags.filter((flag) => flag !== 'ramping').map((flag) => flag.replaceAll('_', ' '))
-  if (message) words.push(scene?.live ? `server: ${message}` : message)
+  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
 }
@@ -155,6 +164,7 @@ function frame(now) {
     showState()
     drawPlots()
     showNumbers()
+    procedure.describe(status, state, history, chosen)
   }
 }
 
@@ -162,8 +172,10 @@ function frame(now) {
 function draw(now) {
   noteLatency()
   showPicture()
+  procedure.show(shown, clock.following, chosen)
   const drawn = stage.draw(now)
   echo.draw(stage.coarse)
+  procedure.draw(stage.coarse)
   if (!drawn || !shown?.fresh) return
   shown.fresh = false
   drawing = shown
@@ -347,9 +359,11 @@ const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these repeat while held
 
 addEventListener('keydown', (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
+  if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('input[type=text]')
+      || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
+  else if (procedure.key(event)) event.preventDefault()
   else if (ACTIONS[event.code] && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
 })
 addEventListener('keyup', (event) => drive.key(event, false))
@@ -367,6 +381,7 @@ element('cut-place').addEventListener('input', (event) => setCut(element('cut-ax
 element('slice').addEventListener('input', (event) => { element('follow').checked = false; setSlice(echo.range.from + event.target.value * (echo.range.to - echo.range.from)) })
 new ResizeObserver(() => { stage.resize(); if (scene) stage.dirty = true }).observe(element('view'))
 new ResizeObserver(() => echo.resize()).observe(element('trus'))
+element('mode').addEventListener('click', () => { procedure.toggle(); plots.resize() })
 
 document.body.classList.toggle('software', stage.slow)
 element('colours').style.background = rampCss
@@ -402,4 +417,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, choose, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

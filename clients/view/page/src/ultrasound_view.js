@@ -1,21 +1,41 @@
-// Axial slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with reverberations,
+// Axial or sagittal slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with reverberations,
 // and outlines. An illustration for orientation, not a simulation of ultrasound.
 import * as THREE from 'three'
 import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
 import { discard, Filled, show } from './buffers.js'
+import { ISODOSE } from './colours.js'
 import { Slicer } from './slicer.js'
 
 const VERTEX = `
   attribute vec3 rest; attribute float grey;
   varying vec3 seed; varying float level; varying vec2 place;
-  void main() { seed = rest; level = grey; place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position.xy, 0.0, 1.0); }`
+  void main() { seed = rest; level = grey; place = vec2(position.ACROSS, position.y); gl_Position = projectionMatrix * modelViewMatrix * vec4(place, 0.0, 1.0); }`
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
-  // 1 inside the probe's fan, with soft edges
+  // 1 inside the probe's fan, with soft edges; LINEAR: inside of a rectangle beside a probe along the slice
   float fan(vec2 at) {
+    #ifdef LINEAR
+      vec2 aside = abs(at - probe - vec2(0.0, 0.5 * (reach.x + reach.y)));
+      return smoothstep(0.0, 0.002, spread - aside.x) * smoothstep(0.0, 0.002, 0.5 * (reach.y - reach.x) - aside.y);
+    #endif
     vec2 from = at - probe; float range = length(from), angle = abs(atan(from.x, from.y));
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
+  }`
+
+// Isodose lines: the dose belongs to the tissue at rest and is drawn where that tissue is now.
+const DOSE = `
+  precision highp sampler3D;
+  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose
+  vec4 isoline(vec4 under, float level, float at, float slope, vec3 colour) {
+    return mix(under, vec4(colour, under.a), slope > 0.0 ? 1.0 - smoothstep(0.7, 1.5, abs(at - level) / slope) : 0.0);
+  }
+  vec4 isodose(vec4 under) {
+    vec3 at = (seed - doseOrigin) / doseSize;
+    bool inside = doseTop > 0.0 && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));
+    float level = inside ? doseTop * texture(dose, at.zyx).r : 0.0, slope = fwidth(level);
+    if (!inside) return under;
+    return isoline(isoline(isoline(under, 1.0, level, slope, ISO100), 1.5, level, slope, ISO150), 2.0, level, slope, ISO200);
   }`
 
 // Speckle of two grain sizes fixed to the tissue, elongated across the beam, attenuated with depth.
@@ -29,13 +49,18 @@ const FRAGMENT = `
     return mix(mix(mix(hash(i), hash(i + vec3(1,0,0)), f.x), mix(hash(i + vec3(0,1,0)), hash(i + vec3(1,1,0)), f.x), f.y),
                mix(mix(hash(i + vec3(0,0,1)), hash(i + vec3(1,0,1)), f.x), mix(hash(i + vec3(0,1,1)), hash(i + vec3(1,1,1)), f.x), f.y), f.z);
   }
+  ${DOSE}
   void main() {
-    float depth = length(place - probe);
+    #ifdef LINEAR
+      float depth = place.y - probe.y;
+    #else
+      float depth = length(place - probe);
+    #endif
     float fine = noise(seed * vec3(1500.0, 2600.0, 1400.0) + 300.0), coarse = noise(seed * vec3(420.0, 560.0, 380.0) + 70.0), broad = noise(seed * vec3(110.0, 130.0, 100.0) + 20.0);
     float speckle = 0.42 + 0.75 * fine * fine + 0.42 * (coarse - 0.5) + 0.3 * (broad - 0.5);
     float fade = exp(-9.0 * max(depth - reach.x, 0.0));
     float v = level * speckle * (0.45 + 0.85 * fade);
-    gl_FragColor = vec4(vec3(pow(clamp(v, 0.0, 1.0), 0.85)) * vec3(0.97, 0.99, 1.0), fan(place));
+    gl_FragColor = isodose(vec4(vec3(pow(clamp(v, 0.0, 1.0), 0.85)) * vec3(0.97, 0.99, 1.0), fan(place)));
   }`
 
 const FLASH = `
@@ -57,9 +82,21 @@ const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
 const MOVING = 0.5 // resolution with software rendering
 
+/** Planes of a slice: axis normal to it and axis to the left; y is up. `sides`: of the patient, at the left, right, upper and lower edge. */
+export const AXIAL = { name: 'axial', normal: 'z', across: 'x', seen: 'seen along the needle', letters: 'RLAP' }
+export const SAGITTAL = { name: 'sagittal', normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
+const INDEX = { x: 0, y: 1, z: 2 }
+
+const shaded = (colour) => `vec3(${new THREE.Color(colour).convertLinearToSRGB().toArray().map((part) => part.toFixed(4))})`
+
 export class Echo {
   /** `canvas`: tissue; `marks`: overlay for outlines and scales. */
-  constructor(canvas, marks) {
+  constructor(canvas, marks, plane = AXIAL) {
+    this.plane = plane
+    this.direction = [0, 1, 2].map((i) => (i === INDEX[plane.normal] ? 1 : 0))
+    this.overlays = [] // functions that draw on the marks, called with this and its 2D context
+    this.doses = { dose: { value: null }, doseOrigin: { value: new THREE.Vector3() }, doseSize: { value: new THREE.Vector3(1, 1, 1) }, doseTop: { value: 0 } }
+    this.focus = () => true // regions that the image must contain
     this.canvas = canvas
     this.marks = marks
     this.renderer = new THREE.WebGLRenderer({ canvas, alpha: true })
@@ -76,8 +113,8 @@ export class Echo {
     discard(this.world)
     this.world.clear()
     this.frameFan(scene)
-    this.range = { from: Infinity, to: -Infinity } // extent of the body along z
-    for (let i = 2; i < scene.nodes.length; i += 3) {
+    this.range = { from: Infinity, to: -Infinity } // extent of the body along the slice's normal
+    for (let i = INDEX[this.plane.normal]; i < scene.nodes.length; i += 3) {
       this.range.from = Math.min(this.range.from, scene.nodes[i])
       this.range.to = Math.max(this.range.to, scene.nodes[i])
     }
@@ -87,11 +124,12 @@ export class Echo {
 
   /** Places the probe below the regions of interest, with a fan that covers them. */
   frameFan(scene) {
-    const host = hostOf(scene), wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== host).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
+    const host = hostOf(scene), wanted = new Set(scene.regions.filter((r) => !r.bone && r.group !== host && this.focus(r)).map((r) => r.group)), box = new THREE.Box3(), p = new THREE.Vector3()
     for (let t = 0; t < scene.tets.length; t += 5)
       if (wanted.has(scene.tets[t]) || wanted.size === 0)
         for (let i = 1; i < 5; i++) box.expandByPoint(p.fromArray(scene.nodes, 3 * scene.tets[t + i]))
     const middle = box.getCenter(new THREE.Vector3()), size = box.getSize(new THREE.Vector3())
+    if (this.plane.across === 'z') return this.frameRectangle(middle, size, box)
     this.probe = new THREE.Vector2(middle.x, box.min.y - 0.016)
     this.reach = new THREE.Vector2(0.010, size.y + 0.030)
     this.spread = Math.min(1.0, Math.atan2(size.x / 2 + 0.012, size.y / 2 + 0.016))
@@ -99,18 +137,33 @@ export class Echo {
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
   }
 
+  /** The same for a slice along the probe. */
+  frameRectangle(middle, size, box) {
+    this.probe = new THREE.Vector2(middle.z, box.min.y - 0.016)
+    this.reach = new THREE.Vector2(0.006, size.y + 0.030)
+    this.spread = size.z / 2 + 0.03
+    this.view = { x: middle.z, y: this.probe.y + (this.reach.x + this.reach.y) / 2, size: Math.max(2 * this.spread, this.reach.y) * 1.06 }
+  }
+
+  /** Widens the view so that these points (across, up; m) are in it. */
+  include(points) {
+    const half = Math.max(this.view.size / 2, ...points.flatMap(([x, y]) => [Math.abs(x - this.view.x), Math.abs(y - this.view.y)]))
+    this.view.size = 2 * half
+    this.dirty = true
+  }
+
   addTissue(scene) {
-    const host = hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread } }
+    const host = hostOf(scene), fan = { probe: { value: this.probe }, reach: { value: this.reach }, spread: { value: this.spread }, ...this.doses }, defines = { ACROSS: this.plane.across, ISO100: shaded(ISODOSE[0].colour), ISO150: shaded(ISODOSE[1].colour), ISO200: shaded(ISODOSE[2].colour), ...(this.plane.across === 'z' ? { LINEAR: '' } : {}) }
     this.greys = new Map(scene.regions.map((r, i) => [r.group, r.bone ? GREY.bone : r.group === host ? GREY.host : /prostate|gland/i.test(r.name) ? GREY.gland : GREY.other - 0.05 * (i % 3)]))
     const bone = bitsOfBone(scene)
     this.outlined = (inside, outside) => inside !== outside && outside !== OUTSIDE
     this.bony = (inside, outside, bits) => (bits & bone) !== 0
     this.geometry = new THREE.BufferGeometry()
     this.levels = new Filled() // grey level of each vertex
-    this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
+    this.tissue = new THREE.Mesh(this.geometry, new THREE.ShaderMaterial({ defines, vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthTest: false, side: THREE.DoubleSide, uniforms: fan }))
     const plane = new THREE.PlaneGeometry(2 * this.view.size, 2 * this.view.size).translate(this.view.x, this.view.y, 0)
     this.flashes = scene.homes.map(() => new THREE.Mesh(plane,
-      new THREE.ShaderMaterial({ vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
+      new THREE.ShaderMaterial({ defines, vertexShader: SIMPLE_VERTEX, fragmentShader: FLASH, transparent: true, depthTest: false, side: THREE.DoubleSide, blending: THREE.AdditiveBlending,
                                  uniforms: { ...fan, needle: { value: new THREE.Vector2() }, visible: { value: 0 } } })))
     for (const mesh of [this.tissue, ...this.flashes]) mesh.frustumCulled = false
     for (const flash of this.flashes) flash.renderOrder = 2
@@ -150,14 +203,15 @@ export class Echo {
     return [this.canvas, this.marks]
   }
 
-  /** Intersection of a needle with the slice: x, y, or null. */
+  /** Intersection of a needle with the slice, or null. `x` here and below is the axis across the image. */
   crossing(line) {
     const points = line?.places ?? []
     for (let i = points.length - 1; i > 0; i--) {
       const a = points[i - 1], b = points[i]
-      if ((a.z - this.place) * (b.z - this.place) <= 0 && a.z !== b.z) {
-        const part = (this.place - a.z) / (b.z - a.z)
-        return { x: a.x + part * (b.x - a.x), y: a.y + part * (b.y - a.y) }
+      const { normal, across } = this.plane
+      if ((a[normal] - this.place) * (b[normal] - this.place) <= 0 && a[normal] !== b[normal]) {
+        const part = (this.place - a[normal]) / (b[normal] - a[normal])
+        return { x: a[across] + part * (b[across] - a[across]), y: a.y + part * (b.y - a.y) }
       }
     }
     return null
@@ -174,7 +228,7 @@ export class Echo {
   render(ratio) {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.cutTissue()
-    const crossings = (this.lines ?? []).map((line) => this.crossing(line))
+    const crossings = this.plane.across === 'x' ? (this.lines ?? []).map((line) => this.crossing(line)) : [] // a needle lies in a sagittal slice
     this.flashes.forEach((flash, i) => {
       const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
       visible.value = crossing ? 1 : 0
@@ -186,7 +240,7 @@ export class Echo {
   }
 
   cutTissue() {
-    const { slicer, levels, geometry } = this, count = slicer.cut(this.nodes, [0, 0, 1], this.place)
+    const { slicer, levels, geometry } = this, count = slicer.cut(this.nodes, this.direction, this.place)
     levels.count = 0
     levels.reserve(count)
     for (let v = 0; v < count; v++) levels.array[levels.count++] = this.greys.get(slicer.region.array[v]) ?? GREY.other
@@ -228,22 +282,24 @@ export class Echo {
     ink.fillStyle = '#cfd8e3'
     ink.font = `${11 * ratio}px system-ui, sans-serif`
     ink.textAlign = 'left'
-    const place = `axial, z = ${(1e3 * this.place).toFixed(1)} mm`
+    const { name, normal, seen } = this.plane, place = `${name}, ${normal} = ${(1e3 * this.place).toFixed(1)} mm`
     ink.fillText(place, 10 * ratio, 18 * ratio)
-    const seen = 'seen along the needle', beside = this.marks.width > 30 * ratio + ink.measureText(seen + place).width
+    const beside = this.marks.width > 30 * ratio + ink.measureText(seen + place).width
     ink.textAlign = beside ? 'right' : 'left'
     ink.fillText(seen, beside ? this.marks.width - 10 * ratio : 10 * ratio, (beside ? 18 : 33) * ratio)
+    for (const draw of this.overlays) draw(this, ink)
   }
 
   drawOutlines(ink, nodes, wanted, colour, dash, width) {
-    const { array: ends, count } = this.slicer.outline(nodes, [0, 0, 1], this.place, wanted)
+    const { array: ends, count } = this.slicer.outline(nodes, this.direction, this.place, wanted)
+    const u = INDEX[this.plane.across]
     ink.strokeStyle = colour
     ink.lineWidth = width
     ink.setLineDash(dash)
     ink.beginPath()
     for (let i = 0; i < count; i += 6) {
-      ink.moveTo(...this.toPixel(ends[i], ends[i + 1]))
-      ink.lineTo(...this.toPixel(ends[i + 3], ends[i + 4]))
+      ink.moveTo(...this.toPixel(ends[i + u], ends[i + 1]))
+      ink.lineTo(...this.toPixel(ends[i + 3 + u], ends[i + 4]))
     }
     ink.stroke()
     ink.setLineDash([])

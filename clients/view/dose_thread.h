@@ -1,0 +1,35 @@
+/* Thread of low priority that computes the dose of the seeds in the tissue at rest: on a grid, and in the organs. Each change of the seeds
+   costs one addition or removal; when they change faster than that, only the newest are computed. */
+#ifndef TROCAR_DOSE_THREAD_H
+#define TROCAR_DOSE_THREAD_H
+
+#include "base/report.h"
+#include "plan_table.h"
+#include "trocar.h"
+#include "trocar_seeds_t.h"
+#include "wire_format.h"
+
+typedef struct {
+    const char *source;      /* name of a seed model in the library, or path of a table that ends in .yaml */
+    double strength;         /* U, of each seed */
+    double prescription;     /* Gy */
+} dose_settings;
+
+typedef struct dose_thread dose_thread;
+
+/* Organs are the regions whose names contain prostate or gland, urethra, rectum. `plan`: its dose in the organs is computed as well. `settings`
+   must outlive the thread. BAD_INPUT for a seed model that does not exist or has mistakes; SYSTEM; NO_MEMORY. */
+trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan,
+                                 dose_thread **created, report *why);
+void dose_thread_free(dose_thread *t);
+
+/* These are the seeds now; NULL: none. Does not wait. */
+void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds);
+
+/* Readable when there is a new result. */
+int dose_thread_descriptor(const dose_thread *t);
+
+/* Replaces `section` by the newest result. Returns false if there is no new one. */
+bool dose_thread_take(dose_thread *t, byte_buffer *section);
+
+#endif

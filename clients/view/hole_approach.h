@@ -1,0 +1,21 @@
+/* Takes a needle to a hole of a template: the pose in which it waits in front of it, and the way there. No threads, no clock. */
+#ifndef TROCAR_HOLE_APPROACH_H
+#define TROCAR_HOLE_APPROACH_H
+
+#include <stdbool.h>
+
+#include "rate_control.h"
+#include "trocar.h"
+
+/* The scene's template: index of its first guide with more than one hole, -1: none. */
+int find_template(const trocar_model *model);
+
+/* In line with a hole, with the tip a little in front of the face where needles enter. x and y of this pose are along the columns and rows.
+   `column` and `row` from 0; one half more is between two holes. */
+pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
+
+/* Advances the base by dt (s) towards `d->home`: first back along its axis until the tip is out of the template, then sideways. At twice
+   the speed of rate control, because the needle is outside of the tissue. Returns true when it has arrived. */
+bool approach_step(rate_control_state *d, const rate_control_limits *limits, double dt);
+
+#endif

@@ -1,0 +1,82 @@
+#define _GNU_SOURCE
+#include "implant.h"
+
+#include <stdlib.h>
+
+#include "hole_approach.h"
+#include "json.h"
+#include "trocar_command_t.h"
+
+/* Replaces a section by JSON that `write` makes. Without memory it stays as it was. */
+static void set_json(web_section *s, section_kind kind, void (*write)(json *, const void *), const void *what) {
+    char *text = NULL;
+    size_t length = 0;
+    FILE *out = open_memstream(&text, &length);
+    if (!out) return;
+    json j = {.out = out};
+    write(&j, what);
+    fclose(out);
+    bytes_clear(&s->bytes);
+    encode_json(&s->bytes, kind, text);
+    s->version++;
+    free(text);
+}
+
+static void write_plan(json *j, const void *what) {
+    const plan_table *plan = what;
+    json_open(j, NULL, '[');
+    for (const planned_seed *s = plan->seeds; s < plan->seeds + plan->count; s++) {
+        json_open(j, NULL, '{');
+        json_text(j, "hole", s->hole);
+        json_numbers(j, "position", s->position, 3);
+        json_close(j, '}');
+    }
+    json_close(j, ']');
+}
+
+static void write_reply(json *j, const void *what) {
+    const trocar_command_reply_t *reply = what;
+    json_open(j, NULL, '{');
+    json_integer(j, "seq", reply->seq);
+    json_integer(j, "needle", reply->needle);
+    json_text(j, "command", reply->command == TROCAR_COMMAND_T_DROP_SEED ? "drop" : reply->command == TROCAR_COMMAND_T_UNDO ? "undo" : "other");
+    json_bool(j, "done", reply->status == TROCAR_COMMAND_REPLY_T_DONE);
+    json_text(j, "message", reply->message);
+    json_close(j, '}');
+}
+
+trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why) {
+    bool plans = settings->plan != NULL;
+    if (find_template(model) < 0) return plans ? fail(why, TROCAR_BAD_INPUT, "--plan: the scene has no template (guides)") : TROCAR_OK;
+    trocar_status status = plans ? plan_table_read(settings->plan, &i->plan, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
+    if (plans) set_json(&i->sections[IMPLANT_PLAN], SECTION_PLAN, write_plan, &i->plan);
+    return dose_thread_create(model, &settings->dose, plans ? &i->plan : NULL, &i->dose, why);
+}
+
+void implant_close(implant *i) {
+    if (i->dose) dose_thread_free(i->dose);
+    for (int s = 0; s < IMPLANT_SECTIONS; s++) bytes_free(&i->sections[s].bytes);
+    *i = (implant){.dose = NULL};
+}
+
+static void take_seeds(implant *i, const trocar_seeds_t *seeds) {
+    static const trocar_seeds_t none = {0};
+    web_section *s = &i->sections[IMPLANT_SEEDS];
+    bytes_clear(&s->bytes);
+    encode_seeds(&s->bytes, seeds ? seeds : &none);
+    s->version++;
+    if (i->dose) dose_thread_tell(i->dose, seeds);
+}
+
+void implant_hear(implant *i, const subscriber *feed) {
+    if (feed->seeds_heard != i->seeds_heard) take_seeds(i, feed->seeds);
+    if (feed->replies_heard != i->replies_heard && feed->reply) set_json(&i->sections[IMPLANT_REPLY], SECTION_REPLY, write_reply, feed->reply);
+    i->seeds_heard = feed->seeds_heard;
+    i->replies_heard = feed->replies_heard;
+}
+
+void implant_note_dose(implant *i) {
+    web_section *s = &i->sections[IMPLANT_DOSE];
+    if (dose_thread_take(i->dose, &s->bytes)) s->version++;
+}

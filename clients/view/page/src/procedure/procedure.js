@@ -1,0 +1,339 @@
+// Procedure mode, for a live scene with a template: axial and sagittal images with the template's holes, seeds, plan and dose, and what to do next.
+import * as THREE from 'three'
+import { Echo, SAGITTAL } from '../ultrasound_view.js'
+import { describeDose, shadeSlices } from './dose.js'
+import { MaterialPoint } from './material.js'
+import { Seeds3D } from './seeds3d.js'
+import { SliceMarks } from './slice_marks.js'
+import { Template } from './template.js'
+
+const ORGANS = /prostate|gland|urethra|rectum/i
+const IN_LINE = 5e-4 // m, of the tip with the hole's axis
+const AT_TARGET = 1e-3 // m
+const NONE = { pending: [], seeds: [] }
+const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
+
+const element = (id) => document.getElementById(id)
+const mm = (length) => (1e3 * length).toFixed(1)
+const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
+
+export class Procedure {
+  constructor({ stage, echo, drive, link }) {
+    Object.assign(this, { stage, echo, drive, link, available: false, active: false, seeds: NONE, plan: [], status: {} })
+    this.sagittal = new Echo(element('sagittal-echo'), element('sagittal-marks'), SAGITTAL)
+    this.reset()
+    for (const slice of [echo, this.sagittal]) new SliceMarks(this, slice)
+    this.addControls()
+  }
+
+  reset() {
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], nodes: null, shown: '' })
+  }
+
+  load(scene) {
+    const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
+    this.reset()
+    this.seeds = NONE
+    this.scene = scene
+    this.available = index >= 0
+    element('mode').hidden = !this.available
+    for (const row of document.querySelectorAll('.implant-key')) row.hidden = !this.available
+    if (this.available) {
+      this.template = new Template(scene.guides[index], index)
+      this.models = new Seeds3D(scene.seedLength)
+      this.stage.content.add(this.models.group)
+      for (const slice of [this.echo, this.sagittal]) {
+        slice.focus = (region) => ORGANS.test(region.name)
+        slice.load(scene)
+      }
+      this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
+      this.sagittal.setPlace(this.echo.view.x)
+      element('dose').innerHTML = describeDose(null)
+    }
+    this.setActive(this.available)
+  }
+
+  /** Shows the implant's panes, or the page as for other scenes. */
+  setActive(active) {
+    this.active = active
+    document.body.classList.toggle('procedure', active)
+    for (const id of ['sagittal', 'implant', 'panes']) element(id).hidden = !active
+    element(active ? 'steps' : 'stage').append(element('drive'))
+    set(element('mode'), active ? 'Plots' : 'Implant')
+    if (active) this.choosePane('axial')
+    if (active) element('layers').open = false
+    this.echo.dirty = true
+  }
+
+  toggle() { this.setActive(!this.active) }
+
+  /** On a small screen, the one image that is shown. */
+  choosePane(pane) {
+    document.body.dataset.pane = pane
+    for (const button of element('panes').children) button.setAttribute('aria-pressed', String(button.dataset.pane === pane))
+  }
+
+  /* ---- received ---- */
+
+  hearSeeds(seeds) { this.seeds = seeds }
+
+  hearPlan(plan) { this.plan = plan.map(({ hole, position }) => ({ hole, point: new MaterialPoint(this.scene, new THREE.Vector3(...position)) })) }
+
+  hearDose(dose) {
+    if (!this.available) return
+    this.dose = dose
+    shadeSlices([this.echo, this.sagittal], dose)
+    element('dose').innerHTML = describeDose(dose)
+  }
+
+  /** The server's answer to "Drop seed" or "Undo". */
+  hearReply({ command, done, message, needle }) {
+    if (done && command === 'drop') this.dropped = { needle, depth: null }
+    else if (done && command === 'undo') this.dropped = null
+    const words = { drop: 'The seed is at the tip, still in the needle.', undo: 'The last seed is taken back.' }[command] ?? ''
+    this.say(done ? words : `${command === 'drop' ? 'No seed dropped' : 'Nothing taken back'}: ${message}.`, !done)
+  }
+
+  say(text, bad = false) {
+    set(element('answer'), text)
+    element('answer').classList.toggle('bad', bad)
+  }
+
+  /* ---- controls ---- */
+
+  addControls() {
+    element('hole-form').addEventListener('submit', (event) => { event.preventDefault(); this.chooseTyped() })
+    element('drop').addEventListener('click', (event) => { this.drop(); event.currentTarget.blur() })
+    element('undo').addEventListener('click', (event) => { this.undo(); event.currentTarget.blur() })
+    for (const button of element('panes').children) button.addEventListener('click', () => this.choosePane(button.dataset.pane))
+    element('trus').addEventListener('pointermove', (event) => this.hover(this.active ? this.holeAt(event) : null))
+    element('trus').addEventListener('pointerleave', () => this.hover(null))
+    element('trus').addEventListener('click', (event) => {
+      const hole = this.active && !event.target.closest('label, input') && this.holeAt(event)
+      if (hole) this.choose(hole)
+    })
+    element('sagittal').addEventListener('click', (event) => { if (this.active && !event.target.closest('label, input')) this.aimAt(event) })
+    element('sagittal-slice').addEventListener('input', (event) => {
+      const { from, to } = this.sagittal.range
+      element('sagittal-follow').checked = false
+      this.sagittal.setPlace(from + event.target.value * (to - from))
+    })
+    new ResizeObserver(() => this.sagittal.resize()).observe(element('sagittal'))
+  }
+
+  /** Handles a key; returns whether it was one of this mode. */
+  key(event) {
+    const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select() }[event.code]
+    if (!action || !this.active || event.repeat) return false
+    action()
+    return true
+  }
+
+  /** Point of a slice under the pointer: across and up, m. */
+  pointAt(slice, event) {
+    const box = slice.canvas.getBoundingClientRect()
+    return { across: slice.view.x - (2 * (event.clientX - box.left) / box.width - 1) * slice.halfWidth, up: slice.view.y - (2 * (event.clientY - box.top) / box.height - 1) * slice.halfHeight }
+  }
+
+  holeAt(event) {
+    const { across, up } = this.pointAt(this.echo, event), found = this.template.nearest(this.template.origin.clone().setX(across).setY(up))
+    return found
+  }
+
+  hover(hole) {
+    const name = hole ? this.template.name(hole) : ''
+    if (name === (this.hovered ? this.template.name(this.hovered) : '')) return
+    this.hovered = hole
+    element('trus').style.cursor = hole ? 'pointer' : ''
+    this.echo.dirty = true
+  }
+
+  chooseTyped() {
+    const field = element('hole'), hole = this.template.find(field.value)
+    if (hole) this.choose(hole)
+    else this.say(`There is no hole “${field.value}”: type ${this.template.range}.`, true)
+    if (hole) field.blur()
+  }
+
+  choose(hole) {
+    this.hole = { column: hole.column, row: hole.row }
+    this.asked = null
+    element('hole').value = this.template.name(hole)
+    this.say('')
+    this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
+    for (const slice of [this.echo, this.sagittal]) slice.dirty = true
+  }
+
+  /** Middle of the organs. */
+  middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.view.x) }
+
+  /** The deepest planned seed of the hole that has no seed yet: the tip goes to its far end. */
+  aimAtPlan() {
+    const name = this.template.name(this.hole), holeNumber = this.hole.column + this.template.columns * this.hole.row
+    const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
+    const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
+    this.planned = planned.length > placed // the target is where the plan has the next seed
+    if (!this.planned) return false
+    this.setTarget(planned[placed] + this.seedLength / 2)
+    return true
+  }
+
+  setTarget(depth) {
+    this.target = new MaterialPoint(this.scene, this.template.onAxis(this.hole, depth))
+    this.shown = ''
+  }
+
+  aimAt(event) {
+    if (!this.hole) return this.say('Choose a hole first; then a click here moves the target along it.', true)
+    const { across } = this.pointAt(this.sagittal, event), { z } = this.template.normal
+    if (Math.abs(z) > 0.5) this.setTarget((across - this.template.place(this.hole).z) / z)
+  }
+
+  drop() { if (this.drive.steering) this.link.drop(); else this.say('Press “Drive the needle” first.', true) }
+  undo() { if (this.drive.steering) this.link.undo(); else this.say('Press “Drive the needle” first.', true) }
+
+  /** A and B of a gamepad. */
+  readGamepad() {
+    const pad = navigator.getGamepads?.().find((p) => p), pressed = [0, 1].map((i) => Boolean(pad?.buttons[i]?.pressed)), before = this.pressed ?? [false, false]
+    this.pressed = pressed
+    if (!this.drive.steering) return
+    if (pressed[0] && !before[0]) this.drop()
+    if (pressed[1] && !before[1]) this.undo()
+  }
+
+  /* ---- drawing ---- */
+
+  get needles() { return this.stage.needles }
+  get seedLength() { return this.scene.seedLength }
+
+  /** With each frame: `picture` is the one that is shown; `following`: it is live. */
+  show(picture, following, chosen) {
+    if (!this.active || !this.scene) return
+    this.readGamepad()
+    const seeds = (following ? this.seeds : picture?.seeds ?? NONE).seeds, nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
+    const state = [picture?.time, seeds.length, ...seeds.flatMap(({ position }) => [...position].map((x) => x.toFixed(5))), this.plan.length, tip?.toArray().map((x) => x.toFixed(5))].join()
+    if (state === this.shown) return
+    this.shown = state
+    this.seedsNow = seeds
+    this.plannedNow = this.plan.map(({ point }) => point.at(nodes))
+    this.targetNow = this.target?.at(nodes)
+    this.bevels = this.needles.map((needle, i) => this.bevelOf(picture?.needles[i]))
+    this.models.show(seeds, this.plannedNow, this.targetNow, this.template.normal)
+    this.stage.dirty = true
+    this.echo.dirty = true
+    this.sagittal.show(nodes, this.needles.map(({ line }) => line))
+    if (element('sagittal-follow').checked) this.follow(tip)
+  }
+
+  /** The sagittal slice goes through the tip, or along the chosen hole while the needle is outside of the template. */
+  follow(tip) {
+    const { from, to } = this.sagittal.range, inside = tip && this.template.depthOf(tip) > 0
+    const place = inside ? tip.x : this.hole ? this.template.place(this.hole).x : this.echo.view.x
+    this.sagittal.setPlace(Math.min(Math.max(place, from), to))
+    element('sagittal-slice').value = (this.sagittal.place - from) / (to - from)
+  }
+
+  /** Direction of the bevel: the base's y, turned by the tip's roll. */
+  bevelOf(shape) {
+    if (!shape) return null
+    const [w, x, y, z] = shape.orientation, base = new THREE.Quaternion(x, y, z, w)
+    return new THREE.Vector3(0, 1, 0).applyAxisAngle(new THREE.Vector3(0, 0, 1), shape.tipLead ?? 0).applyQuaternion(base)
+  }
+
+  draw(coarse) { if (this.active) this.sagittal.draw(coarse) }
+
+  /* ---- words ---- */
+
+  /** Some times a second: the state in words, and what to do next. */
+  describe(status, state, history, chosen) {
+    if (!this.active) return
+    this.status = status
+    const tip = this.needles[chosen].tip, depths = history.tracks.map(({ count, columns }) => (count ? columns[7][count - 1] : 0)), depth = depths[chosen]
+    this.goToHole(status, depth)
+    this.noteSeeds(chosen, depth)
+    this.listNeedles(status, depths)
+    this.showAim(tip)
+    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen) : '')
+    const pending = this.seeds.pending[chosen] > 0
+    element('drop').disabled = !this.drive.steering || pending
+    element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
+  }
+
+  /** Sends the driven needle to the chosen hole once it is outside of the tissue. */
+  goToHole(status, depth) {
+    if (!this.drive.steering) this.asked = null
+    if (!this.drive.steering || !this.hole || depth !== 0) return
+    const name = this.template.name(this.hole)
+    if (this.asked === name) return
+    this.asked = name
+    this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
+  }
+
+  /** Says when a seed has stayed in the tissue. */
+  noteSeeds(chosen, depth) {
+    const { seeds, pending } = this.seeds
+    if (pending[chosen] > 0) this.dropped ??= { needle: chosen, depth: null }
+    if (this.dropped?.needle === chosen && pending[chosen] > 0) this.dropped.depth ??= depth
+    if (seeds.length > this.left) {
+      this.dropped = null
+      this.say(`Seed ${seeds.length} is in the tissue.`)
+      if (this.hole && this.plan.length) this.aimAtPlan()
+    }
+    this.left = seeds.length
+    set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
+  }
+
+  listNeedles(status, depths) {
+    const rows = this.needles.map(({ line }, i) => {
+      const { state, owned } = status.needles?.[i] ?? {}, hole = this.template.holeOf(line)
+      return [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', `${mm(depths[i])} mm`]
+    })
+    const text = JSON.stringify(rows), body = element('needles').tBodies[0]
+    if (text === this.listed) return
+    this.listed = text
+    body.replaceChildren(...rows.map((cells) => {
+      const row = document.createElement('tr')
+      row.append(...cells.map((cell) => Object.assign(document.createElement('td'), { textContent: cell })))
+      return row
+    }))
+  }
+
+  /** m: how far the tip has to go along the needle, and how far it is beside the target. */
+  tipError(tip) {
+    const off = this.targetNow.clone().sub(tip), along = off.dot(this.template.normal)
+    return { along, aside: off.addScaledVector(this.template.normal, -along).length() }
+  }
+
+  showAim(tip) {
+    const known = this.target && this.targetNow && tip
+    set(element('target'), this.target ? `${this.template.name(this.hole)}, ${mm(this.template.depthOf(this.target.rest))} mm from the template` : '–')
+    if (!known) return set(element('tip-error'), '–')
+    const { along, aside } = this.tipError(tip)
+    set(element('tip-error'), `${mm(Math.abs(along))} mm ${along >= 0 ? 'to go' : 'too deep'}, ${mm(aside)} mm beside`)
+  }
+
+  nextStep(tip, depth, chosen) {
+    if (!this.hole) return 'Click on a hole in the image across, or type its name, such as C3.5.'
+    const name = this.template.name(this.hole)
+    if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
+    if (this.seeds.pending[chosen] > 0) {
+      const rest = this.dropped?.depth == null ? this.seedLength : this.seedLength - (this.dropped.depth - depth)
+      return `Draw the needle back ${mm(Math.max(rest, 0))} mm (hold S) to leave the seed.`
+    }
+    const current = this.template.holeOf(this.needles[chosen].line)
+    if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (hold S) before it can go to hole ${name}.`
+    if (depth === 0 && (!tip || this.template.aside(tip, this.hole).length() > IN_LINE)) return `The needle moves to hole ${name}.`
+    if (depth === 0) return 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
+    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, or draw the needle out.'
+    const { along } = this.tipError(tip)
+    if (along > AT_TARGET) return `Push on (W): ${mm(along)} mm to the target. Then press “Drop seed”.`
+    if (along < -AT_TARGET) return `Draw the needle back (S): ${mm(-along)} mm to the target. Then press “Drop seed”.`
+    return 'Press “Drop seed”.'
+  }
+
+  /** Whether the newest seed came from this needle in the chosen hole. */
+  seedHere(chosen) {
+    const last = this.seeds.seeds.at(-1)
+    return last?.needle === chosen && last.hole === this.hole.column + this.template.columns * this.hole.row
+  }
+}

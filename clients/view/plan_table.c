@@ -1,0 +1,39 @@
+#define _GNU_SOURCE
+#include "plan_table.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* further columns are the same in the patient's coordinates */
+static const char REMEDY[] = "write this table with python3 -m trocar.plan show PLAN --scene SCENE --out FILE";
+
+/* "C3.5,1,0.02,...": false if it is not a seed. */
+static bool read_seed(const char *line, planned_seed *s) {
+    double *x = s->position;
+    if (sscanf(line, "%7[A-Z0-9.],%*d,%lf,%lf,%lf", s->hole, &x[0], &x[1], &x[2]) != 4) return false;
+    return fabs(x[0]) < 1e3 && fabs(x[1]) < 1e3 && fabs(x[2]) < 1e3; /* false for NaN */
+}
+
+static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, report *why) {
+    char line[512];
+    if (!fgets(line, sizeof line, file) || strncmp(line, HEADER, sizeof HEADER - 1) != 0)
+        return fail(why, TROCAR_BAD_INPUT, "%s:1: not a table of planned seeds: %s", path, REMEDY);
+    for (int number = 2; fgets(line, sizeof line, file); number++) {
+        if (plan->count == TROCAR_MAX_SEEDS) return fail(why, TROCAR_BAD_INPUT, "%s:%d: more than %d seeds", path, number, (int)TROCAR_MAX_SEEDS);
+        if (!read_seed(line, &plan->seeds[plan->count++]))
+            return fail(why, TROCAR_BAD_INPUT, "%s:%d: not a hole, a number and a position in metres: %s", path, number, REMEDY);
+    }
+    return TROCAR_OK;
+}
+
+trocar_status plan_table_read(const char *path, plan_table *plan, report *why) {
+    *plan = (plan_table){.count = 0};
+    FILE *file = fopen(path, "re");
+    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
+    trocar_status status = read_lines(file, path, plan, why);
+    fclose(file);
+    return status;
+}

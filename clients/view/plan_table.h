@@ -1,0 +1,25 @@
+/* Planned seeds, from the table that `python3 -m trocar.plan show --out` writes. */
+#ifndef TROCAR_PLAN_TABLE_H
+#define TROCAR_PLAN_TABLE_H
+
+#include <stdbool.h>
+
+#include "base/report.h"
+#include "trocar.h"
+
+enum { PLAN_HOLE = 8 };
+
+typedef struct {
+    char hole[PLAN_HOLE];        /* such as C3.5 */
+    double position[3];          /* m, centre, in the tissue at rest */
+} planned_seed;
+
+typedef struct {
+    int count;
+    planned_seed seeds[TROCAR_MAX_SEEDS];
+} plan_table;
+
+/* BAD_INPUT with file, line and remedy for a file that is not such a table. */
+trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
+
+#endif

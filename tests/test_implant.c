@@ -1,0 +1,213 @@
+/* The sections for browsers about an implant: dose against the plain sum of the formula, seeds that come and go, and plans with mistakes. */
+#define _GNU_SOURCE
+#include "implant.h"
+
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include "check.h"
+
+enum { SEEDS = 3 };
+
+typedef struct {
+    trocar_scene *scene;
+    trocar_model *model;
+} fixture;
+
+/* Seeds in the gland, lengthwise. */
+static float centres[SEEDS][3] = {{-0.02f, -0.005f, 0.06f}, {0.0f, 0.0f, 0.05f}, {0.01f, 0.004f, 0.055f}}, axes[SEEDS][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0.6f, 0.8f}};
+static float *centre_rows[SEEDS] = {centres[0], centres[1], centres[2]}, *axis_rows[SEEDS] = {axes[0], axes[1], axes[2]};
+static const int16_t numbers[SEEDS] = {0};
+
+static trocar_seeds_t message_of(int count) {
+    int16_t *zeros = (int16_t *)numbers;
+    return (trocar_seeds_t){.seed_count = count, .position = centre_rows, .direction = axis_rows, .rest_position = centre_rows, .rest_direction = axis_rows,
+                            .needle = zeros, .guide = zeros, .hole = zeros, .strand = zeros};
+}
+
+static int open_fixture(void **state) {
+    static fixture f;
+    trocar_error why;
+    assert_int_equal(trocar_scene_load(MESHES "/implant.yaml", &f.scene, &why), TROCAR_OK);
+    assert_int_equal(trocar_model_create(f.scene, &(trocar_model_options){.mesh_only = 1}, &f.model, &why), TROCAR_OK);
+    *state = &f;
+    return 0;
+}
+
+static int close_fixture(void **state) {
+    fixture *f = *state;
+    trocar_model_free(f->model);
+    trocar_scene_free(f->scene);
+    return 0;
+}
+
+static implant open_implant(const fixture *f, const implant_settings *settings) {
+    implant i = {.dose = NULL};
+    report why = {""};
+    if (implant_open(&i, f->model, settings, &why) != TROCAR_OK) fail_msg("%s", why.text);
+    return i;
+}
+
+/* Tells the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON; `levels` follow it. */
+static const char *dose_of(implant *i, int count, const unsigned char **levels) {
+    static const char seeds_key[] = "\"seeds\":";
+    trocar_seeds_t seeds = message_of(count);
+    subscriber feed = {.seeds = &seeds, .seeds_heard = i->seeds_heard + 1};
+    implant_hear(i, &feed);
+    for (int attempt = 0; attempt < 20; attempt++) {
+        const unsigned char *section = i->sections[IMPLANT_DOSE].bytes.data;
+        const char *json = section ? (const char *)section + 16 : NULL, *found = json ? strstr(json, seeds_key) : NULL;
+        if (found && atoi(found + sizeof seeds_key - 1) == count) {
+            uint32_t length;
+            memcpy(&length, section + 8, sizeof length);
+            *levels = section + 16 + (length + 7) / 8 * 8;
+            return json;
+        }
+        assert_true(poll(&(struct pollfd){.fd = dose_thread_descriptor(i->dose), .events = POLLIN}, 1, 60000) == 1);
+        implant_note_dose(i);
+    }
+    fail_msg("no dose of %d seeds", count);
+    return NULL;
+}
+
+static void read_numbers(const char *json, const char *key, double *values, int count) {
+    const char *at = strstr(json, key);
+    assert_non_null(at);
+    at = strpbrk(at + strlen(key), "-0123456789");
+    for (int i = 0; i < count; i++) {
+        char *end;
+        values[i] = strtod(at, &end);
+        assert_true(end > at);
+        at = end + (*end == ',');
+    }
+}
+
+/* Gy at each of the points, by the formula. */
+static void plain_doses(const implant_settings *settings, int seeds, const double *points, int64_t count, double *doses) {
+    trocar_error why;
+    trocar_dose_source *source;
+    trocar_dose_seed list[SEEDS];
+    assert_int_equal(trocar_dose_source_create(settings->dose.source, &source, &why), TROCAR_OK);
+    for (int s = 0; s < seeds; s++) {
+        list[s].strength = settings->dose.strength;
+        for (int a = 0; a < 3; a++) list[s].position[a] = centres[s][a], list[s].direction[a] = axes[s][a];
+    }
+    assert_int_equal(trocar_dose_rates(source, list, seeds, points, count, doses, &why), TROCAR_OK);
+    for (int64_t i = 0; i < count; i++) doses[i] *= trocar_dose_hours(source, INFINITY);
+    trocar_dose_source_free(source);
+}
+
+static void check_levels(const implant_settings *settings, int seeds, const char *json, const unsigned char *levels) {
+    double origin[3], spacing, counts[3];
+    read_numbers(json, "\"origin\":", origin, 3);
+    read_numbers(json, "\"spacing\":", &spacing, 1);
+    read_numbers(json, "\"counts\":", counts, 3);
+    srand(5);
+    for (int trial = 0; trial < 2000; trial++) {
+        int at[3];
+        double point[3], dose;
+        for (int a = 0; a < 3; a++) {
+            at[a] = rand() % (int)counts[a];
+            point[a] = origin[a] + spacing * at[a];
+        }
+        plain_doses(settings, seeds, point, 1, &dose);
+        double level = fmin(255, 255 * dose / (3 * settings->dose.prescription));
+        assert_true(fabs(levels[(at[0] * (int)counts[1] + at[1]) * (int)counts[2] + at[2]] - level) <= 0.501);
+    }
+}
+
+/* V100 of the gland, from points of the scene's own mesh. */
+static double plain_v100(const fixture *f, const implant_settings *settings, int seeds) {
+    trocar_error why;
+    trocar_structure *gland;
+    trocar_mesh mesh = {.node_count = trocar_model_node_count(f->model), .tet_count = trocar_model_tet_count(f->model), .nodes = trocar_model_nodes(f->model),
+                        .tets = trocar_model_tets(f->model), .tet_region = trocar_model_tet_regions(f->model)};
+    assert_int_equal(trocar_structure_from_region(&mesh, trocar_model_find_region(f->model, "prostate", 3), 1e-3, &gland, &why), TROCAR_OK);
+    int64_t count = trocar_structure_count(gland), covered = 0;
+    double *doses = malloc((size_t)count * sizeof *doses);
+    plain_doses(settings, seeds, trocar_structure_points(gland), count, doses);
+    for (int64_t i = 0; i < count; i++) covered += doses[i] >= settings->dose.prescription;
+    free(doses);
+    trocar_structure_free(gland);
+    return (double)covered / (double)count;
+}
+
+static void the_dose_is_that_of_the_seeds(void **state) {
+    fixture *f = *state;
+    static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145}};
+    implant i = open_implant(f, &settings);
+    for (int round = 0; round < 4; round++) { /* seeds come, go and come again */
+        int count = (const int[]){SEEDS, 1, 0, 2}[round];
+        const unsigned char *levels;
+        const char *json = dose_of(&i, count, &levels);
+        check_levels(&settings, count, json, levels);
+        double v100;
+        read_numbers(json, "\"v100\":", &v100, 1);
+        assert_close(v100, plain_v100(f, &settings, count), 1e-9);
+    }
+    implant_close(&i);
+}
+
+static char *write_file(const char *text) {
+    static char path[] = "/tmp/trocar-plan-XXXXXX";
+    strcpy(path + sizeof path - 7, "XXXXXX");
+    int file = mkstemp(path);
+    assert_true(file >= 0 && write(file, text, strlen(text)) == (ssize_t)strlen(text));
+    close(file);
+    return path;
+}
+
+static void the_plan_has_its_own_figures(void **state) {
+    fixture *f = *state;
+    char *path = write_file("hole,seed,x [m],y [m],z [m],left [mm]\nC3.5,1,-0.02,-0.005,0.06,20\nG4,1,0,0,0.05,0\n");
+    implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145}};
+    implant i = open_implant(f, &settings);
+    remove(path);
+    const unsigned char *levels;
+    const char *json = strstr(dose_of(&i, 0, &levels), "\"planned\":");
+    double v100;
+    assert_non_null(json);
+    read_numbers(json, "\"v100\":", &v100, 1);
+    assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* of centres in single precision */
+    const byte_buffer *sent = &i.sections[IMPLANT_PLAN].bytes;
+    assert_non_null(memmem(sent->data, sent->length, "\"C3.5\"", 6));
+    implant_close(&i);
+}
+
+static void mistakes_are_refused_with_place_and_remedy(void **state) {
+    fixture *f = *state;
+    static const struct { const char *text, *words; } wrong[] = {
+        {"", ":1: not a table"}, {"x,y\n1,2\n", ":1: not a table"}, {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0\n", ":2: not a hole"},
+        {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,0\nC3.5,2,nan,0,0\n", ":3: not a hole"}, {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,1e9\n", ":2: not a hole"}};
+    for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++) {
+        implant i = {.dose = NULL};
+        report why = {""};
+        char *path = write_file(wrong[k].text);
+        assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+        remove(path);
+        if (!strstr(why.text, wrong[k].words)) fail_msg("%s", why.text);
+        implant_close(&i);
+    }
+    implant i = {.dose = NULL};
+    report why;
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+    implant_close(&i);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_dose_is_that_of_the_seeds),
+        cmocka_unit_test(the_plan_has_its_own_figures),
+        cmocka_unit_test(mistakes_are_refused_with_place_and_remedy),
+    };
+    return cmocka_run_group_tests(tests, open_fixture, close_fixture);
+}

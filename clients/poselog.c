@@ -18,7 +18,7 @@ enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHA
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
 /* Message types of older releases, which lack the last fields: `needle` of poses and wrenches, `server` of wrenches, and the
-   last four fields of a status. */
+   last five fields of a status, or only its `state`. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -26,7 +26,7 @@ typedef struct {
 
 static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
-static const older_type older_statuses[] = {{0xbcbe6819f8e2446a, 3 * 4 + 8}, {0}};
+static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
 /* A log being read. */
 typedef struct {
@@ -219,9 +219,9 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
 /* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note`, if given, those of
-   TROCAR_STATUS. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
+   `noted`. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
    if the log is complete). */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, take_event *note, void *log, report *cut, report *why) {
+static trocar_status read_log(const char *path, const char *channel, take_event *take, const char *noted, take_event *note, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -236,7 +236,7 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
         }
         bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
         if (wanted) status = take(&r, &h, log, why);
-        else if (status == TROCAR_OK && note && strcmp(h.channel, STATUS_CHANNEL) == 0) status = note(&r, &h, log, why);
+        else if (status == TROCAR_OK && note && strcmp(h.channel, noted) == 0) status = note(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
         found |= wanted;
     }
@@ -245,10 +245,55 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
 }
 
+/* Of all needles: each pose that is later than the last one of its needle and session. */
+static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = context;
+    trocar_needle_pose_t p;
+    trocar_status status = read_pose(r, h, &p, why);
+    if (status != TROCAR_OK) return status;
+    const trocar_needle_pose_t *last = NULL;
+    for (int i = log->count - 1; i >= 0 && !last; i--)
+        if (log->poses[i].needle == p.needle) last = &log->poses[i];
+    if (last && ((p.session == last->session && p.seq <= last->seq) || p.utime <= last->utime)) {
+        log->skipped_old++;
+        return TROCAR_OK;
+    }
+    void *poses = log->poses;
+    status = make_room(&poses, log->count, sizeof *log->poses, why);
+    log->poses = poses;
+    if (status == TROCAR_OK) log->poses[log->count++] = p;
+    return status;
+}
+
+static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = context;
+    unsigned char data[DATA_MAX] = {0};
+    logged_command c = {.next_pose = log->count};
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status == TROCAR_OK) status = check_type(r, data, "command_t", __trocar_command_t_get_hash(), why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length != trocar_command_t_decode(data, 0, DATA_MAX, &c.command))
+        return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
+    if (c.command.needle < 0 || c.command.needle >= TROCAR_MAX_NEEDLES) return bad_event(r, "command for a needle that no scene has: the log is damaged", why);
+    void *commands = log->commands;
+    status = make_room(&commands, log->command_count, sizeof c, why);
+    log->commands = commands;
+    if (status == TROCAR_OK) log->commands[log->command_count++] = c;
+    return status;
+}
+
+trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
+    *log = (pose_log){.needle = -1};
+    trocar_status status = read_log(path, POSE_CHANNEL, take_any_pose, COMMAND_CHANNEL, take_command, log, NULL, why);
+    if (status != TROCAR_OK) pose_log_free(log);
+    else log->needle = log->poses[0].needle;
+    return status;
+}
+
 /* `needle` -1: the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
     *log = (pose_log){.needle = needle};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, log, cut, why);
+    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, NULL, NULL, log, cut, why);
     if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
@@ -265,7 +310,7 @@ trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut,
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, take_status, log, NULL, why);
+    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, STATUS_CHANNEL, take_status, log, NULL, why);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }
@@ -277,6 +322,7 @@ void wrench_log_free(wrench_log *log) {
 
 void pose_log_free(pose_log *log) {
     free(log->poses);
+    free(log->commands);
     *log = (pose_log){0};
 }
 
@@ -315,6 +361,12 @@ trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *me
     uint8_t data[256];
     int length = trocar_needle_pose_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, POSE_CHANNEL, data, length, path, why);
+}
+
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *message, const char *path, report *why) {
+    uint8_t data[64];
+    int length = trocar_command_t_encode(data, 0, sizeof data, message);
+    return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
 }
 
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *message, const char *path, report *why) {

@@ -5,6 +5,7 @@
 #include <lcm/lcm.h>
 
 #include "base/report.h"
+#include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_status_t.h"
@@ -12,7 +13,13 @@
 
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
+#define COMMAND_CHANNEL "TROCAR_COMMAND"
 #define STATUS_CHANNEL "TROCAR_STATUS"
+
+typedef struct {
+    int next_pose;                /* index of the pose that comes after it */
+    trocar_command_t command;
+} logged_command;
 
 /* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
 typedef struct {
@@ -21,6 +28,8 @@ typedef struct {
     trocar_needle_pose_t *poses;  /* count */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
+    int command_count;
+    logged_command *commands;     /* of pose_log_read_all only */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
@@ -38,6 +47,9 @@ typedef struct {
    server 0's. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
+
+/* All needles' poses, in the order of the log, and the commands between them. */
+trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
 /* The same for a recording that is truncated or still being written: its complete events are read. `cut` says where the log ends
    within an event; it is empty if the log is complete. */
@@ -58,6 +70,7 @@ trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int
 
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
+trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
 trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);
 

@@ -441,7 +441,7 @@ TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
 
 /* All that changes, as a block of `trocar_sim_state_size` bytes in the caller's memory: valid for any simulation of the same model, in
    this process. Between lockstep steps only. What follows a restore is what followed the save: to the bit with `remeshing: nested` on
-   a dense or condensed inverse, else to rounding. Restore allocates nothing. BAD_INPUT for a wrong size or another model's. */
+   a dense or condensed inverse where no needle rests, else to rounding. Restore allocates nothing where none rests. BAD_INPUT for a wrong size or another model's. */
 TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
 TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);

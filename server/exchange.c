@@ -12,7 +12,7 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
-enum { PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
+enum { PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096, COMMANDS = 256 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
@@ -53,6 +53,8 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
     size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->commands, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->replies, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
     return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
@@ -72,6 +74,8 @@ void exchange_free(exchange *x) {
     triple_buffer_free(&x->loops);
     triple_buffer_free(&x->intakes);
     spsc_ring_free(&x->wrenches);
+    spsc_ring_free(&x->commands);
+    spsc_ring_free(&x->replies);
     spsc_ring_free(&x->latencies);
     spsc_ring_free(&x->round_trips);
     if (x->io_wake >= 0) close(x->io_wake);

@@ -1,9 +1,9 @@
 /* Data shared by the server's threads:
 
-                    poses
+               poses, commands
      IO thread  ------------->  haptic thread  <--------->  worker
      (LCM)      <-------------  (the tick)      (inside the
-                  wrenches          |            simulation)
+            wrenches, replies       |            simulation)
         | intakes                   | views, loops,            | latencies
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
@@ -32,6 +32,14 @@ typedef struct {
     pose base;
 } probe_sample;
 
+/* IO -> haptic: what a client asks for of a needle; haptic -> IO: the same, and what has become of it */
+typedef struct {
+    int64_t session, seq;
+    int32_t command, needle;     /* as in command_t */
+    bool refused;
+    char why[160];
+} needle_command;
+
 /* One needle in a view_sample */
 typedef struct {
     bool engaged;                /* whether the needle has been held since the start */
@@ -41,6 +49,7 @@ typedef struct {
     double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
     int contacts;
+    int state;                   /* as in status_t */
 } needle_view;
 
 /* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
@@ -67,6 +76,7 @@ typedef struct {
     triple_buffer intakes;        /* arbiter_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring probe_wrenches;    /* trocar_probe_wrench_t */
+    spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */
     int io_wake, worker_wake;    /* eventfds, non-blocking; the latter stops the worker */

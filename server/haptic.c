@@ -1,8 +1,10 @@
 #include "haptic.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #include "messages.h"
+#include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_probe_wrench_t.h"
 
@@ -33,13 +35,99 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
+/* A hand has the needle: where it lay, or for a new insertion. RT */
+static void engage_needle(haptic *h, int needle) {
+    haptic_needle *n = &h->needles[needle];
+    if (!n->taken) reset_needle(h, needle);
+    n->taken = n->rests = false;
+}
+
+/* A hand that takes a needle is elsewhere: from then on the needle moves as the hand does, from where it lay. RT */
+static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
+    haptic_needle *n = &h->needles[needle];
+    pose_sample hand = *newest;
+    if (newest->held && newest->engagement != n->safety.engagement) {
+        n->clutched = n->taken;
+        trocar_pose base = trocar_sim_base(h->sim, needle);
+        const double *q = base.orientation;
+        n->from = newest->base;
+        n->to = (pose){load_vec3(base.position), {q[0], q[1], q[2], q[3]}};
+    }
+    if (!n->clutched) return hand;
+    quat turn = q_multiply(n->to.orientation, q_conjugate(n->from.orientation));
+    hand.base.position = v3_add(n->to.position, v3_sub(newest->base.position, n->from.position));
+    hand.base.orientation = q_unit(q_multiply(turn, newest->base.orientation));
+    return hand;
+}
+
+/* RT */
+static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
+    c->refused = refused;
+    snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
+    spsc_ring_push(&h->exchange->replies, c);
+    wake(h->exchange->io_wake);
+}
+
+/* Out of the tissue, and far away from it. RT */
+static trocar_status remove_needle(haptic *h, int needle, trocar_error *why) {
+    static const double AWAY = 10.0; /* m */
+    trocar_pose base = trocar_sim_base(h->sim, needle);
+    const double *q = base.orientation;
+    store_vec3(v3_axpy(-AWAY, q_axis((quat){q[0], q[1], q[2], q[3]}), load_vec3(base.position)), base.position);
+    return trocar_sim_reset(h->sim, needle, &base, why);
+}
+
+/* Starts what a client asks for; whether it is done shows later. RT, but for the text of a refusal. */
+static void start_command(haptic *h, needle_command *c) {
+    haptic_needle *n = &h->needles[c->needle];
+    trocar_error why = {""};
+    trocar_status status = TROCAR_OK;
+    if (n->asked) {
+        answer_command(h, c, true, "another command is being carried out");
+        return;
+    }
+    switch (c->command) {
+    case TROCAR_COMMAND_T_LEAVE: status = trocar_sim_leave(h->sim, c->needle, &why); break;
+    case TROCAR_COMMAND_T_TAKE: status = trocar_sim_take(h->sim, c->needle, &why); break;
+    default: status = remove_needle(h, c->needle, &why);
+    }
+    if (status != TROCAR_OK) {
+        answer_command(h, c, true, why.text);
+        return;
+    }
+    n->rests = n->asked = true;
+    n->taken = false;
+    n->command = *c;
+}
+
+/* RT */
+static void finish_command(haptic *h, int needle) {
+    haptic_needle *n = &h->needles[needle];
+    if (!n->asked) return;
+    trocar_needle_state state = trocar_sim_needle_state(h->sim, needle);
+    if (state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_TAKING) return;
+    bool left = n->command.command == TROCAR_COMMAND_T_LEAVE, refused = left && state == TROCAR_NEEDLE_HELD;
+    n->asked = false;
+    n->rests = !refused;
+    n->taken = n->command.command == TROCAR_COMMAND_T_TAKE;
+    answer_command(h, &n->command, refused, refused ? "it finds no equilibrium when it is let go: draw it back a little" : "");
+}
+
+/* RT */
+static void follow_commands(haptic *h) {
+    needle_command c;
+    while (spsc_ring_pop(&h->exchange->commands, &c)) start_command(h, &c);
+    for (int i = 0; i < h->needle_count; i++) finish_command(h, i);
+}
+
 /* The simulation's answer to the newest pose; zero before the first one. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
     static const double LONGEST = 1.0; /* s, longest tick of the library */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
-    if (decision == SAFETY_ENGAGE) reset_needle(h, needle);
+    if (decision == SAFETY_ENGAGE) engage_needle(h, needle);
+    if (n->rests) return out;
     double compliance;
     pose hand = n->safety.base;
     trocar_pose rest = library_pose(coupling_hold(&n->coupling, h->limits.max_stiffness, hand, dt, &compliance));
@@ -89,10 +177,12 @@ static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, in
     h->stages[TROCAR_LOOP_TIMING_T_STAGE_OUTPUT] += monotonic_ns() - answered;
 }
 
-static needle_view view_of(const haptic_needle *n, const trocar_needle_wrench_t *message) {
+static needle_view view_of(const haptic *h, int needle, const trocar_needle_wrench_t *message) {
+    const haptic_needle *n = &h->needles[needle];
     return (needle_view){.engaged = n->safety.engagement != 0, .pose_utime = message->pose_utime, .flags = message->flags,
                          .saturated_ticks = n->saturated_ticks, .energy = n->coupling.energy, .energy_lowest = n->coupling.lowest,
-                         .coupling_stiffness = n->coupling.stiffness, .contacts = message->contacts};
+                         .coupling_stiffness = n->coupling.stiffness, .contacts = message->contacts,
+                         .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
@@ -105,7 +195,7 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     view->tick = wake->tick;
     view->wrench_dropped = h->wrench_dropped;
     view->snapshot_age = 1e-9 * (double)trocar_sim_waiting(h->sim);
-    for (int i = 0; i < h->needle_count; i++) view->needles[i] = view_of(&h->needles[i], &messages[i]);
+    for (int i = 0; i < h->needle_count; i++) view->needles[i] = view_of(h, i, &messages[i]);
     trocar_sim_take_picture(h->sim, view->picture);
     triple_buffer_publish(&h->exchange->views);
 }
@@ -116,10 +206,11 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     haptic_needle *n = &h->needles[needle];
     int64_t began = monotonic_ns();
     safety_timing(&n->safety, wake->late, h->period);
-    safety_decision decision = safety_pose(&n->safety, &h->limits, newest, wake->now);
-    note_hand(h, &n->coupling, decision, newest);
+    pose_sample hand = hand_on_needle(h, needle, newest);
+    safety_decision decision = safety_pose(&n->safety, &h->limits, &hand, wake->now);
+    note_hand(h, &n->coupling, decision, &hand);
     int64_t asked = monotonic_ns();
-    trocar_output raw = run_simulation(h, needle, decision, newest, wake->elapsed);
+    trocar_output raw = run_simulation(h, needle, decision, &hand, wake->elapsed);
     int64_t answered = monotonic_ns();
 
     *message = message_of(h, needle, &raw, newest, wake->tick);
@@ -130,7 +221,8 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     store_vec3(force, message->force);
     store_vec3(torque, message->torque);
     coupling_send(&n->coupling, wake->tick, wake->now, force, torque);
-    send_wrench(h, message);
+    bool silent = needle > 0 && (n->safety.engagement == 0 || (n->rests && safety_at_rest(&n->safety)));
+    if (!silent) send_wrench(h, message);
     note_stages(h, decision != SAFETY_IDLE, began, asked, answered);
     return !(wind_down && safety_at_rest(&n->safety));
 }
@@ -174,6 +266,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
 
     memset(h->stages, 0, sizeof h->stages);
     tick_probe(h, wake);
+    follow_commands(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);
     int64_t sent = monotonic_ns();
     show(h, wake, messages);

@@ -12,6 +12,12 @@ typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
+    bool rests;                  /* it is not ticked: it has been left, until a hand has it again */
+    bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
+    bool asked;                  /* `command` is being carried out */
+    needle_command command;
+    pose from, to;               /* of a hand that has taken it: where that was then, and the needle's base. Poses count from there */
+    bool clutched;               /* by these */
 } haptic_needle;
 
 typedef struct {

@@ -7,6 +7,7 @@
 #include "network.h"
 #include "realtime.h"
 #include "timing.h"
+#include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 #include "trocar_status_t.h"
@@ -27,6 +28,21 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
 
 void io_free(io *o) { sem_destroy(&o->ready); }
 
+static void reply(io *o, const needle_command *c) {
+    trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->session, .seq = c->seq, .command = c->command,
+                                .needle = c->needle, .status = c->refused ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
+                                .message = (char *)(uintptr_t)(c->refused ? c->why : "")};
+    trocar_command_reply_t_publish(o->lcm, "TROCAR_REPLY", &m);
+}
+
+static void publish_replies(io *o) {
+    needle_command done;
+    while (spsc_ring_pop(&o->exchange->replies, &done)) {
+        arbiter_settle(&o->arbiter, &done);
+        reply(o, &done);
+    }
+}
+
 static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
@@ -43,7 +59,16 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    if (arbiter_command(&o->arbiter, received->data, received->data_size)) wake(o->shutdown_wake);
+    bool shut_down = arbiter_command(&o->arbiter, received->data, received->data_size);
+    command_verdict *answer = &o->arbiter.answer;
+    if (answer->forward && !spsc_ring_push(&o->exchange->commands, &answer->command)) {
+        answer->forward = false;
+        answer->command.refused = true;
+        snprintf(answer->command.why, sizeof answer->command.why, "too many commands at once");
+        arbiter_settle(&o->arbiter, &answer->command);
+    }
+    if (answer->valid && !answer->forward) reply(o, &answer->command);
+    if (shut_down) wake(o->shutdown_wake);
 }
 
 static void on_status(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -110,6 +135,7 @@ static void publish_probe(io *o) {
 
 trocar_status io_round(io *o) {
     trocar_status status = receive(o);
+    publish_replies(o);
     hand_over(o);
     publish_wrenches(o);
     publish_probe(o);

@@ -128,6 +128,10 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         say(in, "session %" PRId64 " refused for needle %d: session %" PRId64 " holds the needle", session, m->needle, owner_of(in, m->needle));
         return POSE_REFUSED;
     }
+    if (in->needles[m->needle].rests) {
+        say(in, "session %" PRId64 " refused for needle %d: it rests; take it first", session, m->needle);
+        return POSE_REFUSED;
+    }
     int other = other_needle_of(in, m->needle, session);
     if (other >= 0 && !is_silent(in, other, now)) {
         say(in, "session %" PRId64 " refused for needle %d: it holds needle %d; release that first, or use a session for each", session,
@@ -190,26 +194,80 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
+/* Also says why, for the sender. */
+static void refuse(pose_arbiter *in) {
+    needle_command *c = &in->answer.command;
+    in->record.commands_refused++;
+    c->refused = true;
+    snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, in->record.message);
+}
+
+/* What concerns a needle, from one that may. */
+static void carry_out(pose_arbiter *in, const trocar_command_t *m) {
+    arbiter_needle *n = &in->needles[m->needle];
+    switch (m->command) {
+    case TROCAR_COMMAND_T_RESET:
+        if (n->rests) in->answer.forward = true;
+        else n->begin_anew = true;
+        break;
+    case TROCAR_COMMAND_T_RELEASE:
+        if (!n->rests) release(in, m->needle);
+        break;
+    case TROCAR_COMMAND_T_LEAVE:
+        n->rests = in->answer.forward = true;
+        break;
+    case TROCAR_COMMAND_T_TAKE: in->answer.forward = true; break;
+    default:
+        say(in, "command %d of session %" PRId64 " refused: unknown", m->command, m->session);
+        refuse(in);
+    }
+}
+
 bool arbiter_command(pose_arbiter *in, const void *data, size_t size) {
     trocar_command_t m = {0};
+    in->answer = (command_verdict){.valid = false};
     if (!decode_command(data, size, &m)) {
         in->record.commands_refused++;
-        say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size, advice(size, trocar_command_t_encoded_size(&m)));
+        bool without_seq = size < (size_t)trocar_command_t_encoded_size(&m);
+        say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size,
+            without_seq ? "; it has no `seq`: build its sender with this release's trocar.lcm" : "");
         return false;
     }
+    in->answer = (command_verdict){.valid = true, .command = {.session = m.session, .seq = m.seq, .command = m.command, .needle = m.needle}};
     if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return true;
     if (!has_needle(in, m.needle)) {
-        in->record.commands_refused++;
         say_no_needle(in, "command", m.session, m.needle);
+        refuse(in);
         return false;
     }
-    bool allowed = owner_of(in, m.needle) == 0 || owner_of(in, m.needle) == m.session;
-    if (allowed && m.command == TROCAR_COMMAND_T_RESET) in->needles[m.needle].begin_anew = true;
-    else if (allowed && m.command == TROCAR_COMMAND_T_RELEASE) release(in, m.needle);
-    else {
-        in->record.commands_refused++;
-        if (allowed) say(in, "command %d of session %" PRId64 " refused: unknown", m.command, m.session);
-        else say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
+    bool allowed = owner_of(in, m.needle) == 0 || owner_of(in, m.needle) == m.session, left = in->needles[m.needle].rests;
+    if (!allowed) {
+        say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
+        refuse(in);
+    } else if (m.command == TROCAR_COMMAND_T_LEAVE && left) {
+        say(in, "needle %d of session %" PRId64 " cannot be left: it rests already", m.needle, m.session);
+        refuse(in);
+    } else if (m.command == TROCAR_COMMAND_T_TAKE && !left) {
+        say(in, "needle %d cannot be taken by session %" PRId64 ": it does not rest", m.needle, m.session);
+        refuse(in);
+    } else {
+        carry_out(in, &m);
     }
     return false;
+}
+
+void arbiter_settle(pose_arbiter *in, const needle_command *done) {
+    if (!has_needle(in, done->needle)) return;
+    if (done->refused) {
+        in->record.commands_refused++;
+        say(in, "needle %d: %s", done->needle, done->why);
+    }
+    if (done->command == TROCAR_COMMAND_T_LEAVE) {
+        if (done->refused) in->needles[done->needle].rests = false;
+        else release(in, done->needle);
+        return;
+    }
+    if (done->refused) return;
+    in->needles[done->needle].rests = false;
+    in->needles[done->needle].begin_anew = true;
 }

@@ -5,6 +5,7 @@
 
 #include <stddef.h>
 
+#include "exchange.h"
 #include "safety_limits.h"
 #include "other_server.h"
 
@@ -31,15 +32,24 @@ typedef struct {
 typedef struct {
     pose_sample newest;              /* last accepted pose; `held` false if nobody owns the needle */
     bool begin_anew;                 /* whether the next pose starts a new engagement */
+    bool rests;                      /* it has been left: poses for it are refused */
     int64_t heard;                   /* last sequence number of the owner, accepted or not */
     double travel_credit;            /* s of motion at the limits, saved up since the last poses */
 } arbiter_needle;
+
+/* What becomes of a command. */
+typedef struct {
+    bool valid;                      /* there is somebody to answer: `command` holds who and what, and why it is refused if it is */
+    bool forward;                    /* it is not done yet: the haptic thread does it */
+    needle_command command;
+} command_verdict;
 
 typedef struct {
     trocar_device_limits limits;
     int needle_count;
     arbiter_needle needles[TROCAR_MAX_NEEDLES];
     arbiter_record record;
+    command_verdict answer;          /* to the last command */
 } pose_arbiter;
 
 void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits);
@@ -49,7 +59,10 @@ void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits
    meanwhile. */
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
-/* Checks the bytes of a command_t and executes it. Returns true for a shutdown. */
+/* Checks the bytes of a command_t and executes it, or leaves that to the haptic thread: see `answer`. Returns true for a shutdown. */
 bool arbiter_command(pose_arbiter *in, const void *data, size_t size);
+
+/* The haptic thread has carried out a command, or has refused it. */
+void arbiter_settle(pose_arbiter *in, const needle_command *done);
 
 #endif

@@ -165,8 +165,11 @@ void adopt_needle(trocar_sim *sim, needle_track *needle);
    where it was. */
 trocar_status change_resting(trocar_sim *sim, bool *done, report *why);
 
-/* The worker's side: forces of held needles have changed. Shows what has changed of all that rest, or of a few. */
+/* The worker's side: forces of held needles have changed. Not `all`: slip_some does the rest. */
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why);
+
+/* The worker's side: lets what rests slip, all or one needle, and shows what has changed. True: there is more to do. */
+bool slip_some(trocar_sim *sim, bool all);
 
 /* After a restore: attaches what rests, and shows it. */
 trocar_status make_room_to_rest(trocar_sim *sim, needle_track *needle, report *why);

@@ -1,4 +1,5 @@
 /* trocar.h: needles that rest. See README.md, "Resting needles". */
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,8 +10,9 @@ enum { MOST_TICKS = 400 };             /* until a needle that was let go of has 
 
 /* Wrench that its base may be left with, and how far its shaft may slide in a tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
-static const rest_limits AT_REST = {1e-3, 1e-4, 1e-8}, RELAXING = {20e-3, 2e-3, 2e-6}; /* tissue that relaxes creeps on for seconds */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* tissue that relaxes creeps on for seconds */
 
+static const double LARGEST_STEP = 16.0; /* times that without sliding */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
 enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
@@ -114,15 +116,20 @@ static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, 
                          .output = &wrench, .base = {.pose = state->needle.base}};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
+    double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
+    vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
-        twist step;
+        base_motion step;
         insertion_tick(&tick);
         if (state->buckled || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
         if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
         if (status != TROCAR_OK || at_rest) return status;
-        status = resting_release_step(n->resting, scratch, &step, why);
+        bool turned = v3_dot(wrench.force, before) < 0.0, falls = v3_norm(wrench.force) < 0.5 * v3_norm(before);
+        size = turned ? 1.0 : falls ? size : fmin(2.0 * size, LARGEST_STEP);
+        before = wrench.force;
+        status = resting_release_step(n->resting, size, scratch, &step, why);
         if (status == TROCAR_OK) tick.base.pose = pose_moved(tick.base.pose, step);
     }
     if (status != TROCAR_OK) return status;
@@ -162,14 +169,21 @@ static void show_changed(trocar_sim *sim, double difference, int most) {
     }
 }
 
+bool slip_some(trocar_sim *sim, bool all) {
+    uint64_t before = sim->resting.shifts;
+    if (sim->resting.count == 0) return false;
+    bool more = resting_set_slip(&sim->resting, &sim->model->parts.insertion, all ? INT_MAX : 1);
+    if (sim->resting.shifts != before) mark_stale(sim, NULL);
+    if (!more) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
+    return more;
+}
+
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     other_loads held;
-    uint64_t before = sim->resting.shifts;
     if (sim->resting.count == 0) return TROCAR_OK;
     list_others(sim, BESIDE_RESTING, &held);
-    trocar_status status = resting_set_load(&sim->resting, &sim->model->parts.insertion, &held, why);
-    if (sim->resting.shifts != before) mark_stale(sim, NULL);
-    if (status == TROCAR_OK) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
+    trocar_status status = resting_set_load(&sim->resting, &held, why);
+    if (status == TROCAR_OK && all) slip_some(sim, true);
     return status;
 }
 

@@ -411,6 +411,9 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     floating_mode before = flush_denormals();
     if ((news || moved) && status == TROCAR_OK) status = press_probe(sim, why);
     if ((news || moved) && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
+    uint64_t shifts = sim->resting.shifts;
+    if (slip_some(sim, false)) work.more = true;
+    if (sim->resting.shifts != shifts && status == TROCAR_OK) status = press_probe(sim, why);
     for (int i = 0; i < sim->needle_count && !work.more; i++)
         work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);
     restore_floating_mode(before);

@@ -60,6 +60,20 @@ static void hold_base(const tick_context *tick) {
     needle_hold(tick->model->needle, base, &tick->state->needle);
 }
 
+/* Displacement of the surface ahead of a free needle's end, or just behind it, by whatever else deforms the tissue. */
+static vec3 free_at_surface(const tick_context *tick, vec3 end, vec3 axis) {
+    const mesh *m = tick->model->mesh;
+    int handles[4];
+    double weights[4];
+    vec3 u = v3(0, 0, 0);
+    if (!tick->snapshot->loaded) return u;
+    surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, end), v3_axpy(DENT_DEPTH, axis, end));
+    if (!hit.hit || !snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) return u;
+    mesh_barycentric(m, hit.tet, hit.point, weights);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, handles[c]), u);
+    return u;
+}
+
 /* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
    A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
@@ -70,6 +84,9 @@ static void move_freely(const tick_context *tick) {
     if (guides_hold(model, state)) hold_base(tick);
     else needle_rest(model->needle, tick->base.pose, &state->needle);
     vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
+    vec3 surface = free_at_surface(tick, now, axis); /* the mesh is the tissue at rest */
+    before = v3_sub(before, surface);
+    now = v3_sub(now, surface);
     vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
     tip_touch(tick, advancing && tip_is_below(model, behind, before) ? behind : before, now);

@@ -110,18 +110,18 @@ static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
 
-static vec3 displaced(twist t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
+static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
 /* Orthonormal motions of the rows, and the base's that cause them. Turns count by the arc that they describe at the tip. */
 static void take_motions(const tick_context *tick, resting_needle *r) {
     pose base = tick->state->needle.base;
     double length = tick->model->needle->given.length;
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
-    const twist given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
+    const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
     r->motion_count = 0;
     for (int g = 0; g < MAX_MOTIONS; g++) {
         double *rows = r->motions[r->motion_count], size = 0.0, left = 0.0;
-        twist t = given[g];
+        base_motion t = given[g];
         for (int u = 0; u < r->unknown_count; u++) {
             vec3 lever = v3_sub(r->points[point_of(r, u)].at.position, base.position);
             rows[u] = is_open(tick, r, u) ? 0.0 : v3_dot(direction_of(r, u), displaced(t, lever));
@@ -132,12 +132,12 @@ static void take_motions(const tick_context *tick, resting_needle *r) {
                 double share = 0.0;
                 for (int u = 0; u < r->unknown_count; u++) share += r->motions[k][u] * rows[u];
                 for (int u = 0; u < r->unknown_count; u++) rows[u] -= share * r->motions[k][u];
-                t = (twist){v3_axpy(-share, r->twists[k].shift, t.shift), v3_axpy(-share, r->twists[k].turn, t.turn)};
+                t = (base_motion){v3_axpy(-share, r->twists[k].shift, t.shift), v3_axpy(-share, r->twists[k].turn, t.turn)};
             }
         for (int u = 0; u < r->unknown_count; u++) left += rows[u] * rows[u];
         if (!(left > DEPENDENT * DEPENDENT * size) || size == 0.0) continue;
         for (int u = 0; u < r->unknown_count; u++) rows[u] /= sqrt(left);
-        r->twists[r->motion_count++] = (twist){v3_scale(1.0 / sqrt(left), t.shift), v3_scale(1.0 / sqrt(left), t.turn)};
+        r->twists[r->motion_count++] = (base_motion){v3_scale(1.0 / sqrt(left), t.shift), v3_scale(1.0 / sqrt(left), t.turn)};
     }
 }
 
@@ -220,12 +220,12 @@ attachment resting_attachment(const resting_needle *r) {
 
 /* ---- letting go --------------------------------------------------------------------------------------------------------------- */
 
-pose pose_moved(pose base, twist step) {
+pose pose_moved(pose base, base_motion step) {
     return (pose){v3_add(base.position, step.shift), q_unit(q_multiply(q_exp(step.turn), base.orientation))};
 }
 
 /* With all sticking, motions q of the base change the forces by M^-1 R q, M being the compliance with the tissue's: R^T (f + M^-1 R q) = 0. */
-trocar_status resting_release_step(const resting_needle *r, resting_scratch *scratch, twist *step, report *why) {
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
     double columns[MAX_MOTIONS][MAX_UNKNOWNS], system[MAX_MOTIONS][MAX_MOTIONS], q[MAX_MOTIONS];
@@ -247,10 +247,12 @@ trocar_status resting_release_step(const resting_needle *r, resting_scratch *scr
     }
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', m, 1, system[0], MAX_MOTIONS, q, MAX_MOTIONS) != 0)
         return fail(why, TROCAR_NUMERIC, "nothing holds the needle");
-    *step = (twist){{0, 0, 0}, {0, 0, 0}};
-    for (int a = 0; a < m; a++) *step = (twist){v3_axpy(q[a], r->twists[a].shift, step->shift), v3_axpy(q[a], r->twists[a].turn, step->turn)};
+    *step = (base_motion){{0, 0, 0}, {0, 0, 0}};
+    for (int a = 0; a < m; a++) *step = (base_motion){v3_axpy(q[a], r->twists[a].shift, step->shift), v3_axpy(q[a], r->twists[a].turn, step->turn)};
+    vec3 axis = q_axis(r->anchor.needle.base.orientation);
+    step->shift = v3_axpy((size - 1.0) * v3_dot(axis, step->shift), axis, step->shift);
     double scale = fmin(1.0, fmin(STEP_SHIFT / v3_norm(step->shift), STEP_TURN / v3_norm(step->turn)));
-    *step = (twist){v3_scale(scale, step->shift), v3_scale(scale, step->turn)};
+    *step = (base_motion){v3_scale(scale, step->shift), v3_scale(scale, step->turn)};
     return TROCAR_OK;
 }
 
@@ -308,9 +310,9 @@ void resting_show(const insertion_model *model, const resting_needle *r, needle_
     if (!has_changed(r)) return;
     put_back(r, state);
     needle_state *needle = &state->needle;
-    twist moved = {{0, 0, 0}, {0, 0, 0}};
+    base_motion moved = {{0, 0, 0}, {0, 0, 0}};
     for (int k = 0; k < r->motion_count; k++)
-        moved = (twist){v3_axpy(r->motion[k], r->twists[k].shift, moved.shift), v3_axpy(r->motion[k], r->twists[k].turn, moved.turn)};
+        moved = (base_motion){v3_axpy(r->motion[k], r->twists[k].shift, moved.shift), v3_axpy(r->motion[k], r->twists[k].turn, moved.turn)};
     vec3 pivot = needle->base.position;
     quat turn = q_exp(moved.turn);
     int segments = model->needle->given.segments;

@@ -8,7 +8,7 @@
 
 enum { MAX_MOTIONS = 5 };    /* of its base: all but the turn about the needle's axis, which friction resists */
 
-typedef struct { vec3 shift, turn; } twist; /* m, rad about the base, world frame */
+typedef struct { vec3 shift, turn; } base_motion; /* m, rad about the base, world frame */
 
 /* Plain data. Forces are unknowns of the contact problem, in its order: on tissue and guides, in the needle's frame. */
 typedef struct {
@@ -21,7 +21,7 @@ typedef struct {
     double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: of the needle with its base clamped, guides, and tissue around the shaft */
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* displacement of each row under each motion of the base, */
-    twist twists[MAX_MOTIONS];                     /* which is this */
+    base_motion twists[MAX_MOTIONS];                     /* which is this */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, which the forces along the needle can reach at the anchor */
     double anchor_force[MAX_UNKNOWNS];             /* N */
     double beside[MAX_UNKNOWNS];                   /* N, of loads on the tissue that are no force of the needle: what relaxing tissue remembers */
@@ -41,9 +41,11 @@ typedef struct {
    if the needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
-/* How the base has to move for its wrench to vanish, at most by STEP; from the linearisation. NUMERIC: needle and tissue are not stable. */
-trocar_status resting_release_step(const resting_needle *r, resting_scratch *scratch, twist *step, report *why);
-pose pose_moved(pose base, twist step);
+/* How the base has to move for its wrench to vanish, if nothing slides; `size` times that
+   along the needle, within limits. After resting_linearise. NUMERIC:
+   needle and tissue are not stable. */
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why);
+pose pose_moved(pose base, base_motion step);
 
 attachment resting_attachment(const resting_needle *r);
 

@@ -5,13 +5,14 @@
 
 #include "remesh/free_displacement.h"
 
-enum { MOST_SWEEPS = 500, MOST_ROUNDS = 20 };
+enum { MOST_SWEEPS = 500, MOST_ROUNDS = 20, AT_ONCE = 6 };
 static const double ENOUGH = 1e-7; /* N, by which a force may be above its bound */
 
 static void forget_columns(resting_set *s) {
     for (int i = 0; i < MAX_NEEDLES; i++) {
         free(s->columns[i]);
         s->columns[i] = NULL;
+        s->columns_known[i] = 0;
     }
 }
 
@@ -58,6 +59,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
     attachment things[MAX_NEEDLES];
     int rows = 0, motions = 0;
     forget_columns(s);
+    s->slips_left = 0;
     s->changes++;
     s->shifts++;
     s->count = count;
@@ -108,16 +110,20 @@ static bool gives_way(const insertion_model *model, const resting_needle *r) {
     return false;
 }
 
-/* Responses of all rows, then of all motions, to a slip of each of the needle's rows along it. */
-static const double *columns_of(resting_set *s, int index) {
+/* Responses of all rows, and of all motions, to a slip of each of the needle's rows along it, a few rows in one call. True: they are complete. */
+static bool find_columns(resting_set *s, int index) {
     const resting_needle *r = s->needles[index];
-    int rows[MAX_AXIAL];
-    size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
-    if (s->columns[index]) return s->columns[index];
-    double *columns = s->columns[index] = malloc(count * (n + m) * sizeof *columns);
-    for (int i = 0; i < r->axial_count; i++) rows[i] = s->row[index] + 2 * r->point_count + i;
-    if (columns) inverse_attached_columns(s->inverse, r->axial_count, rows, columns, columns + count * n);
-    return columns;
+    int rows[AT_ONCE], count = r->axial_count - s->columns_known[index];
+    size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), all = (size_t)r->axial_count;
+    size_t known = (size_t)s->columns_known[index];
+    if (count == 0) return true;
+    if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
+    if (!s->columns[index]) return false;
+    if (count > AT_ONCE) count = AT_ONCE;
+    for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
+    inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
+    s->columns_known[index] += count;
+    return s->columns_known[index] == r->axial_count;
 }
 
 /* Slips of one needle's points such that its forces are within their bounds, with all other slips as they are: the least of a convex
@@ -149,9 +155,10 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
 static bool slip_needle(resting_set *s, const insertion_model *model, int index) {
     resting_needle *r = s->needles[index];
     size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
-    const double *columns = columns_of(s, index), *w[MAX_AXIAL];
+    const double *w[MAX_AXIAL];
     double slip[MAX_AXIAL];
-    if (!columns) return false; /* it sticks for want of memory */
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* next time; for want of memory it sticks */
+    const double *columns = s->columns[index];
     for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
     find_slips(model, r, w, slip);
     for (int i = 0; i < r->axial_count; i++) {
@@ -174,7 +181,7 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     return true;
 }
 
-trocar_status resting_set_load(resting_set *s, const insertion_model *model, const other_loads *held, report *why) {
+trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why) {
     if (s->count == 0) return TROCAR_OK;
     trocar_status status = respond(s, held, why);
     for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
@@ -182,15 +189,27 @@ trocar_status resting_set_load(resting_set *s, const insertion_model *model, con
         for (int u = 0; u < r->unknown_count; u++) r->force[u] = r->free_force[u] + s->force[s->row[i] + u];
         for (int k = 0; k < r->motion_count; k++) r->motion[k] = r->free_motion[k] + s->move[s->motion[i] + k];
     }
-    bool slipped = false, again = status == TROCAR_OK;
-    for (int round = 0; round < MOST_ROUNDS && again; round++) {
-        again = false;
-        for (int i = 0; i < s->count; i++)
-            if (gives_way(model, s->needles[i])) again = slip_needle(s, model, i) || again;
-        slipped = slipped || again;
-    }
-    if (slipped) take_load(s);
+    s->slips_left = status == TROCAR_OK ? MOST_ROUNDS * s->count : 0;
+    s->quiet = 0;
     return status;
+}
+
+bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
+    int done = 0;
+    while (s->slips_left > 0 && s->quiet < s->count && done < most) {
+        const resting_needle *last = s->needles[s->next_slip];
+        int known = s->columns_known[s->next_slip];
+        bool half_way = known > 0 && known < last->axial_count && gives_way(model, last);
+        if (!half_way) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
+        if (gives_way(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
+        else s->quiet++;
+    }
+    bool more = s->slips_left > 0 && s->quiet < s->count;
+    if (s->slipped && !more) {
+        take_load(s);
+        s->slipped = false;
+    }
+    return more;
 }
 
 void resting_loads(const resting_needle *r, tissue_loads *loads) {

@@ -329,6 +329,27 @@ class Sim:
             return None
         return Probe(np.array([*p.base.position, *p.base.orientation]), np.array(list(p.force)), np.array(list(p.torque)), p.contacts)
 
+    def leave(self, needle: int = 0) -> None:
+        """Let go of a needle: it rests in tissue and guides, its base free."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_leave(self._handle, needle, why), why)
+        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+
+    def take(self, needle: int = 0) -> None:
+        """Hold a resting needle again; the first pose should be `base(needle)`."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_take(self._handle, needle, why), why)
+        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+
+    def needle_state(self, needle: int = 0) -> str:
+        """One of "held" (also outside of the tissue), "leaving", "resting" and "taking"."""
+        return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
+
+    def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
+        """Where the base is: x y z (m) and the quaternion w x y z."""
+        pose = lib.trocar_sim_base(self._handle, needle)
+        return np.array([*pose.position, *pose.orientation])
+
     def save(self) -> bytes:
         """The complete state, for `restore` of any simulation of the same model."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)

@@ -92,12 +92,13 @@ static void needles_change_hands_between_threads(void **state) {
         trocar_pose base = trocar_sim_base(w.sim, 0);
         double rest = 0.0;
         for (int t = 0; t < 100; t++) {
-            base.position[2] += 1e-4;
+            if (t > 0) base.position[2] += 1e-4;
             OK(trocar_sim_tick(w.sim, 0, &base, 1e-3, &out));
             if (t == 0) rest = out.force[2];
             trocar_sim_take_picture(w.sim, picture);
             pause_ms(1);
         }
+        print_message("at rest %.4f N, pushed on %.4f N\n", rest, out.force[2]);
         assert_true(rest > -0.01 && rest < 0.01 && out.force[2] < -0.05);
         OK(trocar_sim_leave(w.sim, 0, &why));
         wait_for(w.sim, 0, TROCAR_NEEDLE_RESTING);

@@ -309,6 +309,17 @@ typedef struct trocar_guide {
 TROCAR_API int trocar_model_guide_count(const trocar_model *model);
 TROCAR_API trocar_guide trocar_model_guide(const trocar_model *model, int index); /* all zero when out of range */
 
+/* The scene's ultrasound probe, the keys "probe.": a cylinder along its local +z, from its base, where the hand holds it, to its tip at z = length.
+   Returns 1 and the probe, or 0 when the scene has none. */
+typedef struct trocar_probe_shape {
+    double radius;           /* m */
+    double tip_radius;       /* m, of the rounded edge at its end */
+    double length;           /* m, from base to tip */
+    int32_t surface;         /* index of the region, a surface, that it presses */
+    int32_t reserved;        /* 0 */
+} trocar_probe_shape;
+TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape *shape);
+
 /* How volumetric strains are averaged (key "volumetric_strain"). 1 if around nodes, else 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
@@ -389,6 +400,25 @@ TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, doub
 /* Where the base is: at the last pose given, moved by what the spring has yielded; of a needle that rests, where it has come to. RT */
 TROCAR_API trocar_pose trocar_sim_base(const trocar_sim *sim, int needle);
 
+/* Moves the probe. It presses the nodes of its surface without friction, and never pulls; needles feel how it displaces and holds the tissue.
+   The worker solves for that, at least 50 times a second if asked as often; in lockstep the next trocar_sim_step does, before its tick. The
+   newest pose counts. Keeps up with needles as those that rest do: what they push against it is found at 100 Hz. BAD_INPUT, and it stays
+   where it was, for a pose as in reset and if the scene has no probe. RT, but for one write() to an eventfd. */
+TROCAR_API trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, trocar_error *error);
+
+/* The probe as it was solved for last. */
+typedef struct trocar_probe {
+    trocar_pose base;
+    double force[3];         /* N, world frame: what the probe exerts on the hand that holds it */
+    double torque[3];        /* N m, world frame, about the base point */
+    int32_t contacts;        /* nodes of the surface that it presses, at most TROCAR_MAX_PRESSED */
+    int32_t placed;          /* 0: the scene has no probe, or no pose has been given yet; all else is 0 then */
+} trocar_probe;
+enum { TROCAR_MAX_PRESSED = 256 };
+
+/* Ticking thread. RT */
+TROCAR_API trocar_probe trocar_sim_probe(const trocar_sim *sim);
+
 /* What a call of trocar_sim_work did. */
 typedef struct trocar_work {
     int32_t answered;        /* 1: it answered a request, 0: there was none */
@@ -397,7 +427,8 @@ typedef struct trocar_work {
 } trocar_work;
 
 /* The worker's side, from one thread beside the ticking one: serves the newest request, if there is one, else looks a little
-   ahead along the needle's line. `work` may be NULL. May take long. Allocates when a needle is left or taken, else nothing but what a
+   ahead along the needle's line. `work` may be NULL. May take long. Allocates when a needle is left or taken, and when
+   the probe presses other nodes, else nothing but what a
    sparse inverse keeps. On an error (NO_MEMORY, NUMERIC) the last answer stays in force. */
 TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *work, trocar_error *error);
 
@@ -526,6 +557,9 @@ TROCAR_API double trocar_picture_tip_lead(const trocar_picture *picture, int nee
 /* As trocar_sim_seeds and trocar_sim_pending_seeds. RT */
 TROCAR_API int trocar_picture_seeds(const trocar_picture *picture, trocar_seed *seeds, int room);
 TROCAR_API int trocar_picture_pending_seeds(const trocar_picture *picture, int needle);
+
+/* As trocar_sim_probe. RT */
+TROCAR_API trocar_probe trocar_picture_probe(const trocar_picture *picture);
 
 /* As trocar_sim_displacements: the first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error);

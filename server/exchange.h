@@ -26,6 +26,13 @@ typedef struct {
     pose_sample needles[TROCAR_MAX_NEEDLES];
 } newest_poses;
 
+/* IO -> haptic: the newest pose of the probe */
+typedef struct {
+    int64_t session;             /* its owner, 0: nobody */
+    int64_t seq;                 /* -1 before the first */
+    pose base;
+} probe_sample;
+
 /* IO -> haptic: what a client asks for of a needle; haptic -> IO: the same, and what has become of it */
 typedef struct {
     trocar_command_t asked;
@@ -63,10 +70,12 @@ void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
     triple_buffer poses;          /* newest_poses */
+    triple_buffer probe_poses;    /* probe_sample */
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
+    spsc_ring probe_wrenches;    /* trocar_probe_wrench_t */
     spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */

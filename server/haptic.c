@@ -7,11 +7,13 @@
 #include "messages.h"
 #include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
+#include "trocar_probe_wrench_t.h"
 
-enum { VIEWS_HZ = 60 };
+enum { VIEWS_HZ = 60, PROBE_HZ = 100, PROBE_LEAST_HZ = 10 };
 
 void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x) {
-    *h = (haptic){.sim = sim, .needle_count = needle_count, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
+    *h = (haptic){.sim = sim, .needle_count = needle_count, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x,
+                  .probe_seq = -1};
     atomic_init(&h->wind_down, false);
     trocar_sim_set_clock(sim, monotonic_ns);
 }
@@ -197,7 +199,7 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
-    bool engaged = false;
+    bool engaged = h->probe.placed != 0;
     for (int i = 0; i < h->needle_count; i++) engaged |= h->needles[i].safety.engagement != 0;
     if (!engaged || wake->tick % ticks_per_view != 0) return;
     view_sample *view = triple_buffer_slot(&h->exchange->views);
@@ -236,6 +238,37 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     return !(wind_down && safety_at_rest(&n->safety));
 }
 
+/* Is this tick one of so many a second? RT */
+static bool is_due(const haptic *h, int64_t tick, int hz) { return tick % (int64_t)fmax(1.0, 1.0 / (hz * h->period)) == 0; }
+
+static void send_probe(haptic *h, int64_t tick) {
+    const trocar_probe *now = &h->probe;
+    trocar_probe_wrench_t m = {.utime = wall_us(), .server = h->server, .tick = tick, .session = h->probe_session, .pose_seq = h->probe_seq,
+                               .contacts = now->contacts};
+    memcpy(m.position, now->base.position, sizeof m.position);
+    memcpy(m.orientation, now->base.orientation, sizeof m.orientation);
+    memcpy(m.force, now->force, sizeof m.force);
+    memcpy(m.torque, now->torque, sizeof m.torque);
+    spsc_ring_push(&h->exchange->probe_wrenches, &m);
+    wake(h->exchange->io_wake);
+}
+
+/* Moves the probe to its newest pose, and sends what it feels when that has changed. RT */
+static void tick_probe(haptic *h, const loop_wake *wake) {
+    if (!is_due(h, wake->tick, PROBE_HZ)) return;
+    const probe_sample *newest = triple_buffer_read(&h->exchange->probe_poses, NULL);
+    if (newest->session != 0 && (newest->session != h->probe_session || newest->seq != h->probe_seq)) {
+        trocar_pose base = library_pose(newest->base);
+        trocar_sim_set_probe(h->sim, &base, NULL);
+        h->probe_session = newest->session;
+        h->probe_seq = newest->seq;
+    }
+    trocar_probe now = trocar_sim_probe(h->sim);
+    bool changed = memcmp(&now, &h->probe, sizeof now) != 0;
+    h->probe = now;
+    if (now.placed && (changed || is_due(h, wake->tick, PROBE_LEAST_HZ))) send_probe(h, wake->tick);
+}
+
 bool haptic_tick(void *context, const loop_wake *wake) {
     haptic *h = context;
     bool wind_down = atomic_load_explicit(&h->wind_down, memory_order_relaxed), goes_on = false;
@@ -243,6 +276,7 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t messages[TROCAR_MAX_NEEDLES];
 
     memset(h->stages, 0, sizeof h->stages);
+    tick_probe(h, wake);
     follow_commands(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);
     int64_t sent = monotonic_ns();

@@ -31,6 +31,8 @@ typedef struct {
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
     haptic_needle needles[TROCAR_MAX_NEEDLES]; /* from here on used by the haptic thread only */
+    int64_t probe_session, probe_seq; /* of the pose that the probe was moved to last; -1 before the first */
+    trocar_probe probe;          /* as it was sent last */
     int64_t wrench_dropped;      /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
 } haptic;

@@ -10,6 +10,7 @@
 #include "timing.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_probe_wrench_t.h"
 #include "trocar_status_t.h"
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTES = 1024 };
@@ -18,6 +19,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
                         exchange *x, report *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
     arbiter_init(&o->arbiter, needle_count, limits);
+    probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
     /* Generated code computes a type's hash on first use, without a lock. Two threads use this type. */
     __trocar_status_t_get_hash();
@@ -51,6 +53,13 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *c
     (void)channel;
     io *o = context;
     arbiter_pose(&o->arbiter, received->data, received->data_size, monotonic_ns());
+}
+
+static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    char *message = o->arbiter.record.message;
+    probe_arbiter_pose(&o->probe, received->data, received->data_size, monotonic_ns(), message, sizeof o->arbiter.record.message);
 }
 
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -87,7 +96,7 @@ static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
 trocar_status io_open(io *o) {
     trocar_status status = network_open(o->url, &o->lcm, &o->why);
     if (status != TROCAR_OK) return status;
-    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
+    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_PROBE", on_probe) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
         return TROCAR_OK;
     return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
 }
@@ -109,6 +118,8 @@ static void hand_over(io *o) {
     newest_poses *poses = triple_buffer_slot(&o->exchange->poses);
     for (int i = 0; i < o->arbiter.needle_count; i++) poses->needles[i] = o->arbiter.needles[i].newest;
     triple_buffer_publish(&o->exchange->poses);
+    *(probe_sample *)triple_buffer_slot(&o->exchange->probe_poses) = o->probe.newest;
+    triple_buffer_publish(&o->exchange->probe_poses);
     *(arbiter_record *)triple_buffer_slot(&o->exchange->intakes) = o->arbiter.record;
     triple_buffer_publish(&o->exchange->intakes);
 }
@@ -123,11 +134,21 @@ static void publish_wrenches(io *o) {
     }
 }
 
+static void publish_probe(io *o) {
+    trocar_probe_wrench_t wrench;
+    unsigned char bytes[WRENCH_BYTES];
+    while (spsc_ring_pop(&o->exchange->probe_wrenches, &wrench)) {
+        int size = trocar_probe_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
+        if (size <= 0 || lcm_publish(o->lcm, "TROCAR_PROBE_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
+    }
+}
+
 trocar_status io_round(io *o) {
     trocar_status status = receive(o);
     publish_replies(o);
     hand_over(o);
     publish_wrenches(o);
+    publish_probe(o);
     return status;
 }
 

@@ -7,6 +7,7 @@
 #include "base/triple_buffer.h"
 #include "scene/scene.h"
 #include "insertion/simulation.h"
+#include "probe/probe.h"
 #include "remesh/refined_mesh.h"
 #include "resting/resting_set.h"
 
@@ -37,6 +38,14 @@ typedef struct {
     uint64_t stamp;
     insertion_state state;
 } shown_needle;
+
+/* What the worker shows of the probe. */
+typedef struct {
+    uint64_t stamp;
+    trocar_probe told;
+    int count, nodes[MAX_PRESSED]; /* that it presses, */
+    vec3 force[MAX_PRESSED];       /* N, on the tissue */
+} shown_probe;
 
 /* Who has a needle. The ticking thread: HELD, and TAKEN, after which it adopts what the worker shows. The worker: the others. */
 typedef enum { PHASE_HELD, PHASE_LEAVING, PHASE_RESTING, PHASE_TAKING, PHASE_TAKEN } needle_phase;
@@ -82,12 +91,19 @@ struct trocar_sim {
     int next_served;         /* needle whose request the worker looks for first */
     vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
     atomic_int resting_count; /* needles that rest or are about to */
+    triple_buffer probe_poses; /* pose: of the probe, tick -> worker; */
+    triple_buffer probe_shown; /* shown_probe: worker -> tick; without slots where the scene has no probe */
+    atomic_bool probe_placed; /* a pose has been asked for */
     /* The worker's: */
     inverse *inverse;        /* with what rests attached to it, or the model's, where needles cannot rest */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL before the first */
     uint64_t last_attached;  /* id */
     int next_shown;          /* needle after which it looks for one to show */
+    probe *probe;            /* NULL: the scene has none */
+    bool probe_posed;        /* a pose has come: */
+    pose probe_pose;         /* the newest one */
+    uint64_t probe_beneath;  /* resting.changes when it pressed last */
     double since_response;   /* s in lockstep since they responded to the loads */
 };
 
@@ -96,6 +112,7 @@ struct trocar_picture {
     trocar_model *model;
     insertion_state *states; /* as many as the model has needles, */
     uint64_t stamps[MAX_NEEDLES]; /* and which ones they are */
+    shown_probe probe;
     int next_resting;        /* needle that is looked at first among those that rest */
     seed_list seeds;
     vec3 *scratch;           /* for displacements, NULL before the first */
@@ -121,10 +138,11 @@ int tracks_of(const insertion_state *state, trocar_track_point *points, int room
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 trocar_pose pose_out(pose base);
 
-/* Adds the forces of all needles but the first, on the mesh without contact nodes; `states` has one pointer for each needle of the model. */
-void spread_others(const trocar_model *model, const insertion_state *const states[], vec3 *nominal);
+/* Adds the forces of all needles but the first, and of the probe, on the mesh without contact nodes; `states` has one pointer for each needle
+   of the model. */
+void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 /* Displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. NO_MEMORY. */
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], vec3 **scratch, vec3 *nominal, vec3 *added, report *why);
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why);
 
 /* ---- needles that rest (api_resting.c) ---------------------------------------------------------------------------------------- */
 
@@ -159,13 +177,39 @@ bool slip_some(trocar_sim *sim, bool all);
 trocar_status make_room_to_rest(trocar_sim *sim, needle_track *needle, report *why);
 trocar_status rest_again(trocar_sim *sim, report *why);
 
-/* What deforms the tissue beside one needle (-1: beside those that rest). Worker's side. */
+/* What deforms the tissue beside one needle, or beside all that rest, or beside the probe. Worker's side. */
+enum { BESIDE_RESTING = -1, BESIDE_PROBE = -2 };
 void list_others(const trocar_sim *sim, int needle, other_loads *others);
 
 /* Puts the whole answer to a request into the worker's slot for this needle's snapshots. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);
 
+/* Of all that is attached to the tissue, and of the forces that it exerts if no needle is held. Worker's side. */
+static inline uint64_t attached_changes(const trocar_sim *sim) { return sim->resting.changes + (sim->probe ? sim->probe->changes : 0); }
+static inline uint64_t attached_shifts(const trocar_sim *sim) { return sim->resting.shifts + (sim->probe ? sim->probe->shifts : 0); }
+
 /* Other needles are to ask again. Worker's side. */
 void mark_stale(trocar_sim *sim, const needle_track *except);
+
+/* ---- the probe (api_probe.c) ------------------------------------------------------------------------------------------------------ */
+
+/* BAD_INPUT for what is not finite or not of unit length. RT */
+trocar_status check_pose(const trocar_pose *p, pose *out, report *why);
+
+trocar_status create_probe(trocar_sim *sim, report *why);
+
+/* What the worker has shown last; NULL: there is no probe. Ticking thread. RT */
+const shown_probe *probe_shown(const trocar_sim *sim);
+
+/* The worker's side. Takes the newest pose. True: there was one. */
+bool take_probe_pose(trocar_sim *sim);
+
+/* The worker's side: the probe presses where it is, after a move or when other loads have changed. */
+trocar_status press_probe(trocar_sim *sim, report *why);
+
+/* For save and restore. */
+size_t saved_probe_size(const trocar_sim *sim);
+void save_probe(const trocar_sim *sim, void *to);
+trocar_status restore_probe(trocar_sim *sim, const void *from, report *why);
 
 #endif

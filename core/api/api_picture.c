@@ -51,6 +51,8 @@ void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
         if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
     }
     memcpy(&picture->seeds, &sim->seeds, sizeof picture->seeds);
+    const shown_probe *probe = probe_shown(sim);
+    if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
 }
 
 void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
@@ -60,6 +62,7 @@ void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
         to->stamps[i] = from->stamps[i];
     }
     memcpy(&to->seeds, &from->seeds, sizeof to->seeds);
+    if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
 
 /* NULL for a needle that does not exist. */
@@ -92,6 +95,8 @@ double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
     return state ? state->tip_lead : 0.0;
 }
 
+trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.told; }
+
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];
 }
@@ -101,7 +106,7 @@ trocar_status trocar_picture_displacements(trocar_picture *picture, double *disp
     vec3 added[MAX_CONTACTS];
     const insertion_state *states[MAX_NEEDLES];
     states_of(picture, states);
-    return field_of(picture->model, states, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    return field_of(picture->model, states, &picture->probe, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }
 
 trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh *mesh, trocar_error *error) {
@@ -115,12 +120,12 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     if (!p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for a refined mesh of %zu nodes", room);
     const insertion_state *states[MAX_NEEDLES];
     states_of(p, states);
-    trocar_status status = field_of(p->model, states, &p->scratch, p->displacement, p->displacement + nominal, why);
+    trocar_status status = field_of(p->model, states, &p->probe, &p->scratch, p->displacement, p->displacement + nominal, why);
     if (status != TROCAR_OK) return status;
     memset(p->force, 0, room * sizeof *p->force);
     insertion_refinement(&p->states[0], &refined);
     insertion_forces(&parts->insertion, &p->states[0], p->force, p->force + nominal);
-    spread_others(p->model, states, p->force);
+    spread_others(p->model, states, &p->probe, p->force);
     status = refined_mesh_create(&parts->mesh, &refined, &p->refined, why);
     if (status != TROCAR_OK) return status;
     const refined_mesh *r = &p->refined;

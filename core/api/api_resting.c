@@ -85,7 +85,8 @@ trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle) {
 /* ---- the worker: loads ---------------------------------------------------------------------------------------------------- */
 
 void list_others(const trocar_sim *sim, int needle, other_loads *others) {
-    *others = (other_loads){.attached = needle >= 0 && sim->resting.count > 0 ? sim->resting.load : NULL};
+    *others = (other_loads){.beneath = sim->resting.inverse, .attached = needle != BESIDE_RESTING && sim->resting.count > 0 ? sim->resting.load : NULL};
+    if (needle != BESIDE_PROBE && sim->probe && sim->probe->now.count > 0) others->pressed = needle >= 0 ? &sim->probe->unloaded : &sim->probe->now;
     for (int i = 0; i < sim->needle_count; i++)
         if (i != needle && sim->needles[i].held.count > 0) others->of[others->count++] = &sim->needles[i].held;
 }
@@ -144,9 +145,10 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     int count = 0;
     for (int i = 0; i < sim->needle_count; i++)
         if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
-    list_others(sim, -1, &held);
+    list_others(sim, BESIDE_RESTING, &held);
     mark_stale(sim, NULL);
-    return resting_set_change(&sim->resting, count, list, &held, why);
+    trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
+    return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
 static void show(trocar_sim *sim, needle_track *n) {
@@ -179,7 +181,7 @@ bool slip_some(trocar_sim *sim, bool all) {
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     other_loads held;
     if (sim->resting.count == 0) return TROCAR_OK;
-    list_others(sim, -1, &held);
+    list_others(sim, BESIDE_RESTING, &held);
     trocar_status status = resting_set_load(&sim->resting, &held, why);
     if (status == TROCAR_OK && all) slip_some(sim, true);
     return status;

@@ -49,6 +49,7 @@ static trocar_status allocate(trocar_sim *sim, report *why) {
     memset(sim->workspace, 0, sizeof *sim->workspace);
     trocar_status status = create_inverse(sim, why);
     if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
+    if (status == TROCAR_OK) status = create_probe(sim, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim, &sim->needles[i], why);
     return status;
 }
@@ -84,6 +85,9 @@ void trocar_sim_free(trocar_sim *sim) {
         triple_buffer_free(&sim->needles[i].shown);
         free(sim->needles[i].resting);
     }
+    probe_free(sim->probe);
+    triple_buffer_free(&sim->probe_poses);
+    triple_buffer_free(&sim->probe_shown);
     resting_set_free(&sim->resting);
     inverse_free(sim->resting.inverse);
     free(sim->resting_scratch);
@@ -109,7 +113,7 @@ trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
 }
 
 /* RT */
-static trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
+trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
     double norm = 0.0, sum = 0.0;
     for (int i = 0; i < 4; i++) norm += p->orientation[i] * p->orientation[i];
     for (int i = 0; i < 3; i++) sum += p->position[i];
@@ -195,9 +199,9 @@ static void post_request(trocar_sim *sim, needle_track *needle) {
     wake_worker(sim);
 }
 
-/* Tells the worker the needle's forces, for the others. Needles that rest respond at a pace of their own. RT */
+/* Tells the worker the needle's forces, for the others. Needles that rest and the probe respond at a pace of their own. RT */
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
-    bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0;
+    bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->probe_placed, memory_order_relaxed);
     needle->since_loads += dt;
     if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < RESPONSE_PERIOD) || !loads_changed(needle)) return;
     copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out));
@@ -278,14 +282,14 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
     trocar_status status = free_displacement_find(sim->inverse, request, &others, snapshot, why);
     needle->loaded = snapshot->loaded;
     memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
-    needle->served_shifts = sim->resting.shifts;
+    needle->served_shifts = attached_shifts(sim);
     return status;
 }
 
 /* Rows of an inverse that has changed are no longer right. Worker's side. */
 static trocar_status start_anew_if_changed(trocar_sim *sim, needle_track *needle, report *why) {
-    if (needle->served_changes == sim->resting.changes) return TROCAR_OK;
-    needle->served_changes = sim->resting.changes;
+    if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
+    needle->served_changes = attached_changes(sim);
     return remesher_forget(needle->remesher, why);
 }
 
@@ -308,21 +312,25 @@ static trocar_status catch_up(trocar_sim *sim, int index, report *why) {
     bool done;
     for (int i = 0; i < sim->needle_count; i++)
         if (phase_of(&sim->needles[i]) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
+    bool moved = take_probe_pose(sim);
     trocar_status status = change_resting(sim, &done, why);
+    if (status == TROCAR_OK && moved) status = press_probe(sim, why);
     needle_track *needle = &sim->needles[index];
     adopt_needle(sim, needle);
     if (status != TROCAR_OK) return status;
     if (phase_of(needle) != PHASE_HELD) return fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", index);
-    return needle->served_changes != sim->resting.changes ? answer_and_publish(sim, index, why) : TROCAR_OK;
+    bool outdated = needle->served_changes != attached_changes(sim) || (moved && needle->served_shifts != attached_shifts(sim));
+    return outdated ? answer_and_publish(sim, index, why) : TROCAR_OK;
 }
 
-/* Lockstep: what rests responds to this tick. */
+/* Lockstep: what rests and the probe respond to this tick. */
 static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;
-    if (sim->resting.count == 0 || sim->since_response < RESPONSE_PERIOD - 1e-9) return TROCAR_OK;
+    if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < RESPONSE_PERIOD - 1e-9) return TROCAR_OK;
     sim->since_response = 0.0;
-    return respond_to_loads(sim, true, why);
+    trocar_status status = press_probe(sim, why);
+    return status != TROCAR_OK ? status : respond_to_loads(sim, true, why);
 }
 
 trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output, trocar_error *error) {
@@ -342,7 +350,8 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
         other_loads others;
         list_others(sim, needle, &others);
         bool same = snapshot->serial == track->state.request.serial;
-        bool known = others.count == 0 && (others.attached ? track->served_shifts == sim->resting.shifts : !snapshot->loaded);
+        same = same && track->served_changes == attached_changes(sim);
+        bool known = others.count == 0 && (others.attached || others.pressed ? track->served_shifts == attached_shifts(sim) : !snapshot->loaded);
         if (status == TROCAR_OK && !(same && known)) status = answer_and_publish(sim, needle, why);
     }
     restore_floating_mode(before);
@@ -396,7 +405,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     ssize_t taken = read(sim->work_wake, &count, sizeof count);
     (void)taken;
     trocar_work work = {0};
-    bool changed, news = take_loads(sim);
+    bool changed, news = take_loads(sim), moved = take_probe_pose(sim);
     trocar_status status = change_resting(sim, &changed, why);
     work.more = changed;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
@@ -404,9 +413,12 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
         sim->next_served = (sim->next_served + 1) % sim->needle_count;
         status = answer_request(sim, index, &work, why);
     }
-    if (news && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
-    if (slip_some(sim, false)) work.more = true;
     floating_mode before = flush_denormals();
+    if ((news || moved) && status == TROCAR_OK) status = press_probe(sim, why);
+    if ((news || moved) && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
+    uint64_t shifts = sim->resting.shifts;
+    if (slip_some(sim, false)) work.more = true;
+    if (sim->resting.shifts != shifts && status == TROCAR_OK) status = press_probe(sim, why);
     for (int i = 0; i < sim->needle_count && !work.more; i++)
         work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);
     restore_floating_mode(before);

@@ -20,7 +20,7 @@ typedef struct {
 
 enum { SEEDS_AT = sizeof(trocar_model *) + sizeof(double), HEAD = SEEDS_AT + sizeof(seed_list) };
 
-size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim->needle_count * sizeof(saved_needle); }
+size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim->needle_count * sizeof(saved_needle) + saved_probe_size(sim); }
 
 static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
     size_t expected = trocar_sim_state_size(sim);
@@ -46,6 +46,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     memcpy((char *)state + sizeof sim->model, &sim->since_response, sizeof sim->since_response);
     memcpy((char *)state + SEEDS_AT, &sim->seeds, sizeof sim->seeds);
     for (int i = 0; i < sim->needle_count; i++) save_needle(sim, i, (char *)state + HEAD + (size_t)i * sizeof(saved_needle));
+    save_probe(sim, (char *)state + HEAD + (size_t)sim->needle_count * sizeof(saved_needle));
     return TROCAR_OK;
 }
 
@@ -96,10 +97,11 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     if (status == TROCAR_OK) status = rest_again(sim, why);
+    if (status == TROCAR_OK) status = restore_probe(sim, from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         needle_track *needle = &sim->needles[i];
-        needle->served_changes = sim->resting.changes;
-        needle->served_shifts = sim->resting.shifts;
+        needle->served_changes = attached_changes(sim);
+        needle->served_shifts = attached_shifts(sim);
         status = remesher_resume(needle->remesher, &needle->state.request, triple_buffer_slot(&needle->snapshots), why);
         triple_buffer_publish(&needle->snapshots);
     }
@@ -257,7 +259,8 @@ double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     return state ? needle_energy(&sim->model->parts.needle, &state->needle) : 0.0;
 }
 
-void spread_others(const trocar_model *model, const insertion_state *const states[], vec3 *nominal) {
+void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal) {
+    for (int i = 0; probe && i < probe->count; i++) nominal[probe->nodes[i]] = v3_add(nominal[probe->nodes[i]], probe->force[i]);
     for (int i = 1; i < model->parts.config.needle_count; i++) {
         tissue_loads loads = {.count = 0};
         insertion_add_loads(&model->parts.insertion, states[i], &loads);
@@ -265,13 +268,13 @@ void spread_others(const trocar_model *model, const insertion_state *const state
     }
 }
 
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
     simulation *parts = &model->parts;
     if (!*scratch) *scratch = malloc(simulation_field_scratch(parts) * sizeof **scratch);
     if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
     floating_mode before = flush_denormals();
     memset(nominal, 0, (size_t)parts->mesh.node_count * sizeof *nominal);
-    spread_others(model, states, nominal);
+    spread_others(model, states, probe, nominal);
     simulation_field(parts, states[0], *scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
@@ -282,5 +285,5 @@ trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, t
     const insertion_state *states[MAX_NEEDLES];
     vec3 added[MAX_CONTACTS];
     for (int i = 0; i < sim->needle_count; i++) states[i] = state_of_needle(sim, i, NULL);
-    return field_of(sim->model, states, &sim->field_scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    return field_of(sim->model, states, probe_shown(sim), &sim->field_scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }

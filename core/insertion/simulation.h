@@ -5,11 +5,18 @@
 #include "insertion/insertion.h"
 #include "insertion/seeds.h"
 #include "inverse/inverse_choice.h"
+#include "probe/probe.h"
 #include "remesh/remesh.h"
 #include "tissue/region_of_interest.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
+
+typedef struct {
+    char surface[MESH_NAME]; /* that it presses; empty: there is no probe */
+    probe_shape shape;
+    pose start;              /* of its base; its position is NAN: nowhere until it is told */
+} probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
@@ -29,6 +36,7 @@ typedef struct {
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
+    probe_config probe;
     roi_config roi;                  /* region of interest; nothing given: see roi_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's */
     volumetric_strain volumetric;
@@ -41,6 +49,7 @@ typedef struct {
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
+    int probe_surface;                  /* group, -1: there is no probe */
     tissue tissue;
     inverse *inverse;
     report about_inverse;               /* which owner, and why */

@@ -241,6 +241,7 @@ static bool place_all(attached_inverse *a, int count, const attachment *things) 
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
             int node = m->tets[a->rows[i].tet][c];
+            if (a->rows[i].weights[c] == 0.0) continue; /* a point at a node or on a face */
             if (place[node] < 0) a->nodes[place[node] = a->node_count++] = node;
             a->corner[4 * i + (size_t)c] = place[node];
         }
@@ -286,7 +287,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
     if (!own) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
     for (int i = thing->first; i < thing->first + thing->rows; i++)
-        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) own[a->corner[4 * i + c]] = true;
+        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) own[a->corner[4 * i + c]] |= a->rows[i].weights[c] != 0.0;
     memset(a->between + (size_t)thing->first * n, 0, (size_t)thing->rows * n * sizeof *a->between);
     trocar_status status = TROCAR_OK;
     for (int next = 0; next < a->node_count && status == TROCAR_OK;) {
@@ -297,7 +298,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
         for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++)
             for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++)
                 for (int k = 0; k < count; k++) {
-                    if (a->corner[4 * i + c] != places[k]) continue;
+                    if (a->corner[4 * i + c] != places[k] || a->rows[i].weights[c] == 0.0) continue;
                     const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
                     for (int b = 0; b < 3; b++)
                         cblas_daxpy((int)n, a->rows[i].weights[c] * along[b], a->columns + (3 * (size_t)k + (size_t)b) * n, 1, a->between + (size_t)i * n, 1);

@@ -20,7 +20,8 @@ typedef struct {
     uint64_t id;             /* what is attached under the same id stays as it was */
     int row_count;
     const attached_row *rows;
-    const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive definite */
+    const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive semidefinite, and definite
+                                 with C: 0 is a rigid thing */
     int ld;
     int motion_count;        /* independent motions that nothing but its rows resists */
     const double *motions;   /* R, displacement of each row under each: [motion * motion_ld + row] */

@@ -2,6 +2,7 @@
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
+#include "inverse/inverse_attached.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
 
@@ -46,7 +47,9 @@ typedef struct {
 typedef struct {
     int count;               /* other needles that are held, */
     const tissue_loads *of[MAX_NEEDLES];
-    const double *attached;  /* N: and forces at all rows of what is attached; NULL: nothing is */
+    inverse *beneath;        /* attached inverse that holds the needles at rest, but not the probe: */
+    const double *attached;  /* N, forces at all its rows; NULL: there are none */
+    const nodal_forces *pressed; /* and the probe's, under which the tissue yields as `beneath` says; NULL: there are none */
 } other_loads;
 
 /* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */

@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "remesh/free_displacement.h"
+
 enum { MOST_SWEEPS = 500, MOST_ROUNDS = 20, AT_ONCE = 6 };
 static const double ENOUGH = 1e-7; /* N, by which a force may be above its bound */
 
@@ -39,22 +41,11 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Response of all to the loads of held needles. */
+/* Response of all to the loads of held needles and the probe. */
 static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
-    int count = 0, most = 1;
-    for (int n = 0; n < held->count; n++) most += 4 * held->of[n]->count;
-    if (!make_room(s, most)) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
-    for (int n = 0; n < held->count; n++)
-        for (int i = 0; i < held->of[n]->count; i++) {
-            const tissue_load *load = &held->of[n]->loads[i];
-            for (int c = 0; c < 4; c++) {
-                int k = 0, node = m->tets[load->tet][c];
-                while (k < count && s->nodes[k] != node) k++;
-                if (k == count) s->nodes[count] = node, s->nodal[count++] = v3(0, 0, 0);
-                s->nodal[k] = v3_axpy(load->weights[c], load->force, s->nodal[k]);
-            }
-        }
+    if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
+    int count = loads_on_nodes(m, held, s->nodes, s->nodal);
     return inverse_attached_response(s->inverse, &(nodal_forces){count, s->nodes, s->nodal}, s->force, s->move, why);
 }
 

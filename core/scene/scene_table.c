@@ -105,6 +105,14 @@ const row SCENE_TABLE[] = {
     {"guides[].stiffness", "N/m", NUMBER, GUIDE(stiffness), &POSITIVE, .list = GUIDES, .doc = "of a hole's edge"},
     {"guides[].friction", "", NUMBER, GUIDE(friction), &NOT_NEGATIVE, .list = GUIDES, .doc = "coefficient of friction in the holes"},
 
+    {"probe.surface", "", NAME, OF(simulation.probe.surface), .required = true, .doc = "a physical surface of the mesh that the probe presses, such as the rectum's wall; without it there is no probe"},
+    {"probe.radius", "m", NUMBER, OF(simulation.probe.shape.radius), &POSITIVE, .doc = "of the ultrasound probe, a rigid cylinder"},
+    {"probe.tip_radius", "m", NUMBER, OF(simulation.probe.shape.tip_radius), &NOT_NEGATIVE,
+     .doc = "of the rounded edge at its end; at most the radius, which makes the end a hemisphere"},
+    {"probe.length", "m", NUMBER, OF(simulation.probe.shape.length), &POSITIVE, .doc = "from its base, where the hand holds it, to its tip"},
+    {"probe.start.position", "m", POINT, OF(simulation.probe.start.position), .required = true, .doc = "of its base until a pose is given; without it the probe is nowhere until then"},
+    {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
+
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
      .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},

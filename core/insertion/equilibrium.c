@@ -5,6 +5,7 @@
 #include "insertion/contact_assembly.h"
 #include "insertion/creep.h"
 #include "insertion/guides.h"
+#include "insertion/old_tracks.h"
 #include "insertion/roll.h"
 #include "insertion/stiffening.h"
 #include "insertion/tip_damper.h"
@@ -275,6 +276,10 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     prepare(tick, handles);
     remember(tick);
     pass_result r = run_passes(tick, tick->model->settings.max_passes);
+    if (r.found && w->tip && old_tracks_overrun(&state->tip)) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
+        old_tracks_end(&state->tip);
+        r = run_passes(tick, tick->model->settings.max_passes);
+    }
     bool suspect = !r.found || r.diverging || is_saddle(w);
     if (suspect && !state->saddle) r = approach(tick);
     if (r.buckling) buckle(tick);

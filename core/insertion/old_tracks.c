@@ -71,7 +71,8 @@ void old_tracks_find(const tick_context *tick, vec3 direction) {
     needle_tip *tip = &tick->state->tip;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
-    bool searched = tip->phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
+    tip->at_end = tip->at_end && tip->friction == STICK;
+    bool searched = tip->phase == TIP_INSIDE && !tip->at_end && tick->model->settings.track_reach > 0.0;
     for (int i = 0; searched && (list = list_of(tick, i)); i++)
         for (int track = 0; track < list->count; track++) {
             candidate c = judge(tick->model, list, track, tip->nominal, direction);
@@ -81,6 +82,14 @@ void old_tracks_find(const tick_context *tick, vec3 direction) {
     tip->open_way = best.way;
     tip->open_left = best.left;
     tip->open_tilt = best.open > 0.0 ? v3_sub(old_tracks_lead(tip, direction), direction) : v3(0, 0, 0);
+}
+
+bool old_tracks_overrun(const needle_tip *tip) { return tip->open > 0.0 && tip->blocked_by == NOT_BLOCKED && tip->slip > tip->open_left; }
+
+void old_tracks_end(needle_tip *tip) {
+    tip->open = 0.0;
+    tip->open_tilt = v3(0, 0, 0);
+    tip->at_end = true;
 }
 
 /* ---- following ------------------------------------------------------------------------------------------------------------- */

@@ -8,6 +8,12 @@
 /* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it. RT */
 void old_tracks_find(const tick_context *tick, vec3 direction);
 
+/* Would the slip of this solve take the tip past the end of the track? RT */
+bool old_tracks_overrun(const needle_tip *tip);
+
+/* Whole tissue is ahead, as at the end of the track, until the tip moves. RT */
+void old_tracks_end(needle_tip *tip);
+
 /* The direction in which the tip goes in place of the one in which it would cut. RT */
 vec3 old_tracks_lead(const needle_tip *tip, vec3 direction);
 

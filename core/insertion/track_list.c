@@ -116,6 +116,27 @@ static double length_between(const track_list *list, int from, int to) {
     return sum;
 }
 
+/* The point `way` m farther along the track: from `from` on through the points `next`, `next` + `step` and so on, at most to the point `last`. */
+static vec3 walk(const track_list *list, vec3 from, int next, int step, int last, double way) {
+    for (;; next += step) {
+        vec3 to = list->points[next].at, piece = v3_sub(to, from);
+        double length = v3_norm(piece);
+        if (length >= way) return v3_axpy(way / length, piece, from);
+        if (next == last) return to;
+        way -= length;
+        from = to;
+    }
+}
+
+/* Direction of the track at a point of this segment. The needle cut a smooth curve, while that of the segments leaps at each point: so it
+   is taken over the spacing of the points, half of it to each side. */
+static vec3 direction_at(const track_list *list, int begin, int last, int segment, vec3 x) {
+    vec3 ahead = walk(list, x, segment + 1, 1, last, 0.5 * TRACK_SPACING), behind = walk(list, x, segment, -1, begin, 0.5 * TRACK_SPACING);
+    vec3 chord = v3_sub(ahead, behind);
+    if (v3_norm(chord) == 0.0) chord = v3_sub(list->points[segment + 1].at, list->points[segment].at);
+    return v3_unit(chord);
+}
+
 track_place tracks_closest(const track_list *list, int track, vec3 x, double reach) {
     track_place best = {.distance = INFINITY};
     int begin = list->first[track], last = track_end(list, track) - 1, segment = -1;
@@ -132,13 +153,14 @@ track_place tracks_closest(const track_list *list, int track, vec3 x, double rea
         vec3 point = v3_axpy(t, way, from);
         double distance = v3_norm(v3_sub(x, point));
         if (distance <= reach && distance < best.distance && square > 0.0) {
-            best = (track_place){.distance = distance, .point = point, .along = v3_unit(way)};
+            best = (track_place){.distance = distance, .point = point};
             segment = i;
             part = t;
         }
         i++;
     }
     if (segment < 0) return best;
+    best.along = direction_at(list, begin, last, segment, best.point);
     double length = length_between(list, segment, segment + 1);
     best.ahead = (1.0 - part) * length + length_between(list, segment + 1, last);
     best.behind = part * length + length_between(list, begin, segment);

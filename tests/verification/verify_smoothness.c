@@ -104,11 +104,16 @@ static void draw(rows *r, const char *name, const distribution *d) {
                           .y_label = "part of the ticks above it", .logarithmic = true, .count = count, .x = change, .y = part});
 }
 
-static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) {
+/* On the mesh at `path`; NULL: the scene's. */
+static lockstep *create_insertions(const char *path, double stiffening) {
     simulation_config config = lockstep_config();
     for (int i = 0; i < config.region_count; i++) config.regions[i].material.stiffening = stiffening;
     if (path) snprintf(config.mesh_path, sizeof config.mesh_path, "%s", path);
-    lockstep *l = lockstep_create(&config, lockstep_start());
+    return lockstep_create(&config, lockstep_start());
+}
+
+static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) {
+    lockstep *l = create_insertions(path, stiffening);
     smoothness *s = calloc(1, sizeof *s);
     printf("%s\n", name);
     for (int run = 0; run < runs; run++) run_hand(s, l, run);
@@ -200,7 +205,23 @@ static void check_pressed(rows *r, int count) {
     lockstep_free(l);
 }
 
+/* `--runs FIRST LAST S`: only these insertions, on the scene's mesh, in tissue that stiffens by S; prints the changes that are above the limit. */
+static int look_at_runs(int first, int last, double stiffening) {
+    lockstep *l = create_insertions(NULL, stiffening);
+    smoothness *s = calloc(1, sizeof *s);
+    for (int run = first; run <= last; run++) {
+        *s = (smoothness){0};
+        run_hand(s, l, run);
+        printf("run %d: largest change %.3f, after punctures %.3f\n", run, s->quiet.largest, s->recoil.largest);
+        fflush(stdout);
+    }
+    free(s);
+    lockstep_free(l);
+    return 0;
+}
+
 int main(int argc, char **argv) {
+    if (argc == 5 && strcmp(argv[1], "--runs") == 0) return look_at_runs(atoi(argv[2]), atoi(argv[3]), atof(argv[4]));
     rows r = rows_begin(argc, argv, "Coupled: smoothness");
     int runs = r.short_form ? 2 : 50;
     check_mesh(&r, "572 nodes", NULL, 0, runs);

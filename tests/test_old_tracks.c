@@ -1,0 +1,64 @@
+/* The end of an old track: what is beyond it resists at once. */
+#include "lockstep.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <cmocka.h>
+
+static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
+
+/* A needle cuts at constant speed, then meets a short piece of track. */
+static void a_short_track_is_passed_without_a_jump(void **state) {
+    (void)state;
+    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; the tip would spring forward by more, were nothing behind it */
+    for (int i = 0; i < 3; i++) {
+        simulation_config config = lockstep_config();
+        lockstep *l = lockstep_create(&config, lockstep_start());
+        lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
+        const needle_tip *tip = &l->state.tip;
+        vec3 end = v3_axpy(LENGTHS[i], tip->direction, tip->nominal);
+        l->state.tracks.count = l->state.tracks.point_count = 0;
+        tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
+        double steady = v3_norm(l->wrench.force), least = steady, most = steady;
+        for (int k = 0; k < 20; k++) {
+            lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
+            least = fmin(least, v3_norm(l->wrench.force));
+            most = fmax(most, v3_norm(l->wrench.force));
+        }
+        print_message("%.0f um: %.4f N before, from %.4f to %.4f N\n", 1e6 * LENGTHS[i], steady, least, most);
+        assert_true(most - least < 0.01);
+        lockstep_free(l);
+    }
+}
+
+/* Pressed on, but not so hard that it cuts, a tip at the end of its track stays there; drawn back, it finds the track again. */
+static void a_tip_rests_at_the_end(void **state) {
+    (void)state;
+    simulation_config config = lockstep_config();
+    lockstep *l = lockstep_create(&config, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* it cuts on for a moment */
+    double end = l->state.tip.depth;
+    lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
+    while (!l->state.tip.at_end && l->wrench.depth <= end) lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
+    double reached = l->wrench.depth;
+    print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
+    assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
+    for (int k = 0; k < 20; k++) {
+        lockstep_tick(l, l->base, DT);
+        assert_true(l->wrench.depth == reached && l->state.tip.open == 0.0);
+        assert_int_equal(l->wrench.passes, 1);
+    }
+    lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
+    assert_true(!l->state.tip.at_end && l->state.tip.open == 1.0);
+    lockstep_free(l);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_short_track_is_passed_without_a_jump),
+        cmocka_unit_test(a_tip_rests_at_the_end),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

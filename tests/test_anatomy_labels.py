@@ -184,6 +184,17 @@ class Surfaces(unittest.TestCase):
         off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # from the half ball's surface
         self.assertLess(off.max(), max(SPACING))
 
+    def test_a_cavity_is_no_part_of_a_label(self):
+        found_labels, place = two_halves(20)
+        map_ = voxels.LabelMap([found_labels], place, {"Wall": voxels.Segment(0, 3)})
+        wall = voxels.outlined(map_, ["Wall"])["Wall"]
+        self.assertEqual(len(wall.shells), 1)
+        self.assertAlmostEqual(wall.shells[0].signed_volume() / wall.volume, 1, delta=0.03)
+        organ = pipeline.organ_of_label("Wall", "wall", False, wall)
+        self.assertEqual((organ.volume, organ.notes), (wall.volume, []))
+        image, _ = labels.image_of([organ.shells], 6.0)       # what is meshed
+        self.assertAlmostEqual(image.volume(1) / wall.volume, 1, delta=0.03)
+
     def test_a_body_has_no_cavities_where_its_organs_are(self):
         found_labels, place = two_halves()
         map_ = voxels.LabelMap([found_labels], place, {name: voxels.Segment(0, v) for v, name in NAMES.items()})

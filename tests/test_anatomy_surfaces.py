@@ -76,6 +76,25 @@ class Surfaces(unittest.TestCase):
         organ = pipeline.organ_of_surface("x", "x", False, shells.from_vtk(mended), notes)
         self.assertAlmostEqual(organ.volume / sphere.volume(), 1, delta=0.02)
 
+    def test_triangles_in_any_order_become_a_surface_with_normals_outward(self):
+        sphere = self.coarse_sphere()
+        flipped = np.random.default_rng(1).uniform(size=len(sphere.triangles)) < 0.5
+        mixed = shells.Shell(sphere.points, np.where(flipped[:, None], sphere.triangles[:, ::-1], sphere.triangles))
+        self.assertLess(mixed.volume(), 0.5 * sphere.volume())
+        for found in (shells.oriented(mixed), shells.all_parts(mixed)[0], shells.from_vtk(shells.mended(shells.to_vtk(mixed))[0])):
+            self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
+
+    def test_a_cavity_is_no_part_of_a_surface_from_a_file(self):
+        sphere = self.coarse_sphere()
+        island = shells.Shell(sphere.points * 0.2, sphere.triangles)        # in the cavity
+        for inner in (sphere.scaled(0.5), shells.Shell(sphere.scaled(0.5).points, sphere.triangles[:, ::-1])):
+            hollow, _ = shells.mended(shells.to_vtk(shells.joined([island, inner, sphere])))
+            hollow = shells.from_vtk(hollow)
+            self.assertAlmostEqual(hollow.signed_volume() / sphere.volume(), 1 - 0.5 ** 3 + 0.2 ** 3, places=3)
+            self.assertEqual((shells.distances(hollow, np.array([[0, 0, 0], [7, 0, 0], [15.0, 0, 0], [25.0, 0, 0]])) < 0).tolist(),
+                             [True, False, True, False])
+            self.assertIn("2 separate parts", " ".join(pipeline.organ_of_surface("x", "x", False, hollow).notes))
+
     def test_a_surface_that_crosses_itself_is_told_with_the_volume(self):
         sphere = self.coarse_sphere()
         crossed = shells.Shell(sphere.points.copy(), sphere.triangles)

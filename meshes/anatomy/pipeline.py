@@ -121,7 +121,7 @@ def organ_of_label(roi, name, bone, label, kind=""):
 
 
 def note_parts(organ):
-    volumes = np.array([part.volume() for part in shells.all_parts(organ.shells[0])])
+    volumes = np.array([solid.volume() for solid in shells.solids(shells.all_parts(organ.shells[0]))])
     small = volumes < shells.SPLINTER * volumes.max()
     if len(volumes) > 1:
         organ.note(f"has {len(volumes)} separate parts" + (f", of which {np.count_nonzero(small)} of less than {100 * shells.SPLINTER:g} % of the "

@@ -418,7 +418,7 @@ def outlined(map_, names):
             surfaces = zero_surface(refined(field, factors), spacing / np.array(factors[::-1]))
         offset = map_.place[:3] @ np.append(low[::-1] - stride * AROUND, 1.0)
         turn = map_.place[:3, :3] * stride / spacing
-        surfaces = [shells.oriented(Shell(s.points @ turn.T + offset, s.triangles)) for s in surfaces]
+        surfaces = shells.solids([shells.oriented(Shell(s.points @ turn.T + offset, s.triangles)) for s in surfaces])
         points = (face_points(np.pad(masks[name][window], 1)) + low[::-1] - 1) @ map_.place[:3, :3].T + map_.place[:3, 3]
         found[name] = Outlined(surfaces, points, np.count_nonzero(masks[name]) * map_.voxel(), notes)
     return found

@@ -10,7 +10,7 @@ import tempfile
 import gmsh
 import numpy as np
 
-from . import labels, limits, quality, session
+from . import labels, limits, quality, relocate, session
 from .contours import Unusable
 from .loft import mesh_shell
 from .session import current_mesh
@@ -358,8 +358,30 @@ def attempt(domain, fine, path):
     """Runs in a separate process."""
     session.start()
     shells, lost = build(domain, fine)
+    mesh = current_mesh()
+    if domain.regions:
+        move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
     gmsh.write(path)
-    return Attempt(current_mesh(), shells, lost)
+    return Attempt(mesh, shells, lost)
+
+
+def held_points(domain, mesh):
+    """Mask of the points on the block's faces, which must stay plane."""
+    if not domain.skin:
+        near = 1e-6 * math.dist(domain.low, domain.high)
+        return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
+    held = np.zeros(len(mesh.points), bool)
+    if "fixed" in mesh.surfaces:
+        held[np.unique(mesh.surfaces["fixed"].triangles)] = True
+    return held
+
+
+def move_nodes(mesh, points):
+    """In Gmsh's current model, and in `mesh`, which was made from it."""
+    tags = gmsh.model.mesh.getNodes()[0]
+    for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
+        gmsh.model.mesh.setNode(tags[n], points[n], [])
+    mesh.points[:] = points      # its surfaces have the same points
 
 
 def generate(domain, nodes, path):

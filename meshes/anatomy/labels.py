@@ -332,10 +332,13 @@ def complex_of(points, tets, labels):
 
 
 def with_voids(found):
-    """The same with a cell for each void enclosed by regions."""
+    """The same with a cell for each void enclosed by regions, which may touch the outer surface at a point."""
     open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
     corners = found.triangles[open_]
-    part = connected(len(found.points), np.concatenate([corners[:, :2], corners[:, 1:]]))[corners[:, 0]]
+    edges = np.sort(np.concatenate([corners[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    order = np.lexsort(edges.T)
+    same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
+    part = connected(len(corners), np.column_stack([order[1:][same], order[:-1][same]]) % len(corners))
     sides, cells = found.sides.copy(), list(found.cells)
     for root in np.unique(part):
         mine = part == root

@@ -134,6 +134,18 @@ def is_watertight(shell):
 class Shared(unittest.TestCase):
     """Regions that touch."""
 
+    def test_a_void_may_touch_the_outer_surface_at_a_point(self):
+        points = np.array([[x, y, z] for x in (0, 3) for y in (0, 3) for z in (0, 3)] + [[1, 1, 1], [1, 2, 1], [2, 1, 1]], float)
+        faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        outer = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
+        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # its apex is a corner of the cube
+        size = shells.Shell(points, np.array(void)).signed_volume()
+        void = void if size < 0 else [t[::-1] for t in void]
+        triangles = np.array(outer + void)
+        found = labels.with_voids(labels.Complex(points, triangles, np.column_stack([np.zeros(len(triangles), int), np.full(len(triangles), -1)]), [0]))
+        self.assertEqual(found.cells, [0, labels.OUTSIDE])
+        self.assertEqual(found.sides[:, 1].tolist(), [-1] * 12 + [1] * 4)
+
     @staticmethod
     def box(low, high):
         cube = labels.vtk.vtkCubeSource()

@@ -5,7 +5,7 @@ import { once } from 'node:events'
 import { readFile, writeFile } from 'node:fs/promises'
 import { connect } from 'node:net'
 import path from 'node:path'
-import { browser, check, checkLayout, faults, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, hold, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
 const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
@@ -15,12 +15,6 @@ const badge = (text) => `document.getElementById('link').textContent === '${text
 const banner = (text) => `!document.getElementById('banner').hidden && document.getElementById('banner').textContent.includes('${text}')`
 const graphicsHeld = '[trocar.stage, trocar.echo].map(({ renderer }) => ({ ...renderer.info.memory }))'
 const tip = (page) => page.evaluate('trocar.stage.needles[0].tip?.z')
-
-/** Takes the needle if the page has lost it: on a busy machine the server or the page may be silent for too long. */
-async function hold(page) {
-  if (!await page.evaluate('trocar.status.drives')) await page.click('#take')
-  await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
-}
 
 let view = await start('clients/view/trocar-view'), server, first, second
 try {
@@ -48,24 +42,26 @@ try {
     await until(first, badge('live'))
   })
 
-  await check('keys drive the needle into the tissue, and a double click takes it once', async () => {
+  await check('a double click takes the needle once', async () => {
     const before_it = await first.locator('#take').boundingBox()
     await first.dblclick('#take')
     await until(first, 'trocar.status.drives && trocar.status.owned === "here" && trocar.shown !== null')
     const reset = await first.locator('#reset').boundingBox()
     assert(reset.y + reset.height < before_it.y - 100, 'Reset is far from where the needle is taken')
+  })
+
+  await driven('keys drive the needle into the tissue', first, async () => {
     const before = await tip(first)
     await first.keyboard.down('w')
-    await until(first, 'trocar.shown.needles[0].contacts.length / 9 >= 5')
+    await until(first, `trocar.shown.needles[0].contacts.length / 9 >= 5 && trocar.stage.needles[0].tip.z > ${before} + 0.01`)
     await first.keyboard.up('w')
-    assert(await tip(first) > before + 0.01, 'the tip went in')
     await until(first, 'trocar.history.columns[7][trocar.history.count - 1] > 0.01')
     assert(await first.evaluate('trocar.shown.displacement.some((count) => count !== 0)'), 'the tissue moves')
     assert(await first.evaluate('trocar.history.marks.some((mark) => mark.name === "skin")'), 'the puncture is marked')
     await until(first, '!document.getElementById("track-key").hidden') // the legend names the track
   })
 
-  await check('a key released after the needle was released moves nothing', async () => {
+  await driven('a key released after the needle was released moves nothing', first, async () => {
     await first.keyboard.down('w')
     await until(first, 'trocar.drive.command()[2] === 1')
     await first.click('#take')
@@ -82,15 +78,14 @@ try {
     assert(Math.abs((await shownBase())[1] - base) < 1e-6, 'the base rests')
   })
 
-  await check('numbers and plots follow', async () => {
+  await driven('numbers and plots follow', first, async () => {
     await until(first, 'parseFloat(document.getElementById("depth").textContent) > 10')
     const points = await first.evaluate('trocar.plots.plots[0].chart.data[0].length')
     await until(first, `trocar.plots.plots[0].chart.data[0].at(-1) > ${await first.evaluate('trocar.plots.plots[0].chart.data[0].at(-1)')}`)
     assert(points > 10)
   })
 
-  await check('pause and scrub show the past, and live returns', async () => {
-    await hold(first)
+  await driven('pause and scrub show the past, and live returns', first, async () => {
     const now = await tip(first)
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needles[0].tip.z < ${now} - 0.005`)
@@ -133,8 +128,7 @@ try {
     await until(first, 'document.documentElement.dataset.theme === "light" && !trocar.stage.dirty')
   })
 
-  await check('a gamepad and the lever on the page also drive the needle', async () => {
-    await hold(first)
+  await driven('a gamepad and the lever on the page also drive the needle', first, async () => {
     const back = await tip(first)
     await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
     await until(first, `trocar.stage.needles[0].tip.z < ${back} - 0.005`) // the left trigger pulls
@@ -165,8 +159,7 @@ try {
     for (const size of held.slice(1)) size.forEach((value, i) => assert(value <= 1.02 * held[1][i], `${held}`))
   })
 
-  await check('further pictures and cuts take no more graphics memory than the first', async () => {
-    await hold(first)
+  await driven('further pictures and cuts take no more graphics memory than the first', first, async () => {
     await first.selectOption('#cut-axis', 'x')
     await until(first, '!trocar.stage.dirty')
     const { group, ends } = await first.evaluate('({ group: trocar.stage.tracks.group.visible, ends: trocar.stage.tracks.ends.count })')
@@ -191,15 +184,24 @@ try {
   })
 
   for (const [width, height] of SIZES)
-    await check(`layout while the needle is driven, ${width} x ${height}`, async () => {
+    await driven(`layout while the needle is driven, ${width} x ${height}`, first, async () => {
       await first.setViewportSize({ width, height })
       await first.waitForTimeout(300)
       await checkLayout(first, `${width} x ${height}`)
     })
+  await first.click('#take')
+  await until(first, '!trocar.status.drives')
+  for (const [width, height] of SIZES.slice(0, 2))
+    await check(`layout after the needle was let go, ${width} x ${height}`, async () => {
+      await first.setViewportSize({ width, height })
+      await first.evaluate('trocar.drive.lost = "The needle was let go: the connection ended."')
+      await until(first, '/let go/.test(document.getElementById("drive-note").textContent)')
+      await first.waitForTimeout(300)
+      await checkLayout(first, `let go, ${width} x ${height}`)
+    })
   await first.setViewportSize({ width: 1000, height: 640 })
 
-  await check('Reset must be held down', async () => {
-    await hold(first)
+  await driven('Reset must be held down', first, async () => {
     const deep = await tip(first), [reset] = [first.locator('#reset')]
     await reset.click()
     await first.waitForTimeout(1000)

@@ -17,11 +17,15 @@ export async function open(size = { width: 1000, height: 640 }) {
   return page
 }
 
-/** Waits until the expression is true in the page. (Playwright's own wait evaluates in the page, which the page's policy forbids.)
-   */
+let driver = null // the page that must keep the needle
+
+const lost = (page) => page.evaluate('trocar.drive.lost')
+
+/** Waits until the expression is true in the page. (Playwright's own wait evaluates in the page, which the page's policy forbids.) */
 export async function until(page, expression) {
   for (const end = Date.now() + PATIENCE; Date.now() < end;) {
     if (await page.evaluate(expression)) return
+    if (page === driver && await lost(page)) assert.fail(`the needle was let go before ${expression}`)
     await new Promise((done) => setTimeout(done, 50))
   }
   assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)
@@ -31,6 +35,33 @@ export async function check(name, body) {
   const start = Date.now()
   await body()
   console.log(`ok ${name} (${((Date.now() - start) / 1000).toFixed(1)} s)`)
+}
+
+/** Takes the needle. */
+export async function hold(page) {
+  if (!await page.evaluate('trocar.status.drives')) await page.click('#take')
+  await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
+}
+
+/** A check with the needle in the page's hand. When server or page are silent for too long, as on a busy machine, the needle is let go: then the
+ *  check is repeated. */
+export async function driven(name, page, body) {
+  await check(name, async () => {
+    for (let attempt = 1; ; attempt++) {
+      await hold(page)
+      driver = page
+      try {
+        return await body()
+      } catch (error) {
+        if (!await lost(page) || attempt === 4) throw error
+        console.log(`   once more, because the needle was let go: ${name}`)
+        for (const key of ['w', 'a']) await page.keyboard.up(key)
+        await page.mouse.up()
+      } finally {
+        driver = null
+      }
+    }
+  })
 }
 
 /** In both themes: no violations found by axe-core, and nothing overlaps or is cut off. */

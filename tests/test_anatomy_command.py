@@ -74,7 +74,7 @@ class Command(unittest.TestCase):
     def test_all_regions_of_a_patient(self):
         os.mkdir("a")
         rois = {"prostate": "Prostate", "urethra": "Urethra", "rectum": "Rectum", "bladder": "Bladder"}
-        with unittest.mock.patch.object(meshing, "TRIES", 2):    # its search for better angles takes long
+        with unittest.mock.patch.object(meshing, "TRIES", 3):    # its search for better angles takes long
             self.make(SHIPPED, *[argument for roi in rois.values() for argument in ("--roi", roi)], "--bone", "Pubic arch", "--nodes", "1400",
                       "--output", "a/five")
         nodes, _, mesh = read_msh("a/five.msh")

@@ -147,6 +147,40 @@ class Shared(unittest.TestCase):
         self.assertEqual(found.sides[:, 1].tolist(), [-1] * 12 + [1] * 4)
 
     @staticmethod
+    def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
+        """A block with a slot from above, 2 * narrow wide, which ends above the bottom; as a complex."""
+        x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
+        y = np.linspace(-half, half, count)
+        cells = np.zeros((2 * count - 1, count - 1, 2), bool)
+        cells[:, :, 0] = True
+        cells[:, :, 1] = np.arange(2 * count - 1)[:, None] != count - 1
+        z = np.array([-high, 0.0, high])
+        number = np.arange(len(x) * len(y) * len(z)).reshape(len(x), len(y), len(z))
+        points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+        faces, filled = [], np.pad(cells, 1)
+        for axis in range(3):
+            for i, j, k in np.argwhere(np.diff(filled.astype(int), axis=axis) != 0):
+                at = np.array([i, j, k])
+                outward = filled[i, j, k]       # along the axis
+                first = at + np.eye(3, dtype=int)[axis] - 1
+                u, v = np.eye(3, dtype=int)[[a for a in range(3) if a != axis]]
+                a, b, c, d = (number[tuple(p)] for p in (first, first + u, first + u + v, first + v))
+                turn = bool(outward) == (axis != 1)
+                faces += [(a, b, c), (a, c, d)] if turn else [(a, c, b), (a, d, c)]
+        used, triangles = np.unique(np.array(faces), return_inverse=True)
+        triangles = triangles.reshape(-1, 3)
+        return labels.Complex(points[used], triangles, np.column_stack([np.zeros(len(triangles), int), np.full(len(triangles), -1)]), [0])
+
+    def test_a_correction_of_the_volume_does_not_close_a_narrow_channel(self):
+        block = self.channelled()
+        whole = block.volume(0)
+        self.assertAlmostEqual(whole / (60 * 60 * 60 - 60 * 30), 1, delta=1e-9)
+        self.assertEqual(list(shells.crossings([block.surface(0)])), [])
+        made = labels.corrected(block, {0: 1.08 * whole})      # by more than half of the slot's width
+        self.assertAlmostEqual(made.volume(0) / whole, 1.08, delta=1e-5)
+        self.assertEqual(list(shells.crossings([made.surface(0)])), [])
+
+    @staticmethod
     def box(low, high):
         cube = labels.vtk.vtkCubeSource()
         cube.SetBounds(low[0], high[0], low[1], high[1], low[2], high[2])

@@ -173,11 +173,15 @@ def open_edges(surface):
 
 
 def crossings(shells):
-    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends (Moeller and
-    Trumbore 1997). VTK's locator finds the triangles whose boxes meet the edge's."""
-    first = np.append(0, np.cumsum([len(shell.points) for shell in shells]))
+    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends."""
     owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # of each point
-    whole = Shell(np.vstack([shell.points for shell in shells]), np.vstack([shell.triangles + at for shell, at in zip(shells, first)]))
+    for point, edge, triangle in crossing_pairs(joined(shells)):
+        yield point, owner[edge[0]], owner[triangle[0]]
+
+
+def crossing_pairs(whole):
+    """(point, edge, triangle) wherever an edge of the surface passes through one of its triangles that has neither of its ends (Moeller and
+    Trumbore 1997); edge and triangle: their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()
@@ -202,7 +206,7 @@ def crossings(shells):
         along, u, v = np.array([(ac * over).sum(axis=1), (offset * across).sum(axis=1), (over * way).sum(axis=1)]) / (ab * across).sum(axis=1)
         through = np.flatnonzero((along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1))
     for k in through:
-        yield start[k] + along[k] * way[k], owner[edges[k, 0]], owner[whole.triangles[triangles[k], 0]]
+        yield start[k] + along[k] * way[k], edges[k], whole.triangles[triangles[k]]
 
 
 def distances(shell, points):

@@ -6,6 +6,7 @@ import numpy as np
 from .quality import GREATEST_ANGLE, LEAST_ANGLE
 
 ROUNDS = 6
+ENOUGH = 0.99           # badness at which nodes are left alone: dihedral angles of 10.04 to 159.3 degrees
 STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # of the mean edge at a node
 ON_SURFACE = 0.15       # of the mean edge at a node: how far it may be moved in all, if it lies on a surface
 LEAST_GAIN = 1e-3       # of the badness, for a move
@@ -50,9 +51,9 @@ def moved(mesh, still, surface):
     for _ in range(ROUNDS):
         bad = badness(points[tets])
         gained = False
-        for tet in np.argsort(-bad, kind="stable")[:np.count_nonzero(bad > 1)]:
+        for tet in np.argsort(-bad, kind="stable")[:np.count_nonzero(bad > ENOUGH)]:
             for node in tets[tet]:
-                if still[node] or badness(points[tets[tet]]) <= 1:
+                if still[node] or badness(points[tets[tet]]) <= ENOUGH:
                     continue
                 star = order[first[node]:first[node + 1]] // 4
                 place = better_place(points, tets[star], node, mesh.points[node] if surface[node] else None)

@@ -4,12 +4,14 @@
 import contextlib
 import io
 import os
+import re
 import tempfile
 import unittest
 import unittest.mock
 from sys import modules
 
 import numpy as np
+import pydicom
 
 from anatomy_cases import ellipsoid_volume
 from anatomy import __main__ as command, approach, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, session, shells, trouble, voxels
@@ -66,6 +68,40 @@ class Files(unittest.TestCase):
         self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # its header has single precision
         inputs.write_nifti("e.nii", self.labels, place, np.float32)
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
+
+    def test_dicom_label_map_with_planes_left_out(self):
+        """Segmentation type LABELMAP: a pixel is its segment's number. Only every second plane has a frame, so only the header says how thick planes are."""
+        self.labels, place = two_halves(20)
+        self.labels[1::2] = 0
+        inputs.write_seg("a.dcm", self.labels, place, NAMES)
+        data = pydicom.dcmread("a.dcm")
+        planes = np.flatnonzero(self.labels.any(axis=(1, 2)))
+        frames = []
+        for k in planes:
+            frame, position = pydicom.Dataset(), pydicom.Dataset()
+            position.ImagePositionPatient = [f"{v:.9g}" for v in place[:3] @ [0, 0, k, 1]]
+            frame.PlanePositionSequence = pydicom.Sequence([position])
+            frames.append(frame)
+        data.SegmentationType, data.PerFrameFunctionalGroupsSequence, data.NumberOfFrames = "LABELMAP", pydicom.Sequence(frames), len(frames)
+        data.BitsAllocated, data.BitsStored, data.HighBit, data.PixelData = 8, 8, 7, self.labels[planes].tobytes()
+        data.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0].SpacingBetweenSlices = SPACING[2]
+        data.save_as("b.dcm")
+        self.check_map(reading.read_outlines("b.dcm"), place, {name: value for value, name in NAMES.items()})
+        del data.SharedFunctionalGroupsSequence[0].PlaneOrientationSequence
+        data.save_as("c.dcm")
+        with self.assertRaisesRegex(trouble.BadFile, "c.dcm: .* no place in the patient"):
+            reading.read_outlines("c.dcm")
+
+    def test_a_code_of_3d_slicer(self):
+        """As 3D Slicer 5 writes it, with the anatomic region after the type."""
+        found, place = two_halves()
+        inputs.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
+        with open("x.seg.nrrd", "rb") as file:
+            content = file.read()
+        entry = b"Segment0_Tags:=TerminologyEntry:General Anatomy list~SCT^1^Tissue~SCT^41216001^Prostate~^^~Anatomic codes~^^~^^|Segmentation.Status:x|\nSegment0_Name"
+        with open("x.seg.nrrd", "wb") as file:
+            file.write(content.replace(b"Segment0_Name", entry))
+        self.assertEqual(reading.read_image("x.seg.nrrd").segments["Segment_1"].code, "SCT 41216001 Prostate")
 
     def test_a_missing_package_is_named(self):
         with unittest.mock.patch.dict(modules, {"nibabel": None}):
@@ -184,6 +220,17 @@ class Surfaces(unittest.TestCase):
         off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # from the half ball's surface
         self.assertLess(off.max(), max(SPACING))
 
+    def test_a_cavity_is_no_part_of_a_label(self):
+        found_labels, place = two_halves(20)
+        map_ = voxels.LabelMap([found_labels], place, {"Wall": voxels.Segment(0, 3)})
+        wall = voxels.outlined(map_, ["Wall"])["Wall"]
+        self.assertEqual(len(wall.shells), 1)
+        self.assertAlmostEqual(wall.shells[0].signed_volume() / wall.volume, 1, delta=0.03)
+        organ = pipeline.organ_of_label("Wall", "wall", False, wall)
+        self.assertEqual((organ.volume, organ.notes), (wall.volume, []))
+        image, _ = labels.image_of([organ.shells], 6.0)       # what is meshed
+        self.assertAlmostEqual(image.volume(1) / wall.volume, 1, delta=0.03)
+
     def test_a_body_has_no_cavities_where_its_organs_are(self):
         found_labels, place = two_halves()
         map_ = voxels.LabelMap([found_labels], place, {name: voxels.Segment(0, v) for v, name in NAMES.items()})
@@ -262,12 +309,49 @@ class Whole(unittest.TestCase):
         self.assertNotIn("capsule", text)
         self.assertRegex(open("x-quality.md", encoding="utf-8").read(), r"\| Left lobe \| 11\.62 \| 11\.62 \(.0\.0 %\)")
 
-    def test_an_entry_that_cannot_be_is_refused(self):
+    def start_of(self, scene):
+        """Position and direction of the needle's base."""
+        words = re.search(r"start: \{position: \[(.*?)\], orientation: \[(.*?)\]", open(scene, encoding="utf-8").read())
+        position, (w, x, y, z) = (np.array([float(v) for v in text.split(",")]) for text in words.groups())
+        return position, np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+    def test_the_skin_of_a_box_is_the_face_of_the_entry_and_the_mesh_says_where_the_patient_is(self):
         found, place = two_halves()
         inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
-        with self.assertRaisesRegex(Exception, "take the patient's own skin with --skin"):
-            self.make("x.seg.nrrd", "--roi", "Left lobe", "--output", "x", f"--entry={MIDDLE[0]},{MIDDLE[1]},{MIDDLE[2] + 90}")
-        self.assertFalse(os.path.exists("x.msh"))
+        target = MIDDLE + [9, 0, 0]
+        entry = target + [3, 48, 5]         # from the back
+        _, mesh, domain, _ = self.make("x.seg.nrrd", "--roi", "Left lobe", "--nodes", "500", "--output", "x", "--entry=" + ",".join(map(str, entry)),
+                                       "--target=" + ",".join(map(str, target)))
+        skin = mesh.points[np.unique(mesh.surfaces["skin"].triangles)]
+        self.assertLess(np.abs(pipeline.patient(skin, domain.origin)[:, 1] - entry[1]).max(), 1e-6)
+        position, way = self.start_of("x.yaml")
+        aim = (target - entry) * [-1, -1, 1] / np.linalg.norm(target - entry)
+        self.assertTrue(np.allclose(way, aim, atol=1e-6))
+        self.assertTrue(np.allclose(position + 0.201 * aim, pipeline.world(entry, domain.origin), atol=1e-6))
+        for held in meshing.fixed_faces("y-"):
+            self.assertNotEqual(held, "y-")
+        self.assertEqual([meshing.fixed_faces(front) for front in ("z-", "z+", "x+")], [["z+", "y-"], ["z-", "y-"], ["y-", "x-"]])
+        session.start()
+        again, _ = reading.read_mesh("x.msh")["left_lobe"]       # in the patient's coordinates
+        self.assertAlmostEqual(again.volume() / mesh.region_volume("left_lobe"), 1e9, delta=1e4)
+        self.assertLess(np.linalg.norm(again.centre() - target), 1.5)
+        unmoved, _ = reading.read_mesh("x.msh", "m", "LPS")["left_lobe"]
+        self.assertLess(np.linalg.norm(pipeline.world(again.centre(), domain.origin) * 1e3 - unmoved.centre()), 1e-3)
+
+    def test_the_needle_starts_in_a_hole_of_the_template(self):
+        found, place = two_halves()
+        inputs.write_nrrd("x.seg.nrrd", found, place, NAMES)
+        _, _, domain, _ = self.make("x.seg.nrrd", "--roi", "Left lobe", "--nodes", "500", "--output", "x",
+                                    "--template=" + ",".join(map(str, MIDDLE + [1, 2, -80])))
+        position, way = self.start_of("x.yaml")
+        self.assertTrue(np.allclose(way, [0, 0, 1]))
+        hole = pipeline.patient(position, domain.origin) - (MIDDLE + [1, 2, -80])
+        self.assertTrue(np.allclose(hole[:2] / 5, np.rint(hole[:2] / 5), atol=1e-4))     # holes are 5 mm apart
+        self.assertLess(np.abs(pipeline.patient(position, domain.origin)[:2] - (MIDDLE[:2] + [9, 0])).max(), 3.0)      # the nearest
+        text = open("x.yaml", encoding="utf-8").read()
+        self.assertRegex(text, r"guides:\n  - name: template\n    origin: \[")
+        with self.assertRaisesRegex(Exception, "move --template"):
+            self.make("x.seg.nrrd", "--roi", "Left lobe", "--output", "x", "--template=" + ",".join(map(str, MIDDLE + [200, 2, -80])))
 
 
 class Random(unittest.TestCase):

@@ -5,7 +5,7 @@ import unittest
 import numpy as np
 
 import anatomy_cases  # noqa: F401  puts the sources on the path
-from anatomy import quality
+from anatomy import quality, relocate, shells
 
 REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
 # A cube's corner and its mirror image, on one face.
@@ -33,6 +33,32 @@ class Quality(unittest.TestCase):
         self.assertGreater(wedge(9.8).badness(), 1)
         self.assertLess(wedge(10.1).badness(), 1)
         self.assertGreater(wedge(160).badness(), 1)
+
+    @staticmethod
+    def ball(height):
+        """Tetrahedra around a node at this height in a cube of side 2."""
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)] + [[0, 0, height]], float)
+        faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
+        tets = np.column_stack([triangles, np.full(len(triangles), 8)])
+        return quality.Mesh(corners, tets, np.zeros(len(tets), int), ["x"], {"skin": shells.Shell(corners, triangles)})
+
+    def test_nodes_are_moved_to_widen_flat_angles(self):
+        """The node goes from near a face back to the middle, and the surface stays."""
+        mesh, held = self.ball(0.97), np.arange(9) < 8
+        corners = mesh.points.copy()
+        self.assertTrue(np.allclose(relocate.badness(corners[mesh.tets]).max(), mesh.badness()))
+        self.assertGreater(mesh.badness(), 2)
+        mesh.points = relocate.relocated(mesh, held)
+        self.assertLess(mesh.badness(), 1)
+        self.assertTrue(np.array_equal(mesh.points[held], corners[held]))
+        self.assertAlmostEqual(mesh.region_volume("x"), 8)      # none is inside out
+
+    def test_nodes_are_moved_until_angles_are_above_10_degrees(self):
+        mesh = next(m for m in map(self.ball, np.linspace(0.9, 0.7, 500)) if m.badness() < 0.999)
+        self.assertGreater(mesh.badness(), 0.99)      # a least angle of 9.94 to 10 degrees would be as good
+        mesh.points = relocate.relocated(mesh, np.arange(9) < 8)
+        self.assertLess(mesh.badness(), 0.99)
 
     def test_the_report_sets_the_papers_figures_beside(self):
         rows = quality.table(CORNERS, {"up": 0.125}, {"up": np.array([0.5, 1.5])})

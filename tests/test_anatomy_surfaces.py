@@ -76,6 +76,25 @@ class Surfaces(unittest.TestCase):
         organ = pipeline.organ_of_surface("x", "x", False, shells.from_vtk(mended), notes)
         self.assertAlmostEqual(organ.volume / sphere.volume(), 1, delta=0.02)
 
+    def test_triangles_in_any_order_become_a_surface_with_normals_outward(self):
+        sphere = self.coarse_sphere()
+        flipped = np.random.default_rng(1).uniform(size=len(sphere.triangles)) < 0.5
+        mixed = shells.Shell(sphere.points, np.where(flipped[:, None], sphere.triangles[:, ::-1], sphere.triangles))
+        self.assertLess(mixed.volume(), 0.5 * sphere.volume())
+        for found in (shells.oriented(mixed), shells.all_parts(mixed)[0], shells.from_vtk(shells.mended(shells.to_vtk(mixed))[0])):
+            self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
+
+    def test_a_cavity_is_no_part_of_a_surface_from_a_file(self):
+        sphere = self.coarse_sphere()
+        island = shells.Shell(sphere.points * 0.2, sphere.triangles)        # in the cavity
+        for inner in (sphere.scaled(0.5), shells.Shell(sphere.scaled(0.5).points, sphere.triangles[:, ::-1])):
+            hollow, _ = shells.mended(shells.to_vtk(shells.joined([island, inner, sphere])))
+            hollow = shells.from_vtk(hollow)
+            self.assertAlmostEqual(hollow.signed_volume() / sphere.volume(), 1 - 0.5 ** 3 + 0.2 ** 3, places=3)
+            self.assertEqual((shells.distances(hollow, np.array([[0, 0, 0], [7, 0, 0], [15.0, 0, 0], [25.0, 0, 0]])) < 0).tolist(),
+                             [True, False, True, False])
+            self.assertIn("2 separate parts", " ".join(pipeline.organ_of_surface("x", "x", False, hollow).notes))
+
     def test_a_surface_that_crosses_itself_is_told_with_the_volume(self):
         sphere = self.coarse_sphere()
         crossed = shells.Shell(sphere.points.copy(), sphere.triangles)
@@ -114,6 +133,52 @@ def is_watertight(shell):
 
 class Shared(unittest.TestCase):
     """Regions that touch."""
+
+    def test_a_void_may_touch_the_outer_surface_at_a_point(self):
+        points = np.array([[x, y, z] for x in (0, 3) for y in (0, 3) for z in (0, 3)] + [[1, 1, 1], [1, 2, 1], [2, 1, 1]], float)
+        faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        outer = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
+        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # its apex is a corner of the cube
+        size = shells.Shell(points, np.array(void)).signed_volume()
+        void = void if size < 0 else [t[::-1] for t in void]
+        triangles = np.array(outer + void)
+        found = labels.with_voids(labels.Complex(points, triangles, np.column_stack([np.zeros(len(triangles), int), np.full(len(triangles), -1)]), [0]))
+        self.assertEqual(found.cells, [0, labels.OUTSIDE])
+        self.assertEqual(found.sides[:, 1].tolist(), [-1] * 12 + [1] * 4)
+
+    @staticmethod
+    def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
+        """A block with a slot from above, 2 * narrow wide, which ends above the bottom; as a complex."""
+        x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
+        y = np.linspace(-half, half, count)
+        cells = np.zeros((2 * count - 1, count - 1, 2), bool)
+        cells[:, :, 0] = True
+        cells[:, :, 1] = np.arange(2 * count - 1)[:, None] != count - 1
+        z = np.array([-high, 0.0, high])
+        number = np.arange(len(x) * len(y) * len(z)).reshape(len(x), len(y), len(z))
+        points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+        faces, filled = [], np.pad(cells, 1)
+        for axis in range(3):
+            for i, j, k in np.argwhere(np.diff(filled.astype(int), axis=axis) != 0):
+                at = np.array([i, j, k])
+                outward = filled[i, j, k]       # along the axis
+                first = at + np.eye(3, dtype=int)[axis] - 1
+                u, v = np.eye(3, dtype=int)[[a for a in range(3) if a != axis]]
+                a, b, c, d = (number[tuple(p)] for p in (first, first + u, first + u + v, first + v))
+                turn = bool(outward) == (axis != 1)
+                faces += [(a, b, c), (a, c, d)] if turn else [(a, c, b), (a, d, c)]
+        used, triangles = np.unique(np.array(faces), return_inverse=True)
+        triangles = triangles.reshape(-1, 3)
+        return labels.Complex(points[used], triangles, np.column_stack([np.zeros(len(triangles), int), np.full(len(triangles), -1)]), [0])
+
+    def test_a_correction_of_the_volume_does_not_close_a_narrow_channel(self):
+        block = self.channelled()
+        whole = block.volume(0)
+        self.assertAlmostEqual(whole / (60 * 60 * 60 - 60 * 30), 1, delta=1e-9)
+        self.assertEqual(list(shells.crossings([block.surface(0)])), [])
+        made = labels.corrected(block, {0: 1.08 * whole})      # by more than half of the slot's width
+        self.assertAlmostEqual(made.volume(0) / whole, 1.08, delta=1e-5)
+        self.assertEqual(list(shells.crossings([made.surface(0)])), [])
 
     @staticmethod
     def box(low, high):

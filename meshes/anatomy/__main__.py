@@ -25,7 +25,7 @@ def read_all(given):
         return {name: segment.code for name, segment in found.segments.items()}, found
     unit = given.unit or "mm"
     if len(given.input) == 1 and kinds <= set(reading.MESHES) and not limits.run(f"reading {first}", reading.is_surface, first):
-        return limits.run(f"reading {first}", reading.read_mesh, first, unit, given.frame, given.labels, names), None
+        return limits.run(f"reading {first}", reading.read_mesh, first, given.unit, given.frame, given.labels, names), None
     if kinds <= {*reading.SURFACES, ".vtk"}:
         paths = {}
         for path in given.input:
@@ -100,21 +100,24 @@ def run(given):
         print("anatomy: --picture shows outlines, which surfaces do not have: no picture is written", file=sys.stderr)
     entry, target = (None if point is None else np.array(point) for point in (given.entry, given.target))
     along_z, tube = (None, given.corridor[0]) if given.corridor and len(given.corridor) == 1 else (given.corridor, None)
-    plan = pipeline.Plan(given.margin, entry, target, tube, skin)
+    plate = given.template and approach.Template(*map(np.array, given.template))
+    plan = pipeline.Plan(given.margin, entry, target, tube, skin, plate)
     path = given.output + ".msh"
     mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, along_z and [v * 1e-3 for v in along_z], path, given.crop, plan)
     try:
         start = approach.start_in(mesh, *domain.path, organs[0].name)
+        if plate:
+            approach.check_template(plate, pipeline.patient(start.entry, domain.origin))
     except contours.Unusable:
         os.remove(path)
         raise
-    write_texts(given, own, [*organs, *([skin] if skin else [])], domain, (mesh, outlined, start))
+    write_texts(given, own, [*organs, *([skin] if skin else [])], domain, (mesh, outlined, start, plate))
     return organs, mesh, domain, outlined
 
 
 def write_texts(given, own, organs, domain, made):
-    """`organs`: with the body. made: the mesh, the outlines' volumes, and the needle's start."""
-    mesh, outlined, start = made
+    """`organs`: with the body. made: the mesh, the outlines' volumes, the needle's start, and the template or None."""
+    mesh, outlined, start, plate = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]
     title = os.path.basename(given.output)
     soft, bones = [organ.name for organ in organs if not organ.bone], any(organ.bone for organ in organs)
@@ -125,7 +128,7 @@ def write_texts(given, own, organs, domain, made):
     found = {organ.name: materials.find(organ.roi, organ.kind, own) for organ in organs}
     found["surrounding"] = materials.find(skin[0].roi if skin else "surrounding", "", own)
     matrix = pipeline.patient_to_mesh(domain.origin)
-    write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls, found=found, matrix=matrix, start=start,
+    write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls, found=found, matrix=matrix, start=start, template=plate,
                                              wall_of={organ.name: pipeline.surface_name(organ, organs) for organ in organs}))
     quality.draw(mesh, given.output + "-quality.svg")
     notes = [note for organ in organs + skin for note in organ.notes]

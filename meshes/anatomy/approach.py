@@ -12,6 +12,9 @@ NEEDLE = 0.2            # m, length of the scene's needle
 SAMPLES = 14            # along each side of a region's box, to find its deepest point
 CANDIDATES = 400        # entries that are tried, nearest first
 FAR = 1e3               # mm: longer than any path
+HOLES, HOLE_SPACING = 13, 5.0       # of a template, along each side; mm
+THICKNESS = 20.0        # mm, of a template
+BEHIND = 5.0            # mm from a template to the skin of a box
 
 
 @dataclasses.dataclass
@@ -24,6 +27,25 @@ class Path:
     def direction(self):
         way = self.target - self.entry
         return way / np.linalg.norm(way)
+
+
+@dataclasses.dataclass
+class Template:
+    """A plate with HOLES x HOLES holes. DICOM mm."""
+    origin: np.ndarray       # the middle of the holes, on the face where needles enter
+    normal: np.ndarray       # unit; needles pass in this direction
+
+    def along(self):
+        """Columns are counted to the patient's right, as far as the plate's direction lets them."""
+        right = np.array([-1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, -1.0, 0])
+        right -= (right @ self.normal) * self.normal
+        return right / np.linalg.norm(right)
+
+    def holes(self):
+        """(n, 3) on the front face."""
+        steps = HOLE_SPACING * (np.arange(HOLES) - (HOLES - 1) / 2)
+        u, v = np.meshgrid(steps, steps)
+        return self.origin + u.reshape(-1, 1) * self.along() + v.reshape(-1, 1) * np.cross(self.normal, self.along())
 
 
 def locator_of(shell):
@@ -74,6 +96,33 @@ def through_skin(target, skin, bones):
     return Path(entry, target, False)
 
 
+def through_template(template, target, bones):
+    """Where the needle leaves a template for the skin, and the point of its way nearest to the target. Of the holes whose way there meets no bone, the nearest."""
+    holes = template.holes()
+    ahead = (target - holes) @ template.normal
+    least = THICKNESS + BEHIND
+    if ahead.max() < least:
+        raise Unusable("needle", f"the template's holes do not lead to the target: it is {ahead.max():.0f} mm beyond the face where needles enter: turn --template")
+    targets = holes + ahead[:, None] * template.normal
+    locators = [locator_of(bone) for bone in bones]
+    order = np.argsort(np.linalg.norm(targets - target, axis=1), kind="stable")
+    free = [k for k in order if all(hit_in(locator, holes[k], targets[k]) is None for locator in locators)]
+    chosen = free[0] if free else order[0]
+    aside = np.linalg.norm(targets[chosen] - target)
+    if aside > HOLES * HOLE_SPACING:
+        raise Unusable("needle", f"the template's nearest hole passes the target {aside:.0f} mm aside: move --template")
+    return holes[chosen] + least * template.normal, targets[chosen]
+
+
+def on_skin(skin, entry, target):
+    """Where the way from before a template's hole first meets the skin."""
+    way = (target - entry) / np.linalg.norm(target - entry)
+    met = [point for point in (first_hit(shell, entry - (BEHIND - 1e-3) * way, target) for shell in skin) if point is not None]
+    if not met:
+        raise Unusable("needle", "the way through the template does not meet the skin: it starts in the body, or leads past it: move --template")
+    return min(met, key=lambda point: (point - entry) @ way)
+
+
 def through_face(target, low, high, bones):
     """The path through a box's low z face: along z, or with the least tilt at which no bone is in the way."""
     x, y = np.meshgrid(np.linspace(low[0] + 5, high[0] - 5, 15), np.linspace(low[1] + 5, high[1] - 5, 15))
@@ -117,3 +166,12 @@ def start_in(mesh, entry, target, gland):
     if np.linalg.norm(target - skin) > NEEDLE:
         depth += f"; its target is {1e3 * np.linalg.norm(target - skin):.0f} mm deep, and the needle {1e3 * NEEDLE:.0f} mm long"
     return Start(skin - (NEEDLE + AHEAD) * way, orientation(way), skin, depth)
+
+
+def check_template(template, skin):
+    """`skin`: where the needle enters it, DICOM mm."""
+    ahead = (skin - template.origin) @ template.normal
+    if ahead < THICKNESS:
+        raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")
+    if ahead > 1e3 * NEEDLE:
+        raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the template, and the needle is {1e3 * NEEDLE:g} mm long: move --template closer")

@@ -33,6 +33,7 @@ REACH = 20                  # voxels around a cluster that are searched for the 
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
 CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
+UNFOLDINGS = 6              # attempts at volumes without crossing surfaces
 MOST_THIN = 0.10            # of a region: if more than that is thin, it keeps its thin parts
 FINE = 100                  # voxels along a surface that crosses itself
 OUTSIDE = -1                # of the cells: the tissue around
@@ -332,10 +333,13 @@ def complex_of(points, tets, labels):
 
 
 def with_voids(found):
-    """The same with a cell for each void enclosed by regions."""
+    """The same with a cell for each void enclosed by regions, which may touch the outer surface at a point."""
     open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
     corners = found.triangles[open_]
-    part = connected(len(found.points), np.concatenate([corners[:, :2], corners[:, 1:]]))[corners[:, 0]]
+    edges = np.sort(np.concatenate([corners[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    order = np.lexsort(edges.T)
+    same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
+    part = connected(len(corners), np.column_stack([order[1:][same], order[:-1][same]]) % len(corners))
     sides, cells = found.sides.copy(), list(found.cells)
     for root in np.unique(part):
         mine = part == root
@@ -346,9 +350,26 @@ def with_voids(found):
 
 
 def corrected(made, volumes):
-    """Moves the points as little as possible to give the regions these volumes: {region: volume}."""
+    """Moves the points as little as possible to give the regions these volumes: {region: volume}. Where that makes surfaces cross, as in a narrow
+    channel, the points stay, and the others are moved more."""
     if not volumes:
         return made
+    free = np.ones(len(made.points))
+    for number in range(UNFOLDINGS):
+        result = with_volumes(made, volumes, free)
+        pairs = list(shells.crossing_pairs(Shell(result.points, result.triangles)))
+        if not pairs:
+            break
+        held = np.zeros(len(free), bool)
+        held[np.concatenate([corners for _, *both in pairs for corners in both])] = True
+        for _ in range(number):     # and their neighbours
+            held[made.triangles[held[made.triangles].any(axis=1)]] = True
+        free[held] = 0
+    return result
+
+
+def with_volumes(made, volumes, free):
+    """`free`: weight (n,) of each point, 0: it stays."""
     wanted = np.array([volumes[k] for k in sorted(volumes)])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -359,7 +380,7 @@ def corrected(made, volumes):
         if np.abs(missing / wanted).max() < 1e-6:
             break
         rows = np.array([g.ravel() for g in gradients])
-        light = rows / np.repeat(weight, 3)
+        light = rows * np.repeat(free / weight, 3)
         move = np.linalg.lstsq(rows @ light.T, missing, rcond=1e-9)[0] @ light
         made = dataclasses.replace(made, points=made.points + move.reshape(-1, 3))
     return made

@@ -10,7 +10,7 @@ import tempfile
 import gmsh
 import numpy as np
 
-from . import labels, limits, quality, session
+from . import labels, limits, quality, relocate, session
 from .contours import Unusable
 from .loft import mesh_shell
 from .session import current_mesh
@@ -70,7 +70,7 @@ class Region:
 
 @dataclasses.dataclass
 class Domain:
-    """The domain to be meshed, in a box with the skin in front (z = 0): bodies that do not touch, or `regions` that may."""
+    """The domain to be meshed, in a box with the skin on one face: bodies that do not touch, or `regions` that may."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
@@ -84,6 +84,7 @@ class Domain:
     tube: float = None       # m: radius around the path with smaller elements
     skin: bool = False       # the last region is the body around the others, and there is no box: the rest is air
     crop: tuple = None       # low, high: regions are cut off outside
+    front: str = "z-"        # face of the box that is the skin
     image: tuple = None      # of the regions, and their losses to each other: see labels.image_for
 
     def parents(self):
@@ -185,6 +186,16 @@ def add_box(low, high):
             loop = geo.addCurveLoop([line(points[n], points[(n + 1) % 4]) for n in range(4)])
             faces["xyz"[axis] + "-+"[side]] = geo.addPlaneSurface([loop])
     return faces
+
+
+def face_name(axis, side):
+    return "xyz"[axis] + ("-" if side < 0 else "+")
+
+
+def fixed_faces(front):
+    """Of a box with this skin: the opposite face and the back, on which the patient lies; if the back is the skin, the face toward the head."""
+    opposite = front[0] + ("+" if front[1] == "-" else "-")
+    return sorted({opposite, "z+" if front == "y-" else "y-"}, reverse=True)
 
 
 def build(domain, fine):
@@ -304,7 +315,7 @@ def fill(domain, points, patches, names, hollow, formula):
     if faces:
         volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(labels.OUTSIDE)])])))
     geo.synchronize()
-    name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches)], faces)
+    name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches)], faces, domain.front)
     set_sizes(formula)
     gmsh.model.mesh.generate(3)
     if any(len(gmsh.model.mesh.getElementsByType(4, volume)[0]) == 0 for _, volume in volumes):
@@ -314,17 +325,17 @@ def fill(domain, points, patches, names, hollow, formula):
         gmsh.model.mesh.optimize("Relocate3D")
 
 
-def name_groups(volumes, surfaces, faces):
-    """Both: (name, tag)."""
+def name_groups(volumes, surfaces, faces, front):
+    """volumes, surfaces: (name, tag). faces: name -> tag, of the box; front: which of them is the skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
     if faces:
-        groups[2, "skin"] = [faces["z-"]]
+        groups[2, "skin"] = [faces[front]]
     for name, tag in surfaces:
         groups.setdefault((2, name), []).append(tag)
     if faces:
-        groups[2, "fixed"] = [faces["z+"], faces["y-"]]
+        groups[2, "fixed"] = [faces[name] for name in fixed_faces(front)]
     for number, ((dimension, name), tags) in enumerate(groups.items(), 1):
         gmsh.model.addPhysicalGroup(dimension, tags, number)
         gmsh.model.setPhysicalName(dimension, number, name)
@@ -347,8 +358,30 @@ def attempt(domain, fine, path):
     """Runs in a separate process."""
     session.start()
     shells, lost = build(domain, fine)
+    mesh = current_mesh()
+    if domain.regions:
+        move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
     gmsh.write(path)
-    return Attempt(current_mesh(), shells, lost)
+    return Attempt(mesh, shells, lost)
+
+
+def held_points(domain, mesh):
+    """Mask of the points on the block's faces, which must stay plane."""
+    if not domain.skin:
+        near = 1e-6 * math.dist(domain.low, domain.high)
+        return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
+    held = np.zeros(len(mesh.points), bool)
+    if "fixed" in mesh.surfaces:
+        held[np.unique(mesh.surfaces["fixed"].triangles)] = True
+    return held
+
+
+def move_nodes(mesh, points):
+    """In Gmsh's current model, and in `mesh`, which was made from it."""
+    tags = gmsh.model.mesh.getNodes()[0]
+    for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
+        gmsh.model.mesh.setNode(tags[n], points[n], [])
+    mesh.points[:] = points      # its surfaces have the same points
 
 
 def generate(domain, nodes, path):

@@ -20,6 +20,18 @@ def point(text):
     return values
 
 
+def template(text):
+    """Position and unit direction."""
+    values = text.split(",")
+    if len(values) not in (3, 6):
+        raise argparse.ArgumentTypeError(f"{text}: expected X,Y,Z or X,Y,Z,NX,NY,NZ")
+    origin, normal = point(",".join(values[:3])), point(",".join(values[3:] or ["0", "0", "1"]))
+    length = math.hypot(*normal)
+    if length < 1e-6:
+        raise argparse.ArgumentTypeError(f"{text}: the direction has no length")
+    return origin, [value / length for value in normal]
+
+
 def parse(arguments, version=None):
     """Arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -43,6 +55,8 @@ def parse(arguments, version=None):
     add("--skin", metavar="NAME", help="region whose surface is the skin, as BODY; it is cut to a block around the others (default: the face of a box)")
     add("--entry", type=point, metavar="X,Y,Z", help="where the needle goes through the skin (default: the nearest place without bone in the way)")
     add("--target", type=point, metavar="X,Y,Z", help="where the needle goes to (default: the middle of the first region)")
+    add("--template", type=template, metavar="X,Y,Z[,NX,NY,NZ]", help="a template of 13 x 13 holes, 5 mm apart: the middle of the holes on the face where "
+        "needles enter, and the direction in which they pass (default 0,0,1: to the head); the needle starts in the hole nearest to the target")
     add("--margin", type=float, default=25.0, metavar="MM", help="tissue around the first region, and with --skin around all (default 25)")
     add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
     add("--progress", action="store_true", help="say on stderr which stage begins")
@@ -62,4 +76,6 @@ def parse(arguments, version=None):
         parser.error("--margin must be from 5 to 500 mm")
     if given.entry and given.target and math.dist(given.entry, given.target) < 1:
         parser.error("--entry and --target are the same point")
+    if given.entry and given.template:
+        parser.error("--entry and --template both say where the needle goes in: give one of them")
     return given

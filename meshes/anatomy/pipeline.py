@@ -26,7 +26,7 @@ FEW = 4                 # edges that may be longer
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
 LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
-STEEPEST = 0.2          # cosine between a needle and the normal of a box's skin, at least
+FEET = 2, -1            # axis and side of a box: its face toward the feet
 SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
 
 
@@ -60,6 +60,7 @@ class Plan:
     target: np.ndarray = None    # and where to
     tube: float = None           # radius around the needle's path with smaller elements
     skin: Organ = None           # the body, whose surface is the skin; None: a box
+    template: approach.Template = None      # the needle goes through one of its holes
 
 
 def region_names(rois):
@@ -121,7 +122,7 @@ def organ_of_label(roi, name, bone, label, kind=""):
 
 
 def note_parts(organ):
-    volumes = np.array([part.volume() for part in shells.all_parts(organ.shells[0])])
+    volumes = np.array([solid.volume() for solid in shells.solids(shells.all_parts(organ.shells[0]))])
     small = volumes < shells.SPLINTER * volumes.max()
     if len(volumes) > 1:
         organ.note(f"has {len(volumes)} separate parts" + (f", of which {np.count_nonzero(small)} of less than {100 * shells.SPLINTER:g} % of the "
@@ -179,39 +180,60 @@ def skin_surfaces(organ):
     return shells.outermost(smooth_surfaces(organ))
 
 
-def box_around(gland, bones, others, margin=MARGIN):
-    """Low and high corner, DICOM mm. The skin is the low z. Each: a list of shells. `margin`: around the gland."""
+def box_around(gland, bones, others, margin=MARGIN, face=FEET):
+    """Low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. Each: a list of shells. `margin`: around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
-    low, high = corners(gland)
-    low, high = low - [margin, margin, SKIN_DEPTH], high + margin
-    for found, beyond in ((bones, [OTHERS_MARGIN, OTHERS_MARGIN, EDGE]), (others, OTHERS_MARGIN)):
+
+    def beyond(usual, on_skin):
+        low, high = np.full(3, usual), np.full(3, usual)
+        (low if side < 0 else high)[axis] = on_skin
+        return low, high
+    axis, side = face
+    inner, outer = corners(gland)
+    below, above = beyond(margin, SKIN_DEPTH)
+    low, high = inner - below, outer + above
+    for found, at_skin in ((bones, EDGE), (others, OTHERS_MARGIN)):
         if found:
             inner, outer = corners(found)
-            low, high = np.minimum(low, inner - beyond), np.maximum(high, outer + OTHERS_MARGIN)
+            below, above = beyond(OTHERS_MARGIN, at_skin)
+            low, high = np.minimum(low, inner - below), np.maximum(high, outer + above)
     return low, high
 
 
 def path_and_block(surfaces, bones, others, plan):
-    """The needle's path, and the corners of the block of tissue: all DICOM mm. surfaces: of the gland."""
+    """The needle's path, the corners of the block of tissue, and the face of it that is the skin: all DICOM mm. surfaces: of the gland."""
     target = approach.middle_of(surfaces) if plan.target is None else plan.target
+    entry = plan.entry
+    if plan.template:
+        entry, target = approach.through_template(plan.template, target, bones)
     if plan.skin:
-        path = approach.through_skin(target, plan.skin.shells, bones) if plan.entry is None else approach.Path(plan.entry, target, True)
+        if plan.template:
+            entry = approach.on_skin(plan.skin.shells, entry, target)
+        path = approach.through_skin(target, plan.skin.shells, bones) if entry is None else approach.Path(entry, target, True)
         points = np.vstack([shell.points for shell in [*surfaces, *bones, *others]])
         ends = np.array([path.entry, target])
-        return path, np.minimum(points.min(axis=0), ends.min(axis=0)) - plan.margin, np.maximum(points.max(axis=0), ends.max(axis=0)) + plan.margin
-    low, high = box_around(surfaces, bones, others, plan.margin)
-    if plan.entry is None:
-        return approach.through_face(target, low, high, bones), low, high
-    if target[2] - plan.entry[2] < STEEPEST * np.linalg.norm(target - plan.entry):
-        raise Unusable("needle", "the box's skin faces the feet, and the way from --entry to --target does not lead to the head: "
-                       "take the patient's own skin with --skin")
-    everything = np.vstack([shell.points for shell in [*surfaces, *bones, *others]])[:, 2].min() - EDGE
-    low[2] = min(plan.entry[2], everything)
-    entry = plan.entry + (low[2] - plan.entry[2]) / (target[2] - plan.entry[2]) * (target - plan.entry)
-    low[:2], high[:2] = np.minimum(low, entry - OTHERS_MARGIN)[:2], np.maximum(high, entry + OTHERS_MARGIN)[:2]
-    return approach.Path(entry, target, True), low, high
+        return path, np.minimum(points.min(axis=0), ends.min(axis=0)) - plan.margin, np.maximum(points.max(axis=0), ends.max(axis=0)) + plan.margin, FEET
+    if entry is None:
+        low, high = box_around(surfaces, bones, others, plan.margin)
+        return approach.through_face(target, low, high, bones), low, high, FEET
+    return path_through_face(entry, target, plan.margin, (surfaces, bones, others))
+
+
+def path_through_face(entry, target, margin, found):
+    """The box whose skin is the face through `entry` that the needle meets most squarely. `found`: surfaces, bones and others."""
+    way = target - entry
+    axis = int(np.argmax(np.abs(way)))
+    side = -int(np.sign(way[axis]))
+    low, high = box_around(*found, margin, (axis, side))
+    points = np.vstack([shell.points for shells_ in found for shell in shells_])[:, axis]
+    skin = min(entry[axis], points.min() - EDGE) if side < 0 else max(entry[axis], points.max() + EDGE)
+    (low if side < 0 else high)[axis] = skin
+    entry = entry + (skin - entry[axis]) / way[axis] * way
+    aside = np.arange(3) != axis
+    low[aside], high[aside] = np.minimum(low, entry - OTHERS_MARGIN)[aside], np.maximum(high, entry + OTHERS_MARGIN)[aside]
+    return approach.Path(entry, target, True), low, high, (axis, side)
 
 
 def kept_apart(organ, surfaces, before, gap):
@@ -234,15 +256,16 @@ def kept_apart(organ, surfaces, before, gap):
     return kept
 
 
-def origin_under(gland, low):
-    """DICOM mm: on the skin, below the gland's middle."""
+def origin_under(gland, low, high, face):
+    """DICOM mm: on the skin, a face of the box, in front of the gland's middle."""
     points = np.vstack([shell.points for shell in gland])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    return np.array([middle[0], middle[1], low[2]])
+    origin, (axis, side) = (points.min(axis=0) + points.max(axis=0)) / 2, face
+    origin[axis] = (low if side < 0 else high)[axis]
+    return origin
 
 
 def world(points, origin):
-    """Metres; x to the patient's right, y forward, z into the body from the skin."""
+    """Metres; x to the patient's right, y forward, z to the head."""
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
@@ -263,6 +286,16 @@ def patient_to_mesh(origin):
     return matrix
 
 
+TRANSFORM = "patient_to_mesh"    # in the comments of a mesh: sixteen numbers follow
+
+
+def write_transform(path, matrix):
+    """Appends a transform (4, 4) to a mesh, as comments, which Gmsh ignores."""
+    with open(path, "a", encoding="ascii") as file:
+        file.write(f"$Comments\nfrom DICOM's patient coordinates, mm, to those of this mesh, m, row by row:\n{TRANSFORM}\n")
+        file.write("".join(" ".join(f"{value + 0.0:.9g}" for value in row) + "\n" for row in matrix) + "$EndComments\n")
+
+
 def domain_of(organs, nodes, corridor, crop=False, plan=None):
     """The gland first. `crop`: the box holds the gland and the bones, not all regions. Returns the domain and region name -> volume of its
     outlines, m^3."""
@@ -275,10 +308,10 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
         if not found:
             raise Unusable(organ.roi, "it is too thin to be resolved")
     bones, others = ([s for organ, found in zip(organs[1:], surfaces[1:]) if organ.bone == bone for s in found] for bone in (True, False))
-    path, low, high = path_and_block(surfaces[0], bones, [] if crop else others, plan)
+    path, low, high, face = path_and_block(surfaces[0], bones, [] if crop else others, plan)
     cut = crop and any(np.any(s.points < low + EDGE) or np.any(s.points > high - EDGE) for s in others)
     gap = GAP * meshing.first_size(high - low, nodes)
-    origin = origin_under(surfaces[0], low) if not plan.skin else path.entry
+    origin = origin_under(surfaces[0], low, high, face) if not plan.skin else path.entry
 
     def placed(shell):
         return shells.Shell(world(shell.points, origin), shell.triangles)
@@ -287,7 +320,8 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
     reach = float(np.ptp(points, axis=0).max()) / 2 * 1e-3
     middle = world((points.min(axis=0) + points.max(axis=0)) / 2, origin)
     domain = meshing.Domain([], corners.min(axis=0), corners.max(axis=0), middle, reach, origin, corridor, gland=organs[0].name,
-                            path=tuple(world(np.array([path.entry, path.target]), origin)), tube=plan.tube and plan.tube * 1e-3)
+                            path=tuple(world(np.array([path.entry, path.target]), origin)), tube=plan.tube and plan.tube * 1e-3,
+                            front=meshing.face_name(face[0], face[1] * (-1 if face[0] < 2 else 1)))
     apart = not cut and not plan.skin and apart_surfaces(organs, surfaces, gap)
     outlined = {organ.name: organ.volume * 1e-9 for organ in organs}
     if not apart:
@@ -356,6 +390,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None):
         except Unusable:
             os.remove(path)
             raise
+        write_transform(path, patient_to_mesh(domain.origin))
         return made.mesh, domain, outlined
 
 

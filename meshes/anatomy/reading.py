@@ -161,13 +161,18 @@ def is_surface(path):
     return isinstance(data_of(path), vtk.vtkPolyData)
 
 
-def read_mesh(path, unit="mm", frame=None, array=None, names=None):
-    """Region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels."""
+def read_mesh(path, unit=None, frame=None, array=None, names=None):
+    """Region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh that this program made says where the
+    patient is, unless `unit` or `frame` do."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
-    sign = [1, 1, 1] if frame_of(path, frame) == "LPS" else [-1, -1, 1]
-    mesh.points = mesh.points * sign * UNITS[unit]
+    to_mesh = transform_in(path) if kind_of(path) == ".msh" and not unit and not frame else None
+    if to_mesh is None:
+        sign = [1, 1, 1] if frame_of(path, frame) == "LPS" else [-1, -1, 1]
+        mesh.points = mesh.points * sign * UNITS[unit or "mm"]
+    else:
+        mesh.points = (mesh.points - to_mesh[:3, 3]) @ np.linalg.inv(to_mesh[:3, :3]).T
     found = {}
     for name in mesh.regions:
         shell = mesh.boundary(name)
@@ -175,6 +180,17 @@ def read_mesh(path, unit="mm", frame=None, array=None, names=None):
         outward = shells.oriented(shells.Shell(mesh.points[used], numbers.reshape(-1, 3)))
         found[name] = outward, []
     return found
+
+
+def transform_in(path):
+    """The transform (4, 4) in the comments at the end of a mesh: see pipeline.write_transform. Or None."""
+    with open(path, "rb") as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(0, file.tell() - 4096))
+        said = re.search(rb"\npatient_to_mesh\s+([-+.\deE\s]+)\$EndComments", file.read())
+    values = [float(value) for value in said[1].split()] if said else []
+    matrix = np.array(values).reshape(4, 4) if len(values) == 16 else None
+    return matrix if matrix is not None and abs(np.linalg.det(matrix)) > 0 else None
 
 
 def gmsh_mesh(path):

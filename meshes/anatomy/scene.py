@@ -1,7 +1,9 @@
 """The scene that goes with a mesh."""
 import math
 
-from . import materials
+import numpy as np
+
+from . import approach, materials
 
 
 def number(value):
@@ -28,9 +30,20 @@ def place(matrix, start):
         f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]}}    # m, the tip is 1 mm before the skin"]
 
 
+def guide(template, matrix):
+    """Lines of a template of holes for a needle of 1.27 mm."""
+    turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
+    origin = matrix[:3] @ np.append(template.origin, 1.0)
+    return ["", "guides:", "  - name: template", f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",
+            f"    normal: [{listed(turn @ template.normal)}]", f"    along: [{listed(turn @ template.along())}]",
+            f"    columns: {approach.HOLES}", f"    rows: {approach.HOLES}", f"    spacing: {1e-3 * approach.HOLE_SPACING:g}",
+            "    hole_diameter: 1.5e-3", f"    thickness: {1e-3 * approach.THICKNESS:g}"]
+
+
 def text(title, mesh, soft, bones, walls, **more):
     """`soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the other surfaces. In `more`:
-    `found`: name -> Material, also of "surrounding"; `wall_of`: name of a region -> that of its surface; `matrix`, `start`: see place."""
+    `found`: name -> Material, also of "surrounding"; `wall_of`: name of a region -> that of its surface; `matrix`, `start`: see
+    place; `template`, or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
     lines = [f"# {title}", "# All values are in SI units, and assumptions; a key that is left out has its default (docs/reference/scene.md).", "",
@@ -50,4 +63,5 @@ def text(title, mesh, soft, bones, walls, **more):
     if quiet:
         lines += [f"# surfaces without resistance: {', '.join(quiet)}"]
     lines += ["", "fixed: [fixed, bone]            # bone holds the tissue around it; leave it out, and the tissue moves along it" if bones else "fixed: [fixed]"]
-    return "\n".join([*lines, *needle]) + "\n"
+    plate = guide(more["template"], more["matrix"]) if more.get("template") else []
+    return "\n".join([*lines, *needle, *plate]) + "\n"

@@ -104,9 +104,33 @@ def outermost(found):
     return kept
 
 
+def solids(found):
+    """Connected surfaces with normals outward -> one surface for each solid: its outer surface, and those of its cavities with normals into them."""
+    ordered, around = sorted(found, key=lambda part: -part.volume()), []
+    for n, part in enumerate(ordered):
+        around.append([k for k in range(n) if is_within(part, ordered[k])])
+    made = {n: [part] for n, part in enumerate(ordered) if len(around[n]) % 2 == 0}
+    for n, part in enumerate(ordered):
+        if len(around[n]) % 2:
+            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # the smallest around it
+    return [joined(parts_) for parts_ in made.values()]
+
+
+def is_within(part, other):
+    if np.any(part.points.min(axis=0) <= other.points.min(axis=0)) or np.any(part.points.max(axis=0) >= other.points.max(axis=0)):
+        return False
+    return bool(np.all(distances(other, part.points) < 0))
+
+
+def joined(found):
+    first = np.cumsum([0] + [len(shell.points) for shell in found])
+    return Shell(np.vstack([shell.points for shell in found]), np.vstack([shell.triangles + at for shell, at in zip(found, first)]))
+
+
 def oriented(shell):
-    """The surface with all normals outward."""
-    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False)
+    """A connected surface with all normals outward, whatever the order of each triangle's corners."""
+    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False,
+                         ComputeCellNormals=True)     # without either kind of normals VTK returns its input
     alike = from_vtk(pipe(to_vtk(shell), normals))
     return alike if alike.signed_volume() > 0 else Shell(alike.points, alike.triangles[:, ::-1])
 
@@ -120,13 +144,12 @@ def decimated(shell, triangles):
 
 
 def mended(surface):
-    """Cleans a surface from a file: points merged, holes filled, normals outward, triangles only. Returns it with remarks."""
+    """Cleans a surface from a file: points merged, holes filled, normals away from the solid, triangles only. Returns it with remarks."""
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
-    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, AutoOrientNormals=True, Splitting=False)
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
     merged = pipe(surface, triangles, configured(vtk.vtkCleanPolyData(), Tolerance=1e-5))
-    result = pipe(merged, holes, triangles.NewInstance(), normals)
-    notes, torn = [], open_edges(merged)
+    closed = all_parts(from_vtk(pipe(merged, holes, triangles.NewInstance())))
+    result, notes, torn = to_vtk(joined(solids(closed))), [], open_edges(merged)
     if torn and not open_edges(result):
         before, after = from_vtk(merged).about_middle(), from_vtk(result).volume()
         notes.append(f"holes of {torn} edges in all were closed, which changes its volume by {100 * (after / before - 1):+.2f} %")
@@ -150,11 +173,15 @@ def open_edges(surface):
 
 
 def crossings(shells):
-    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends (Moeller and
-    Trumbore 1997). VTK's locator finds the triangles whose boxes meet the edge's."""
-    first = np.append(0, np.cumsum([len(shell.points) for shell in shells]))
+    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends."""
     owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # of each point
-    whole = Shell(np.vstack([shell.points for shell in shells]), np.vstack([shell.triangles + at for shell, at in zip(shells, first)]))
+    for point, edge, triangle in crossing_pairs(joined(shells)):
+        yield point, owner[edge[0]], owner[triangle[0]]
+
+
+def crossing_pairs(whole):
+    """(point, edge, triangle) wherever an edge of the surface passes through one of its triangles that has neither of its ends (Moeller and
+    Trumbore 1997); edge and triangle: their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()
@@ -179,7 +206,7 @@ def crossings(shells):
         along, u, v = np.array([(ac * over).sum(axis=1), (offset * across).sum(axis=1), (over * way).sum(axis=1)]) / (ab * across).sum(axis=1)
         through = np.flatnonzero((along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1))
     for k in through:
-        yield start[k] + along[k] * way[k], owner[edges[k, 0]], owner[whole.triangles[triangles[k], 0]]
+        yield start[k] + along[k] * way[k], edges[k], whole.triangles[triangles[k]]
 
 
 def distances(shell, points):

@@ -187,7 +187,7 @@ def nrrd_segments(fields, layers, names):
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", 0))
         name = fields.get(f"Segment{n}_Name", f"Segment {n}")
-        code = re.search(r"TerminologyEntry:[^~]*~[^~]*~([^|]*)", fields.get(f"Segment{n}_Tags", ""))
+        code = re.search(r"TerminologyEntry:[^~]*~[^~]*~([^~|]*)", fields.get(f"Segment{n}_Tags", ""))
         if layer < len(layers) and np.any(layers[layer] == value):
             segments[unique(names.get(value, name), segments)] = Segment(layer, value, code[1].replace("^", " ") if code else "")
     if segments:
@@ -211,9 +211,15 @@ def read_seg(path, data):
     except Exception as error:  # of several kinds
         raise BadFile(f"{path}: its pixels cannot be read: {error}") from error
     try:
+        if "PerFrameFunctionalGroupsSequence" not in data:
+            raise BadFile(f"{path}: does not say where its frames are, as those of a microscope often do not: expected a segmentation of CT or MR")
         return map_of_frames(path, data, frames.reshape(-1, data.Rows, data.Columns))
     except (AttributeError, IndexError, KeyError, TypeError, ValueError, struct.error) as error:
         raise BadFile(f"{path}: damaged or incomplete: {error}") from error
+
+
+def has_group(data, frame, name):
+    return any(groups.get(name) for groups in (frame, data.get("SharedFunctionalGroupsSequence", [{}])[0]))
 
 
 def group(data, frame, name):
@@ -224,17 +230,30 @@ def group(data, frame, name):
     raise ValueError(f"no {name}")
 
 
+def step_between(apart, measures):
+    """mm between planes. Planes without a label may be left out, so the gaps between the others (apart) may all be wider."""
+    said = float(measures.get("SpacingBetweenSlices") or 0)
+    if not len(apart):
+        return said or float(measures.SliceThickness)
+    fits = said > 0 and np.all(np.abs(apart / said - np.rint(apart / said)) < 0.1)
+    return said if fits and apart.min() > 0.9 * said else float(apart.min())
+
+
 def map_of_frames(path, data, frames):
     each = data.PerFrameFunctionalGroupsSequence
     if len(each) != len(frames):
         raise ValueError(f"{len(frames)} frames, but {len(each)} entries about them")
+    if not (has_group(data, each[0], "PixelMeasuresSequence") and has_group(data, each[0], "PlaneOrientationSequence")
+            and has_group(data, each[0], "PlanePositionSequence")):
+        raise BadFile(f"{path}: its frames have no place in the patient, as those of a projection or of a microscope: expected a segmentation of CT or MR")
+    by_value = data.get("SegmentationType") == "LABELMAP"       # a pixel is its segment's number, and no frame belongs to one segment
     measures = group(data, each[0], "PixelMeasuresSequence")
     right, down = np.array(group(data, each[0], "PlaneOrientationSequence").ImageOrientationPatient, float).reshape(2, 3)
     normal = np.cross(right, down)
     corners = np.array([group(data, frame, "PlanePositionSequence").ImagePositionPatient for frame in each], float)
     heights = corners @ normal
     apart = np.diff(np.unique(np.round(heights, 3)))
-    step = float(apart.min()) if len(apart) else float(measures.get("SpacingBetweenSlices") or measures.SliceThickness)
+    step = step_between(apart, measures)
     planes = np.rint((heights - heights.min()) / step).astype(int)
     uneven = np.abs(heights - heights.min() - planes * step).max()
     if uneven > 0.25 * step or planes.max() > 5000:
@@ -247,11 +266,13 @@ def map_of_frames(path, data, frames):
     described = {int(item.SegmentNumber): item for item in data.SegmentSequence}
     layers, segments = {}, {}
     for n, frame in enumerate(each):
-        number = int(group(data, frame, "SegmentIdentificationSequence").ReferencedSegmentNumber)
-        if number not in described:
-            raise ValueError(f"a frame of segment {number}, which is not described")
-        layer = layers.setdefault(number, np.zeros((int(planes.max()) + 1, *frames.shape[1:]), np.uint8))
-        layer[planes[n]] |= (frames[n] > level).astype(np.uint8)
+        numbers = [int(v) for v in np.unique(frames[n]) if v] if by_value else [
+            int(group(data, frame, "SegmentIdentificationSequence").ReferencedSegmentNumber)]
+        for number in numbers:
+            if number not in described:
+                raise ValueError(f"a frame of segment {number}, which is not described")
+            layer = layers.setdefault(number, np.zeros((int(planes.max()) + 1, *frames.shape[1:]), np.uint8))
+            layer[planes[n]] |= (frames[n] == number if by_value else frames[n] > level).astype(np.uint8)
     kept = [number for number in sorted(layers) if layers[number].any()]
     if not kept:
         raise BadFile(f"{path}: all its segments are empty")
@@ -418,7 +439,7 @@ def outlined(map_, names):
             surfaces = zero_surface(refined(field, factors), spacing / np.array(factors[::-1]))
         offset = map_.place[:3] @ np.append(low[::-1] - stride * AROUND, 1.0)
         turn = map_.place[:3, :3] * stride / spacing
-        surfaces = [shells.oriented(Shell(s.points @ turn.T + offset, s.triangles)) for s in surfaces]
+        surfaces = shells.solids([shells.oriented(Shell(s.points @ turn.T + offset, s.triangles)) for s in surfaces])
         points = (face_points(np.pad(masks[name][window], 1)) + low[::-1] - 1) @ map_.place[:3, :3].T + map_.place[:3, 3]
         found[name] = Outlined(surfaces, points, np.count_nonzero(masks[name]) * map_.voxel(), notes)
     return found

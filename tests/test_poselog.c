@@ -255,8 +255,8 @@ static void commands_for_seeds_are_read(void **state) {
     lcm_eventlog_destroy(out);
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
     assert_true(log.count == 10 && log.command_count == 2 && log.skipped_commands == 3);
-    assert_true(log.commands[0].pose == 5 && log.commands[0].message.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].message.seeds == 3);
-    assert_true(log.commands[1].pose == 10 && log.commands[1].message.command == TROCAR_COMMAND_T_UNDO);
+    assert_true(log.commands[0].next_pose == 5 && log.commands[0].command.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].command.seeds == 3);
+    assert_true(log.commands[1].next_pose == 10 && log.commands[1].command.command == TROCAR_COMMAND_T_UNDO);
     pose_log_free(&log);
     overwrite(28 + 14, "\1\2\3\4", 4); /* of another version, which knew no seeds */
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);

@@ -107,7 +107,6 @@ try {
     await shoot('dose')
   })
 
-
   await driven('Undo takes the seed and its dose back', page, async () => {
     if (await page.evaluate('trocar.procedure.seeds.seeds.length > 0')) await page.keyboard.press('u') // else this is repeated
     await says('answer', /The last seed is taken back/)

@@ -325,6 +325,7 @@ export class Procedure {
   nextStep(tip, depth, chosen) {
     if (!this.hole) return 'Click on a hole in the image across, or type its name, such as C3.5.'
     const name = this.template.name(this.hole)
+    if (!this.drive.steering && depth > 0) return 'The needle is in the tissue. Press “Drive the needle” to take it there.'
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
     if (this.seeds.pending[chosen] > 0) {
       const rest = this.dropped?.depth == null ? this.seedLength : this.seedLength - (this.dropped.depth - depth)

@@ -18,7 +18,7 @@ enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHA
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
 /* Message types of older releases, which lack the last fields: `needle` of poses and wrenches, `server` of wrenches, and the
-   last four fields of a status. */
+   last five fields of a status, or only its `state`. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -26,7 +26,7 @@ typedef struct {
 
 static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
-static const older_type older_statuses[] = {{0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0xe428bcd4a42ff814, 4}, {0}};
+static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
 /* A log being read. */
 typedef struct {
@@ -181,7 +181,7 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
 }
 
 static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
-    trocar_needle_pose_t p;
+    trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
     return status == TROCAR_OK ? append_pose(r, &p, log, why) : status;
 }
@@ -202,6 +202,14 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return status;
 }
 
+static trocar_status append_command(const trocar_command_t *m, pose_log *log, report *why) {
+    void *commands = log->commands;
+    trocar_status status = make_room(&commands, log->command_count, sizeof *log->commands, why);
+    log->commands = commands;
+    if (status == TROCAR_OK) log->commands[log->command_count++] = (logged_command){.next_pose = log->count, .command = *m};
+    return status;
+}
+
 /* Notes a command that concerns seeds; one of another version, which has none, is ignored. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = context;
@@ -215,11 +223,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
         log->skipped_commands++;
         return TROCAR_OK;
     }
-    void *commands = log->commands;
-    status = make_room(&commands, log->command_count, sizeof *log->commands, why);
-    log->commands = commands;
-    if (status == TROCAR_OK) log->commands[log->command_count++] = (logged_command){m, log->count};
-    return status;
+    return append_command(&m, log, why);
 }
 
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
@@ -238,10 +242,10 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
 
 typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
 
-/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note` those of `noted`. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
+/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note`, if given, those of
+   `noted`. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
    if the log is complete). */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, const char *noted, take_event *note, void *log, report *cut,
-                              report *why) {
+static trocar_status read_log(const char *path, const char *channel, take_event *take, const char *noted, take_event *note, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -256,13 +260,54 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
         }
         bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
         if (wanted) status = take(&r, &h, log, why);
-        else if (status == TROCAR_OK && strcmp(h.channel, noted) == 0) status = note(&r, &h, log, why);
+        else if (status == TROCAR_OK && note && strcmp(h.channel, noted) == 0) status = note(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
         found |= wanted;
     }
     fclose(r.file);
     if (status != TROCAR_OK || found) return status;
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
+}
+
+/* Of all needles: each pose that is later than the last one of its needle and session. */
+static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = context;
+    trocar_needle_pose_t p = {0};
+    trocar_status status = read_pose(r, h, &p, why);
+    if (status != TROCAR_OK) return status;
+    const trocar_needle_pose_t *last = NULL;
+    for (int i = log->count - 1; i >= 0 && !last; i--)
+        if (log->poses[i].needle == p.needle) last = &log->poses[i];
+    if (last && ((p.session == last->session && p.seq <= last->seq) || p.utime <= last->utime)) {
+        log->skipped_old++;
+        return TROCAR_OK;
+    }
+    void *poses = log->poses;
+    status = make_room(&poses, log->count, sizeof *log->poses, why);
+    log->poses = poses;
+    if (status == TROCAR_OK) log->poses[log->count++] = p;
+    return status;
+}
+
+static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = context;
+    unsigned char data[DATA_MAX] = {0};
+    trocar_command_t m;
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status == TROCAR_OK) status = check_type(r, data, "command_t", __trocar_command_t_get_hash(), why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length != trocar_command_t_decode(data, 0, DATA_MAX, &m))
+        return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
+    if (m.needle < 0 || m.needle >= TROCAR_MAX_NEEDLES) return bad_event(r, "command for a needle that no scene has: the log is damaged", why);
+    return append_command(&m, log, why);
+}
+
+trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
+    *log = (pose_log){.needle = -1};
+    trocar_status status = read_log(path, POSE_CHANNEL, take_any_pose, COMMAND_CHANNEL, take_command, log, NULL, why);
+    if (status != TROCAR_OK) pose_log_free(log);
+    else log->needle = log->poses[0].needle;
+    return status;
 }
 
 /* `needle` -1: the needle of the first pose. */

@@ -16,10 +16,10 @@
 #define STATUS_CHANNEL "TROCAR_STATUS"
 #define COMMAND_CHANNEL "TROCAR_COMMAND"
 
-/* A command to drop or take back seeds, and the pose before which it came: the number of poses if it came after the last one. */
+/* A command, and the pose before which it came. */
 typedef struct {
-    trocar_command_t message;
-    int pose;
+    int next_pose;                /* the number of poses if it came after the last one */
+    trocar_command_t command;
 } logged_command;
 
 /* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
@@ -28,7 +28,7 @@ typedef struct {
     int count;
     trocar_needle_pose_t *poses;  /* count */
     int command_count;
-    logged_command *commands;     /* command_count, DROP_SEED and UNDO of the poses' session and needle, in order */
+    logged_command *commands;     /* command_count, in order: of all needles all, else DROP_SEED and UNDO of the poses' session and needle */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
     int64_t skipped_commands;     /* number of skipped commands of this kind that came from others, or before the first pose */
@@ -49,6 +49,9 @@ typedef struct {
    server 0's. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
+
+/* All needles' poses, in the order of the log, and the commands between them. */
+trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
 /* The same for a recording that is truncated or still being written: its complete events are read. `cut` says where the log ends
    within an event; it is empty if the log is complete. */

@@ -1,5 +1,6 @@
 /* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
-   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. */
+   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every needle
+   of the log is, and the commands that leave, take and remove them. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -30,8 +31,17 @@ typedef struct {
     double tolerance;        /* share of the peak */
     int needle;              /* index of the replayed needle; -1: the first pose's */
     int every;               /* only every Nth wrench is logged */
-    bool quiet, patient;
+    bool quiet, patient, all;
 } options;
+
+/* A needle of a log that is replayed with --all. */
+typedef struct {
+    bool begun;              /* it has been reset at a pose of `session` */
+    bool taken;              /* the next pose goes on from where it rested */
+    int64_t session, utime;  /* of its last pose */
+    bool clutched;           /* poses count from the first one after it was taken, `from`, */
+    pose from, to;           /* where its base was `to` */
+} replayed_needle;
 
 typedef struct {
     const options *options;
@@ -52,9 +62,9 @@ typedef struct {
     pvd_series series;
     int dump_tick;           /* tick whose state --vtu writes */
     int64_t logged;          /* events in log_file */
-    int next_command;        /* of the log */
-    int refused;             /* commands that the simulation refused, */
-    report refusal;          /* and why, of the first one */
+    int commands_done, refused; /* of the log's commands, */
+    report refusal;          /* and why, of the first one that was refused */
+    replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
 
@@ -62,13 +72,14 @@ typedef struct {
 
 enum {
     OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
-    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT, OPTION_SEEDS
+    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT, OPTION_SEEDS, OPTION_ALL
 };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene (required)", 0},
     {"poses", 'p', "FILE", 0, "LCM event log with poses on TROCAR_POSE (required)", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Replay only needle N of a log with several (default: the needle of the first pose)", 0},
+    {"all", OPTION_ALL, 0, 0, "Replay all needles of the log, and its commands: a whole implant (not with --needle, --every and --compare)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's", 0},
@@ -105,6 +116,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_REGION: o->region = text; break;
     case OPTION_SEEDS: o->seeds_path = text; break;
     case OPTION_PATIENT: o->patient = true; break;
+    case OPTION_ALL: o->all = true; break;
     case 'q': o->quiet = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
@@ -113,6 +125,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
         if (o->region && !o->shift_path) argp_error(state, "--region needs --shift");
         if (o->every && !o->log_path) argp_error(state, "--every needs --out");
+        if (o->all && (o->needle >= 0 || o->every || o->golden_path)) argp_error(state, "--all goes without --needle, --every and --compare");
         if (!isnan(o->tolerance) && !o->golden_path) argp_error(state, "--tolerance needs --compare");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -189,7 +202,7 @@ static trocar_status prepare(replay *r, report *why) {
     trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
     const options *o = r->options;
     if (status == TROCAR_OK)
-        status = pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
+        status = o->all ? pose_log_read_all(o->pose_path, &r->poses, why) : pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
     if (status == TROCAR_OK) status = find_dump_tick(r, why);
     if (status == TROCAR_OK && o->patient) {
         status = patient_frame_read(r->scene, &r->frame, why);
@@ -257,21 +270,25 @@ static trocar_status log_origin(replay *r, report *why) {
 
 static vec3 vector_of(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
+/* Of the simulation. */
+static int needle_of(const replay *r, int tick) { return r->options->all ? r->poses.poses[tick].needle : 0; }
+
 static void csv_tick(const replay *r, int tick) {
+    int needle = needle_of(r, tick);
     const trocar_output *w = &r->result;
     char events[256], key[64], membrane[256] = "";
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     events_text(w->events, membrane, events, sizeof events);
     double joints[TROCAR_MAX_JOINTS][3];
-    int count = trocar_sim_centreline(r->sim, 0, joints[0], TROCAR_MAX_JOINTS);
+    int count = trocar_sim_centreline(r->sim, needle, joints[0], TROCAR_MAX_JOINTS);
     vec3 force = axes_to_patient(r->patient, vector_of(w->force));
     vec3 torque = axes_to_patient(r->patient, vector_of(w->torque));
-    vec3 base = mesh_to_patient(r->patient, vector_of(trocar_sim_base(r->sim, 0).position));
+    vec3 base = mesh_to_patient(r->patient, vector_of(trocar_sim_base(r->sim, needle).position));
     vec3 tip = mesh_to_patient(r->patient, vector_of(joints[count - 1]));
     fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n",
             pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
-            r->poses.needle, trocar_sim_tip_lead(r->sim, 0), base.x, base.y, base.z, tip.x, tip.y, tip.z);
+            r->poses.poses[tick].needle, trocar_sim_tip_lead(r->sim, needle), base.x, base.y, base.z, tip.x, tip.y, tip.z);
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
@@ -299,31 +316,122 @@ static trocar_status add_to_series(replay *r, double time, report *why) {
     return pvd_take(&r->series, r->model, r->picture, &r->result, r->patient, time, why);
 }
 
-/* Drops a seed, or takes one back. As in the server, a command that is refused changes nothing. */
-static trocar_status obey(replay *r, const trocar_command_t *m, report *why) {
+/* ---- all needles ------------------------------------------------------------------------------------------------- */
+
+/* A resting needle is taken out of the tissue, and far away. */
+static trocar_status remove_needle(replay *r, int needle, report *why) {
+    if (trocar_sim_needle_state(r->sim, needle) != TROCAR_NEEDLE_RESTING) return TROCAR_OK;
+    trocar_pose base = trocar_sim_base(r->sim, needle);
+    vec3 axis = q_axis((quat){base.orientation[0], base.orientation[1], base.orientation[2], base.orientation[3]});
+    store_vec3(v3_axpy(-10.0, axis, vector_of(base.position)), base.position);
+    return trocar_sim_reset(r->sim, needle, &base, why);
+}
+
+static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why) {
+    int needle = r->options->all ? c->needle : 0;
+    trocar_status status;
+    switch (c->command) {
+    case TROCAR_COMMAND_T_DROP_SEED: return trocar_sim_drop_seeds(r->sim, needle, c->seeds, c->spacing, why);
+    case TROCAR_COMMAND_T_UNDO: return trocar_sim_undo_seed(r->sim, needle, why);
+    case TROCAR_COMMAND_T_LEAVE:
+        status = trocar_sim_leave(r->sim, needle, why);
+        return status == TROCAR_OK ? trocar_sim_work(r->sim, NULL, why) : status;
+    case TROCAR_COMMAND_T_TAKE:
+        status = trocar_sim_take(r->sim, needle, why);
+        if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
+        r->needles[needle].taken = status == TROCAR_OK;
+        return status;
+    case TROCAR_COMMAND_T_RESET:
+    case TROCAR_COMMAND_T_RELEASE:
+        r->needles[needle].begun = false;
+        return c->command == TROCAR_COMMAND_T_RESET ? remove_needle(r, needle, why) : TROCAR_OK;
+    default: return TROCAR_OK;
+    }
+}
+
+/* As in the server, a command that is refused changes nothing. */
+static trocar_status run_command(replay *r, const trocar_command_t *c, report *why) {
     report reason;
-    trocar_status status = m->command == TROCAR_COMMAND_T_UNDO ? trocar_sim_undo_seed(r->sim, 0, &reason)
-                                                               : trocar_sim_drop_seeds(r->sim, 0, m->seeds, m->spacing, &reason);
-    if (status != TROCAR_OK && r->refused++ == 0) r->refusal = reason;
+    trocar_status status = carry_out(r, c, &reason);
+    bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
+    if (status != TROCAR_OK && !refused) {
+        *why = reason;
+        return status;
+    }
+    if (refused && r->refused++ == 0) r->refusal = reason;
     if (!r->log_file.file || r->options->every) return TROCAR_OK;
     lcm_eventlog_t log = log_at(r);
     r->logged++;
-    return log_write_command(&log, m, r->options->log_path, why);
+    return log_write_command(&log, c, r->options->log_path, why);
 }
 
 /* The commands that came before this pose. */
-static trocar_status obey_before(replay *r, int pose, report *why) {
+static trocar_status run_commands(replay *r, int pose, report *why) {
     trocar_status status = TROCAR_OK;
-    for (; status == TROCAR_OK && r->next_command < r->poses.command_count && r->poses.commands[r->next_command].pose <= pose; r->next_command++)
-        status = obey(r, &r->poses.commands[r->next_command].message, why);
+    for (; status == TROCAR_OK && r->commands_done < r->poses.command_count && r->poses.commands[r->commands_done].next_pose <= pose; r->commands_done++)
+        status = run_command(r, &r->poses.commands[r->commands_done].command, why);
     return status;
+}
+
+/* As the server's haptic loop. A pose for a needle that rests is skipped: *dt is 0. */
+static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, double *dt, report *why) {
+    const trocar_needle_pose_t *m = &r->poses.poses[tick];
+    replayed_needle *n = &r->needles[m->needle];
+    pose hand = pose_of_message(m);
+    bool same = n->begun && m->session == n->session;
+    double since = same && !n->taken ? 1e-6 * (double)(m->utime - n->utime) : 1.0 / trocar_model_rate(r->model);
+    *dt = 0.0;
+    if (trocar_sim_needle_state(r->sim, m->needle) != TROCAR_NEEDLE_HELD) return TROCAR_OK;
+    *dt = fmin(since, POSE_LOG_GAP);
+    r->gaps += since > POSE_LOG_GAP;
+    if (n->taken) {
+        trocar_pose at = trocar_sim_base(r->sim, m->needle);
+        n->from = hand;
+        n->to = (pose){vector_of(at.position), {at.orientation[0], at.orientation[1], at.orientation[2], at.orientation[3]}};
+    }
+    n->clutched = n->taken || (same && n->clutched);
+    bool anew = !n->taken && !same;
+    n->begun = true;
+    n->taken = false;
+    n->session = m->session;
+    n->utime = m->utime;
+    if (n->clutched) {
+        quat turn = q_multiply(n->to.orientation, q_conjugate(n->from.orientation));
+        hand = (pose){v3_add(n->to.position, v3_sub(hand.position, n->from.position)), q_unit(q_multiply(turn, hand.orientation))};
+    }
+    *base = library_pose(hand);
+    return anew ? trocar_sim_reset(r->sim, m->needle, base, why) : TROCAR_OK;
+}
+
+static trocar_status check_needles(const replay *r, report *why) {
+    int needles = trocar_model_needles(r->model);
+    for (int i = 0; i < r->poses.count; i++)
+        if (r->poses.poses[i].needle >= needles)
+            return fail(why, TROCAR_BAD_INPUT, "%s: a pose of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.poses[i].needle, needles);
+    for (int i = 0; i < r->poses.command_count; i++)
+        if (r->poses.commands[i].command.needle >= needles)
+            return fail(why, TROCAR_BAD_INPUT, "%s: a command for needle %d: the scene's \"needles\" is %d", r->options->pose_path,
+                        r->poses.commands[i].command.needle, needles);
+    for (int i = 0; i < needles; i++) { /* outside, until its first pose */
+        trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
+        trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
+        if (status != TROCAR_OK) return status;
+    }
+    return TROCAR_OK;
 }
 
 static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
-    double dt = pose_log_interval(&r->poses, tick, trocar_model_rate(r->model), &r->gaps);
-    trocar_status status = obey_before(r, tick, why);
-    if (status == TROCAR_OK) status = trocar_sim_step(r->sim, 0, &base, dt, &r->result, why);
+    double dt = 0.0;
+    trocar_status status = run_commands(r, tick, why);
+    if (status != TROCAR_OK) return status;
+    if (r->options->all) {
+        status = follow_needle(r, tick, &base, &dt, why);
+        if (status != TROCAR_OK || dt == 0.0) return status;
+    } else {
+        dt = pose_log_interval(&r->poses, tick, trocar_model_rate(r->model), &r->gaps);
+    }
+    status = trocar_sim_step(r->sim, needle_of(r, tick), &base, dt, &r->result, why);
     if (status != TROCAR_OK) return status;
     if (r->csv_file.file) csv_tick(r, tick);
     if (r->shift_file.file) status = shift_tick(r, tick, why);
@@ -338,13 +446,13 @@ static trocar_status run_all(replay *r, report *why) {
     enum { LONG_LOG = 5000 };
     bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
     trocar_pose start = library_pose(pose_of_message(&r->poses.poses[0]));
-    trocar_status status = trocar_sim_reset(r->sim, 0, &start, why);
+    trocar_status status = r->options->all ? check_needles(r, why) : trocar_sim_reset(r->sim, 0, &start, why);
     if (status == TROCAR_OK && r->log_file.file) status = log_origin(r, why);
     for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
         status = run_tick(r, tick, why);
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
-    if (status == TROCAR_OK) status = obey_before(r, r->poses.count, why);
+    if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -357,7 +465,9 @@ static trocar_status run_all(replay *r, report *why) {
 }
 
 static void summarise(const replay *r) {
-    fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, pose_log_time(&r->poses, r->poses.count - 1));
+    double time = pose_log_time(&r->poses, r->poses.count - 1);
+    if (r->options->all) fprintf(stderr, "%d poses and %d commands, %d of them refused, over %.3f s\n", r->poses.count, r->commands_done, r->refused, time);
+    else fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, time);
     if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)
         fprintf(stderr, "%" PRId64 " poses of other needles and sessions skipped\n", r->poses.skipped_sessions);

@@ -93,7 +93,10 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     result->contacts = run->output.contacts;
     for (int tick = 1; result->time.count < wanted->ticks; tick++) {
         int64_t time;
-        trocar_status status = timed_step(run, displaced(from, way_after(wanted->motion, tick * wanted->dt)), &time, why);
+        double t = tick * wanted->dt;
+        pose base = displaced(from, way_after(wanted->motion, t));
+        base.orientation = q_multiply(base.orientation, q_exp(v3(0, 0, wanted->turn_rate * t)));
+        trocar_status status = timed_step(run, base, &time, why);
         if (status != TROCAR_OK || run->output.contacts != result->contacts) return status;
         record(&run->output, time, result);
     }
@@ -125,4 +128,13 @@ trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, co
     result->passes /= wanted->ticks;
     result->switches /= wanted->ticks;
     return status;
+}
+
+void tick_timing_add(tick_timing *sum, const tick_timing *part) {
+    double before = (double)sum->time.count, added = (double)part->time.count;
+    sum->passes = (sum->passes * before + part->passes * added) / (before + added);
+    sum->switches = (sum->switches * before + part->switches * added) / (before + added);
+    sum->contacts = part->contacts;
+    sum->unstable += part->unstable;
+    histogram_merge(&sum->time, &part->time);
 }

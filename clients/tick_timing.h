@@ -22,6 +22,7 @@ typedef struct {
     int contacts;            /* the needle is inserted until it has these; ticks are timed while it has as many, */
     int ticks;               /* and this is repeated until so many ticks have been timed */
     timed_motion motion;
+    double turn_rate;        /* rad/s, of the base about the needle's axis meanwhile */
 } timing_case;
 
 typedef struct {
@@ -34,5 +35,8 @@ typedef struct {
 /* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT if it meets fewer
    contacts than requested; the message says how many. */
 trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
+
+/* Adds the ticks of `part`. */
+void tick_timing_add(tick_timing *sum, const tick_timing *part);
 
 #endif

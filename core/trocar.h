@@ -87,7 +87,7 @@ enum {
     TROCAR_EVENT_TRACK_DROPPED = 1 << 13 /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */
 };
 
-enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 4, TROCAR_MAX_GUIDES = 8 };
+enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 32, TROCAR_MAX_GUIDES = 8 };
 enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /* contacts of all kinds that take part */
 
 /* One tick's result. */
@@ -309,6 +309,17 @@ typedef struct trocar_guide {
 TROCAR_API int trocar_model_guide_count(const trocar_model *model);
 TROCAR_API trocar_guide trocar_model_guide(const trocar_model *model, int index); /* all zero when out of range */
 
+/* The scene's ultrasound probe, the keys "probe.": a cylinder along its local +z, from its base, where the hand holds it, to its tip at z = length.
+   Returns 1 and the probe, or 0 when the scene has none. */
+typedef struct trocar_probe_shape {
+    double radius;           /* m */
+    double tip_radius;       /* m, of the rounded edge at its end */
+    double length;           /* m, from base to tip */
+    int32_t surface;         /* index of the region, a surface, that it presses */
+    int32_t reserved;        /* 0 */
+} trocar_probe_shape;
+TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape *shape);
+
 /* How volumetric strains are averaged (key "volumetric_strain"). 1 if around nodes, else 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
@@ -326,7 +337,11 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
    Several needles are ticked one after another, each with its own pose, by one thread. Each feels how the others displace the
    tissue, as of its last answer from the worker: in lockstep one step late, in real time as late as the worker, with changes of
    a force below 1 mN left out. All follow the tracks that any of them has cut. What is neglected: needles do not touch each other,
-   and needles in the same element of the mesh do not share the contact nodes in it. */
+   and needles in the same element of the mesh do not share the contact nodes in it.
+
+   A needle that is left rests: its base is free, and tissue and guides keep it where it is. What it costs a tick does not depend on how many
+   rest. Resting needles respond to what others do to the tissue as they do linearised about the equilibrium in which they were left,
+   and where friction gives way they slip, at 100 Hz. */
 typedef struct trocar_sim trocar_sim;
 
 /* Every needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
@@ -337,27 +352,72 @@ TROCAR_API void trocar_sim_free(trocar_sim *sim);
 /* The needle straight at `base`, and the tissue as if it had never been there: without its tracks, and without what relaxing tissue
    remembers of its forces. What other needles did stays, and so do seeds; those that are still in the needle stay in it. Where it lies in the tissue it counts as inserted along its
    axis, without force.
-   BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT */
+   One that rests is gone from the tissue.
+   BAD_INPUT for a needle that is none and for a pose that is not finite or not of unit length (1e-3). RT, but for one write() to an
+   eventfd. */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
 
 /* Lockstep, for planners and batches: a tick of `dt` seconds (above 0, at most 1), then the mesh update that it asked for, so that
-   the next tick has it. Deterministic. BAD_INPUT as in reset; NUMERIC when the mesh update fails. If the result is not finite, the
+   the next tick has it. Deterministic. Needles that were to be left or taken are so before the tick. BAD_INPUT as in reset, and for a
+   needle that rests; NUMERIC when the mesh update fails. If the result is not finite, the
    insertion starts over as in trocar_sim_tick, and the status is OK. */
 TROCAR_API trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output,
                                          trocar_error *error);
 
-/* Real time: the same tick with the newest answer of the worker. BAD_INPUT, and nothing is done, as in reset. NUMERIC when the
+/* Real time: the same tick with the newest answer of the worker. BAD_INPUT, and nothing is done, as in reset, and for a needle that rests or
+   that the worker has not handed over yet. NUMERIC when the
    result was not finite: the insertion has been reset at `base`, and the output is zero but for TROCAR_EVENT_UNSTABLE. RT, but for
    one write() to an eventfd when there is something new to ask of the worker. */
 TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
+
+/* Leaves a needle: the hand lets go of it, its base moves until no force is left on it (1 mN), and there it rests. The worker does that,
+   or in lockstep the next trocar_sim_step (of any needle) or trocar_sim_work; until then the needle is LEAVING. If it finds no
+   equilibrium, that call fails, and the needle is HELD as before. Around a needle that rests, relaxing tissue stays as it is, and goes on to
+   relax when the needle is taken. BAD_INPUT for a needle that is none, is not in the tissue, has buckled or rests already, and with a method of remeshing
+   other than nested and implicit. RT, but for one write() to an eventfd, and a copy of 150 kB. */
+TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error);
+
+/* Takes a needle that rests: it is TAKING until the worker, or in lockstep the next step, has handed it over. The first tick's pose should be
+   trocar_sim_base(), where the base then is. BAD_INPUT for a needle that is none or does not rest. RT, but for one write() to an
+   eventfd. */
+TROCAR_API trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error);
+
+typedef enum trocar_needle_state {
+    TROCAR_NEEDLE_HELD,      /* by whoever ticks it; and outside of the tissue */
+    TROCAR_NEEDLE_LEAVING,
+    TROCAR_NEEDLE_RESTING,
+    TROCAR_NEEDLE_TAKING
+} trocar_needle_state;
+
+/* HELD for a needle that is none. Ticking thread. RT */
+TROCAR_API trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle);
 
 /* Holds the base by a spring of this compliance, m/N, whose other end is at the pose given to each tick; 0, the default: rigidly.
    Stays until it is set again. For a host with a virtual coupling: solved together with the needle, the spring may be as stiff as it
    likes. RT */
 TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, double compliance);
 
-/* Where the base is: at the last pose given, moved by what the spring has yielded. RT */
+/* Where the base is: at the last pose given, moved by what the spring has yielded; of a needle that rests, where it has come to. RT */
 TROCAR_API trocar_pose trocar_sim_base(const trocar_sim *sim, int needle);
+
+/* Moves the probe. It presses the nodes of its surface without friction, and never pulls; needles feel how it displaces and holds the tissue.
+   The worker solves for that, at least 50 times a second if asked as often; in lockstep the next trocar_sim_step does, before its tick. The
+   newest pose counts. Keeps up with needles as those that rest do: what they push against it is found at 100 Hz. BAD_INPUT, and it stays
+   where it was, for a pose as in reset and if the scene has no probe. RT, but for one write() to an eventfd. */
+TROCAR_API trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, trocar_error *error);
+
+/* The probe as it was solved for last. */
+typedef struct trocar_probe {
+    trocar_pose base;
+    double force[3];         /* N, world frame: what the probe exerts on the hand that holds it */
+    double torque[3];        /* N m, world frame, about the base point */
+    int32_t contacts;        /* nodes of the surface that it presses, at most TROCAR_MAX_PRESSED */
+    int32_t placed;          /* 0: the scene has no probe, or no pose has been given yet; all else is 0 then */
+} trocar_probe;
+enum { TROCAR_MAX_PRESSED = 256 };
+
+/* Ticking thread. RT */
+TROCAR_API trocar_probe trocar_sim_probe(const trocar_sim *sim);
 
 /* What a call of trocar_sim_work did. */
 typedef struct trocar_work {
@@ -367,8 +427,9 @@ typedef struct trocar_work {
 } trocar_work;
 
 /* The worker's side, from one thread beside the ticking one: serves the newest request, if there is one, else looks a little
-   ahead along the needle's line. `work` may be NULL. May take long; allocates nothing but what a sparse inverse keeps. On an error
-   (NO_MEMORY, NUMERIC) the last answer stays in force. */
+   ahead along the needle's line. `work` may be NULL. May take long. Allocates when a needle is left or taken, and when
+   the probe presses other nodes, else nothing but what a
+   sparse inverse keeps. On an error (NO_MEMORY, NUMERIC) the last answer stays in force. */
 TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *work, trocar_error *error);
 
 /* ns since the oldest request that the tick has no answer to yet, by the simulation's clock; 0 when all are answered. Ticking
@@ -380,7 +441,7 @@ TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
 
 /* All that changes, as a block of `trocar_sim_state_size` bytes in the caller's memory: valid for any simulation of the same model, in
    this process. Between lockstep steps only. What follows a restore is what followed the save: to the bit with `remeshing: nested` on
-   a dense or condensed inverse, else to rounding. Restore allocates nothing. BAD_INPUT for a wrong size or another model's. */
+   a dense or condensed inverse where no needle rests, else to rounding. Restore allocates nothing where none rests. BAD_INPUT for a wrong size or another model's. */
 TROCAR_API size_t trocar_sim_state_size(const trocar_sim *sim);
 TROCAR_API trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error);
 TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error);
@@ -441,8 +502,8 @@ TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model);
 /* Drops a seed, or a strand of `count`, 1 to TROCAR_MAX_STRAND, `spacing` apart from centre to centre (m, at least a seed's length; 0: the
    scene's). The tip is now at the distal end of the first seed. The mandrin holds the seeds there while the needle is drawn back: each
    is left in the tissue, in a straight line along the needle's track, once the tip has passed its proximal end.
-   BAD_INPUT, and nothing changes: for a needle that is none, a wrong count or spacing, a tip outside of the tissue or not deep enough in
-   it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
+   BAD_INPUT, and nothing changes: for a needle that is none or has buckled, a wrong count or spacing, a tip outside of the tissue or not deep
+   enough in it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
    seeds are thicker than its needle. Between ticks, from the ticking thread. RT */
 TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
 
@@ -496,6 +557,9 @@ TROCAR_API double trocar_picture_tip_lead(const trocar_picture *picture, int nee
 /* As trocar_sim_seeds and trocar_sim_pending_seeds. RT */
 TROCAR_API int trocar_picture_seeds(const trocar_picture *picture, trocar_seed *seeds, int room);
 TROCAR_API int trocar_picture_pending_seeds(const trocar_picture *picture, int needle);
+
+/* As trocar_sim_probe. RT */
+TROCAR_API trocar_probe trocar_picture_probe(const trocar_picture *picture);
 
 /* As trocar_sim_displacements: the first call allocates. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error);

@@ -10,8 +10,9 @@
 #include "pose_arbiter.h"
 #include "safety_limits.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_probe_wrench_t.h"
 
-enum { COMMANDS = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
+enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
@@ -45,13 +46,15 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     if ((status = create_eventfd(&x->io_wake, why)) != TROCAR_OK) return status;
     if ((status = create_eventfd(&x->worker_wake, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->poses, sizeof(newest_poses), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->probe_poses, sizeof(probe_sample), why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->probe_wrenches, sizeof(trocar_probe_wrench_t), PROBE_WRENCHES, why)) != TROCAR_OK) return status;
     if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
-    if ((status = spsc_ring_create(&x->commands, sizeof(trocar_command_t), COMMANDS, why)) != TROCAR_OK) return status;
-    if ((status = spsc_ring_create(&x->answers, sizeof(command_answer), COMMANDS, why)) != TROCAR_OK) return status;
     size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->commands, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;
+    if ((status = spsc_ring_create(&x->replies, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->latencies, sizeof(int64_t), LATENCIES, why)) != TROCAR_OK) return status;
     return spsc_ring_create(&x->round_trips, sizeof(int64_t), LATENCIES, why);
 }
@@ -65,12 +68,14 @@ trocar_status exchange_create(exchange *x, trocar_model *model, report *why) {
 
 void exchange_free(exchange *x) {
     triple_buffer_free(&x->poses);
+    triple_buffer_free(&x->probe_poses);
+    spsc_ring_free(&x->probe_wrenches);
     views_free(&x->views);
     triple_buffer_free(&x->loops);
     triple_buffer_free(&x->intakes);
-    spsc_ring_free(&x->commands);
-    spsc_ring_free(&x->answers);
     spsc_ring_free(&x->wrenches);
+    spsc_ring_free(&x->commands);
+    spsc_ring_free(&x->replies);
     spsc_ring_free(&x->latencies);
     spsc_ring_free(&x->round_trips);
     if (x->io_wake >= 0) close(x->io_wake);

@@ -1,11 +1,9 @@
 /* Data shared by the server's threads:
 
-                    poses
-                 commands
+               poses, commands
      IO thread  ------------->  haptic thread  <--------->  worker
      (LCM)      <-------------  (the tick)      (inside the
-                  wrenches,         |            simulation)
-                  answers           |
+            wrenches, replies       |            simulation)
         | intakes                   | views, loops,            | latencies
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
@@ -23,17 +21,24 @@
 #include "trocar.h"
 #include "trocar_command_t.h"
 
-/* haptic -> IO: what became of a command */
-typedef struct {
-    trocar_command_t command;
-    bool refused;
-    char reason[256];
-} command_answer;
-
 /* IO -> haptic: the newest pose of each needle */
 typedef struct {
     pose_sample needles[TROCAR_MAX_NEEDLES];
 } newest_poses;
+
+/* IO -> haptic: the newest pose of the probe */
+typedef struct {
+    int64_t session;             /* its owner, 0: nobody */
+    int64_t seq;                 /* -1 before the first */
+    pose base;
+} probe_sample;
+
+/* IO -> haptic: what a client asks for of a needle; haptic -> IO: the same, and what has become of it */
+typedef struct {
+    trocar_command_t asked;
+    bool refused;
+    char why[256];
+} needle_command;
 
 /* One needle in a view_sample */
 typedef struct {
@@ -44,6 +49,7 @@ typedef struct {
     double energy, energy_lowest; /* J, from the hand into the coupling */
     double coupling_stiffness;   /* N/m, 0: rigid */
     int contacts;
+    int state;                   /* as in status_t */
 } needle_view;
 
 /* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
@@ -64,12 +70,13 @@ void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
     triple_buffer poses;          /* newest_poses */
+    triple_buffer probe_poses;    /* probe_sample */
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */
-    spsc_ring commands;          /* trocar_command_t: for the haptic thread to carry out */
-    spsc_ring answers;           /* command_answer */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
+    spsc_ring probe_wrenches;    /* trocar_probe_wrench_t */
+    spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */
     int io_wake, worker_wake;    /* eventfds, non-blocking; the latter stops the worker */

@@ -1,15 +1,19 @@
 #include "haptic.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #include "base/report.h"
 #include "messages.h"
+#include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
+#include "trocar_probe_wrench_t.h"
 
-enum { VIEWS_HZ = 60 };
+enum { VIEWS_HZ = 60, PROBE_HZ = 100, PROBE_LEAST_HZ = 10 };
 
 void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x) {
-    *h = (haptic){.sim = sim, .needle_count = needle_count, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x};
+    *h = (haptic){.sim = sim, .needle_count = needle_count, .limits = *limits, .period = 1.0 / rate_hz, .flags = flags, .exchange = x,
+                  .probe_seq = -1};
     atomic_init(&h->wind_down, false);
     trocar_sim_set_clock(sim, monotonic_ns);
 }
@@ -32,13 +36,109 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
+/* A hand has the needle: where it lay, or for a new insertion. RT */
+static void engage_needle(haptic *h, int needle) {
+    haptic_needle *n = &h->needles[needle];
+    if (!n->taken) reset_needle(h, needle);
+    n->taken = n->rests = false;
+}
+
+/* A hand that takes a needle is elsewhere: from then on the needle moves as the hand does, from where it lay. RT */
+static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
+    haptic_needle *n = &h->needles[needle];
+    pose_sample hand = *newest;
+    if (newest->held && newest->engagement != n->safety.engagement) {
+        n->clutched = n->taken;
+        trocar_pose base = trocar_sim_base(h->sim, needle);
+        const double *q = base.orientation;
+        n->from = newest->base;
+        n->to = (pose){load_vec3(base.position), {q[0], q[1], q[2], q[3]}};
+    }
+    if (!n->clutched) return hand;
+    quat turn = q_multiply(n->to.orientation, q_conjugate(n->from.orientation));
+    hand.base.position = v3_add(n->to.position, v3_sub(newest->base.position, n->from.position));
+    hand.base.orientation = q_unit(q_multiply(turn, newest->base.orientation));
+    return hand;
+}
+
+/* RT */
+static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
+    c->refused = refused;
+    snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
+    spsc_ring_push(&h->exchange->replies, c);
+    wake(h->exchange->io_wake);
+}
+
+/* Out of the tissue, and far away from it. RT */
+static trocar_status remove_needle(haptic *h, int needle, trocar_error *why) {
+    static const double AWAY = 10.0; /* m */
+    trocar_pose base = trocar_sim_base(h->sim, needle);
+    const double *q = base.orientation;
+    store_vec3(v3_axpy(-AWAY, q_axis((quat){q[0], q[1], q[2], q[3]}), load_vec3(base.position)), base.position);
+    return trocar_sim_reset(h->sim, needle, &base, why);
+}
+
+/* Seeds of a needle that has been held: before that, the simulation has put it anywhere. RT, but for the text of a refusal. */
+static trocar_status handle_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
+    if (h->needles[m->needle].safety.engagement == 0) return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
+    if (m->command == TROCAR_COMMAND_T_UNDO) return trocar_sim_undo_seed(h->sim, m->needle, why);
+    return trocar_sim_drop_seeds(h->sim, m->needle, m->seeds, m->spacing, why);
+}
+
+/* Starts what takes the worker some time; finish_command answers. RT, but for the text of a refusal. */
+static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
+    int needle = c->asked.needle;
+    haptic_needle *n = &h->needles[needle];
+    trocar_status status;
+    if (n->pending) return fail(why, TROCAR_BAD_INPUT, "another command is being carried out");
+    switch (c->asked.command) {
+    case TROCAR_COMMAND_T_LEAVE: status = trocar_sim_leave(h->sim, needle, why); break;
+    case TROCAR_COMMAND_T_TAKE: status = trocar_sim_take(h->sim, needle, why); break;
+    default: status = remove_needle(h, needle, why);
+    }
+    if (status != TROCAR_OK) return status;
+    n->rests = n->pending = true;
+    n->taken = false;
+    n->command = *c;
+    return TROCAR_OK;
+}
+
+/* RT, but for the text of a refusal. */
+static void start_command(haptic *h, needle_command *c) {
+    trocar_error why = {""};
+    bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO;
+    trocar_status status = seeds ? handle_seeds(h, &c->asked, &why) : hand_over_needle(h, c, &why);
+    if (seeds || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
+}
+
+/* RT */
+static void finish_command(haptic *h, int needle) {
+    haptic_needle *n = &h->needles[needle];
+    if (!n->pending) return;
+    trocar_needle_state state = trocar_sim_needle_state(h->sim, needle);
+    if (state == TROCAR_NEEDLE_LEAVING || state == TROCAR_NEEDLE_TAKING) return;
+    bool left = n->command.asked.command == TROCAR_COMMAND_T_LEAVE, refused = left && state == TROCAR_NEEDLE_HELD;
+    n->pending = false;
+    n->rests = !refused;
+    n->taken = n->command.asked.command == TROCAR_COMMAND_T_TAKE;
+    answer_command(h, &n->command, refused, refused ? "it finds no equilibrium when it is let go: draw it back a little" : "");
+}
+
+/* Starts one command a tick, so that a flood of them delays none. RT */
+static void follow_commands(haptic *h) {
+    needle_command c;
+    if (spsc_ring_pop(&h->exchange->commands, &c)) start_command(h, &c);
+    for (int i = 0; i < h->needle_count; i++) finish_command(h, i);
+}
+
 /* The simulation's answer to the newest pose; zero before the first one. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
     static const double LONGEST = 1.0; /* s, longest tick of the library */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
-    if (decision == SAFETY_ENGAGE) reset_needle(h, needle);
+    if (decision == SAFETY_ENGAGE) engage_needle(h, needle);
+    if (n->rests) return out;
     double compliance;
     pose hand = n->safety.base;
     trocar_pose rest = library_pose(coupling_hold(&n->coupling, h->limits.max_stiffness, hand, dt, &compliance));
@@ -76,26 +176,6 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Of a needle that has been held: before that, the simulation has put it anywhere. RT */
-static trocar_status carry_out(haptic *h, const trocar_command_t *m, trocar_error *why) {
-    if (m->needle < 0 || m->needle >= h->needle_count || h->needles[m->needle].safety.engagement == 0)
-        return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
-    if (m->command == TROCAR_COMMAND_T_UNDO) return trocar_sim_undo_seed(h->sim, m->needle, why);
-    return trocar_sim_drop_seeds(h->sim, m->needle, m->seeds, m->spacing, why);
-}
-
-/* Carries out one command a tick, so that a flood of them delays none. RT */
-static void obey(haptic *h) {
-    trocar_error why;
-    command_answer answer;
-    if (!spsc_ring_pop(&h->exchange->commands, &answer.command)) return;
-    answer.refused = carry_out(h, &answer.command, &why) != TROCAR_OK;
-    answer.reason[0] = '\0';
-    if (answer.refused) snprintf(answer.reason, sizeof answer.reason, "%.255s", why.text);
-    spsc_ring_push(&h->exchange->answers, &answer);
-    wake(h->exchange->io_wake);
-}
-
 /* Adds one needle's times before, in and after the simulation; `ticked`: whether the simulation was called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
@@ -108,23 +188,25 @@ static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, in
     h->stages[TROCAR_LOOP_TIMING_T_STAGE_OUTPUT] += monotonic_ns() - answered;
 }
 
-static needle_view view_of(const haptic_needle *n, const trocar_needle_wrench_t *message) {
+static needle_view view_of(const haptic *h, int needle, const trocar_needle_wrench_t *message) {
+    const haptic_needle *n = &h->needles[needle];
     return (needle_view){.engaged = n->safety.engagement != 0, .pose_utime = message->pose_utime, .flags = message->flags,
                          .saturated_ticks = n->saturated_ticks, .energy = n->coupling.energy, .energy_lowest = n->coupling.lowest,
-                         .coupling_stiffness = n->coupling.stiffness, .contacts = message->contacts};
+                         .coupling_stiffness = n->coupling.stiffness, .contacts = message->contacts,
+                         .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
     int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
-    bool engaged = false;
+    bool engaged = h->probe.placed != 0;
     for (int i = 0; i < h->needle_count; i++) engaged |= h->needles[i].safety.engagement != 0;
     if (!engaged || wake->tick % ticks_per_view != 0) return;
     view_sample *view = triple_buffer_slot(&h->exchange->views);
     view->tick = wake->tick;
     view->wrench_dropped = h->wrench_dropped;
     view->snapshot_age = 1e-9 * (double)trocar_sim_waiting(h->sim);
-    for (int i = 0; i < h->needle_count; i++) view->needles[i] = view_of(&h->needles[i], &messages[i]);
+    for (int i = 0; i < h->needle_count; i++) view->needles[i] = view_of(h, i, &messages[i]);
     trocar_sim_take_picture(h->sim, view->picture);
     triple_buffer_publish(&h->exchange->views);
 }
@@ -135,10 +217,11 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     haptic_needle *n = &h->needles[needle];
     int64_t began = monotonic_ns();
     safety_timing(&n->safety, wake->late, h->period);
-    safety_decision decision = safety_pose(&n->safety, &h->limits, newest, wake->now);
-    note_hand(h, &n->coupling, decision, newest);
+    pose_sample hand = hand_on_needle(h, needle, newest);
+    safety_decision decision = safety_pose(&n->safety, &h->limits, &hand, wake->now);
+    note_hand(h, &n->coupling, decision, &hand);
     int64_t asked = monotonic_ns();
-    trocar_output raw = run_simulation(h, needle, decision, newest, wake->elapsed);
+    trocar_output raw = run_simulation(h, needle, decision, &hand, wake->elapsed);
     int64_t answered = monotonic_ns();
 
     *message = message_of(h, needle, &raw, newest, wake->tick);
@@ -149,9 +232,41 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     store_vec3(force, message->force);
     store_vec3(torque, message->torque);
     coupling_send(&n->coupling, wake->tick, wake->now, force, torque);
-    send_wrench(h, message);
+    bool silent = needle > 0 && (n->safety.engagement == 0 || (n->rests && safety_at_rest(&n->safety)));
+    if (!silent) send_wrench(h, message);
     note_stages(h, decision != SAFETY_IDLE, began, asked, answered);
     return !(wind_down && safety_at_rest(&n->safety));
+}
+
+/* Is this tick one of so many a second? RT */
+static bool is_due(const haptic *h, int64_t tick, int hz) { return tick % (int64_t)fmax(1.0, 1.0 / (hz * h->period)) == 0; }
+
+static void send_probe(haptic *h, int64_t tick) {
+    const trocar_probe *now = &h->probe;
+    trocar_probe_wrench_t m = {.utime = wall_us(), .server = h->server, .tick = tick, .session = h->probe_session, .pose_seq = h->probe_seq,
+                               .contacts = now->contacts};
+    memcpy(m.position, now->base.position, sizeof m.position);
+    memcpy(m.orientation, now->base.orientation, sizeof m.orientation);
+    memcpy(m.force, now->force, sizeof m.force);
+    memcpy(m.torque, now->torque, sizeof m.torque);
+    spsc_ring_push(&h->exchange->probe_wrenches, &m);
+    wake(h->exchange->io_wake);
+}
+
+/* Moves the probe to its newest pose, and sends what it feels when that has changed. RT */
+static void tick_probe(haptic *h, const loop_wake *wake) {
+    if (!is_due(h, wake->tick, PROBE_HZ)) return;
+    const probe_sample *newest = triple_buffer_read(&h->exchange->probe_poses, NULL);
+    if (newest->session != 0 && (newest->session != h->probe_session || newest->seq != h->probe_seq)) {
+        trocar_pose base = library_pose(newest->base);
+        trocar_sim_set_probe(h->sim, &base, NULL);
+        h->probe_session = newest->session;
+        h->probe_seq = newest->seq;
+    }
+    trocar_probe now = trocar_sim_probe(h->sim);
+    bool changed = memcmp(&now, &h->probe, sizeof now) != 0;
+    h->probe = now;
+    if (now.placed && (changed || is_due(h, wake->tick, PROBE_LEAST_HZ))) send_probe(h, wake->tick);
 }
 
 bool haptic_tick(void *context, const loop_wake *wake) {
@@ -161,7 +276,8 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t messages[TROCAR_MAX_NEEDLES];
 
     memset(h->stages, 0, sizeof h->stages);
-    obey(h);
+    tick_probe(h, wake);
+    follow_commands(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);
     int64_t sent = monotonic_ns();
     show(h, wake, messages);

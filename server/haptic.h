@@ -12,6 +12,12 @@ typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
+    bool rests;                  /* it is not ticked: it has been left, until a hand has it again */
+    bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
+    bool pending;                /* `command` is being carried out */
+    needle_command command;
+    pose from, to;               /* of a hand that has taken it: where that was then, and the needle's base. Poses count from there */
+    bool clutched;               /* by these */
 } haptic_needle;
 
 typedef struct {
@@ -25,6 +31,8 @@ typedef struct {
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
     haptic_needle needles[TROCAR_MAX_NEEDLES]; /* from here on used by the haptic thread only */
+    int64_t probe_session, probe_seq; /* of the pose that the probe was moved to last; -1 before the first */
+    trocar_probe probe;          /* as it was sent last */
     int64_t wrench_dropped;      /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
 } haptic;

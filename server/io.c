@@ -2,6 +2,7 @@
 
 #include <errno.h>
 #include <poll.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "network.h"
@@ -9,6 +10,7 @@
 #include "timing.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_probe_wrench_t.h"
 #include "trocar_status_t.h"
 
 enum { QUEUE = 256, MESSAGES_A_ROUND = 2 * QUEUE, WRENCH_BYTES = 512, REPLY_BYTES = 1024 };
@@ -17,6 +19,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
                         exchange *x, report *why) {
     *o = (io){.exchange = x, .url = url, .realtime = realtime, .shutdown_wake = shutdown_wake};
     arbiter_init(&o->arbiter, needle_count, limits);
+    probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
     /* Generated code computes a type's hash on first use, without a lock. Two threads use this type. */
     __trocar_status_t_get_hash();
@@ -26,47 +29,55 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
 
 void io_free(io *o) { sem_destroy(&o->ready); }
 
+/* The network may lose it. */
+static void reply(io *o, const needle_command *c) {
+    trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
+                                .needle = c->asked.needle, .status = c->refused ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
+                                .message = (char *)(uintptr_t)(c->refused ? c->why : "")};
+    unsigned char bytes[REPLY_BYTES];
+    int size = trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
+    if (size > 0) lcm_publish(o->lcm, "TROCAR_REPLY", bytes, (unsigned)size);
+}
+
+static void settle(io *o, const needle_command *done) {
+    arbiter_settle(&o->arbiter, done);
+    reply(o, done);
+}
+
+static void publish_replies(io *o) {
+    needle_command done;
+    while (spsc_ring_pop(&o->exchange->replies, &done)) settle(o, &done);
+}
+
 static void on_pose(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
     arbiter_pose(&o->arbiter, received->data, received->data_size, monotonic_ns());
 }
 
-/* `reason` NULL: it was carried out. The network may lose the reply. */
-static void reply(io *o, const trocar_command_t *to, const char *reason) {
-    trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = to->session, .seq = to->seq, .command = to->command, .needle = to->needle,
-                                .status = reason != NULL ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
-                                .message = (char *)(uintptr_t)(reason != NULL ? reason : "")};
-    unsigned char bytes[REPLY_BYTES];
-    int size = trocar_command_reply_t_encode(bytes, 0, sizeof bytes, &m);
-    if (size > 0) lcm_publish(o->lcm, "TROCAR_REPLY", bytes, (unsigned)size);
+static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    io *o = context;
+    char *message = o->arbiter.record.message;
+    probe_arbiter_pose(&o->probe, received->data, received->data_size, monotonic_ns(), message, sizeof o->arbiter.record.message);
 }
 
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     io *o = context;
-    trocar_command_t command;
+    needle_command command;
     switch (arbiter_command(&o->arbiter, received->data, received->data_size, &command)) {
     case COMMAND_MALFORMED: return;
-    case COMMAND_REFUSED: reply(o, &command, o->arbiter.record.message); return;
-    case COMMAND_DONE: reply(o, &command, NULL); return;
+    case COMMAND_SETTLED: reply(o, &command); return;
     case COMMAND_SHUTDOWN:
-        reply(o, &command, NULL);
+        reply(o, &command);
         wake(o->shutdown_wake);
         return;
     case COMMAND_PASS_ON:
         if (spsc_ring_push(&o->exchange->commands, &command)) return;
-        arbiter_refused(&o->arbiter, &command, "too many commands at once: wait for the reply");
-        reply(o, &command, o->arbiter.record.message);
-    }
-}
-
-/* Sends what became of the commands that were passed on. */
-static void publish_answers(io *o) {
-    command_answer answer;
-    while (spsc_ring_pop(&o->exchange->answers, &answer)) {
-        if (answer.refused) arbiter_refused(&o->arbiter, &answer.command, answer.reason);
-        reply(o, &answer.command, answer.refused ? answer.reason : NULL);
+        command.refused = true;
+        snprintf(command.why, sizeof command.why, "too many commands at once: wait for the reply");
+        settle(o, &command);
     }
 }
 
@@ -85,7 +96,7 @@ static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
 trocar_status io_open(io *o) {
     trocar_status status = network_open(o->url, &o->lcm, &o->why);
     if (status != TROCAR_OK) return status;
-    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
+    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_PROBE", on_probe) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
         return TROCAR_OK;
     return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
 }
@@ -107,6 +118,8 @@ static void hand_over(io *o) {
     newest_poses *poses = triple_buffer_slot(&o->exchange->poses);
     for (int i = 0; i < o->arbiter.needle_count; i++) poses->needles[i] = o->arbiter.needles[i].newest;
     triple_buffer_publish(&o->exchange->poses);
+    *(probe_sample *)triple_buffer_slot(&o->exchange->probe_poses) = o->probe.newest;
+    triple_buffer_publish(&o->exchange->probe_poses);
     *(arbiter_record *)triple_buffer_slot(&o->exchange->intakes) = o->arbiter.record;
     triple_buffer_publish(&o->exchange->intakes);
 }
@@ -121,11 +134,21 @@ static void publish_wrenches(io *o) {
     }
 }
 
+static void publish_probe(io *o) {
+    trocar_probe_wrench_t wrench;
+    unsigned char bytes[WRENCH_BYTES];
+    while (spsc_ring_pop(&o->exchange->probe_wrenches, &wrench)) {
+        int size = trocar_probe_wrench_t_encode(bytes, 0, sizeof bytes, &wrench);
+        if (size <= 0 || lcm_publish(o->lcm, "TROCAR_PROBE_WRENCH", bytes, (unsigned)size) != 0) o->wrenches_unsent++;
+    }
+}
+
 trocar_status io_round(io *o) {
     trocar_status status = receive(o);
-    publish_answers(o);
+    publish_replies(o);
     hand_over(o);
     publish_wrenches(o);
+    publish_probe(o);
     return status;
 }
 

@@ -7,6 +7,7 @@
 
 #include "exchange.h"
 #include "pose_arbiter.h"
+#include "probe_arbiter.h"
 
 typedef struct {
     exchange *exchange;
@@ -21,6 +22,7 @@ typedef struct {
     report why;                  /* message for `started`, too, if that is a failure */
     lcm_t *lcm;
     pose_arbiter arbiter;
+    probe_arbiter probe;
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 

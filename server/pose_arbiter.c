@@ -127,6 +127,10 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         say(in, "session %" PRId64 " refused for needle %d: session %" PRId64 " holds the needle", session, m->needle, owner_of(in, m->needle));
         return POSE_REFUSED;
     }
+    if (in->needles[m->needle].rests) {
+        say(in, "session %" PRId64 " refused for needle %d: it rests; take it first", session, m->needle);
+        return POSE_REFUSED;
+    }
     int other = other_needle_of(in, m->needle, session);
     if (other >= 0 && !is_silent(in, other, now)) {
         say(in, "session %" PRId64 " refused for needle %d: it holds needle %d; release that first, or use a session for each", session,
@@ -189,39 +193,82 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
-static command_verdict refuse_command(pose_arbiter *in) {
+/* For the reason in the record's message. */
+static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     in->record.commands_refused++;
-    return COMMAND_REFUSED;
+    command->refused = true;
+    snprintf(command->why, sizeof command->why, "%s", in->record.message);
+    return COMMAND_SETTLED;
 }
 
-command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, trocar_command_t *command) {
+/* What concerns a needle, from one that may. */
+static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
+    const trocar_command_t *m = &command->asked;
+    arbiter_needle *n = &in->needles[m->needle];
+    switch (m->command) {
+    case TROCAR_COMMAND_T_RESET:
+        if (n->rests) return COMMAND_PASS_ON;
+        n->begin_anew = true;
+        return COMMAND_SETTLED;
+    case TROCAR_COMMAND_T_RELEASE:
+        if (!n->rests) release(in, m->needle);
+        return COMMAND_SETTLED;
+    case TROCAR_COMMAND_T_LEAVE:
+        n->rests = true;
+        return COMMAND_PASS_ON;
+    case TROCAR_COMMAND_T_TAKE:
+    case TROCAR_COMMAND_T_DROP_SEED:
+    case TROCAR_COMMAND_T_UNDO: return COMMAND_PASS_ON;
+    default:
+        say(in, "command %d of session %" PRId64 " refused: unknown", m->command, m->session);
+        return refuse(in, command);
+    }
+}
+
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, needle_command *command) {
     trocar_command_t m = {0};
     if (!decode_command(data, size, &m)) {
+        in->record.commands_refused++;
         say(in, "command of %zu bytes refused: not a trocar.command_t of this version%s", size,
             size < (size_t)trocar_command_t_encoded_size(&m) ? "; build its sender with this release's trocar.lcm" : "");
-        refuse_command(in);
         return COMMAND_MALFORMED;
     }
-    *command = m;
+    *command = (needle_command){.asked = m};
     if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return COMMAND_SHUTDOWN;
     if (!has_needle(in, m.needle)) {
         say_no_needle(in, "command", m.session, m.needle);
-        return refuse_command(in);
+        return refuse(in, command);
     }
-    if (owner_of(in, m.needle) != 0 && owner_of(in, m.needle) != m.session) {
+    bool rests = in->needles[m.needle].rests;
+    if (owner_of(in, m.needle) != 0 && owner_of(in, m.needle) != m.session)
         say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
-        return refuse_command(in);
-    }
-    switch (m.command) {
-    case TROCAR_COMMAND_T_RESET: in->needles[m.needle].begin_anew = true; return COMMAND_DONE;
-    case TROCAR_COMMAND_T_RELEASE: release(in, m.needle); return COMMAND_DONE;
-    case TROCAR_COMMAND_T_DROP_SEED:
-    case TROCAR_COMMAND_T_UNDO: return COMMAND_PASS_ON;
-    default: say(in, "command %d of session %" PRId64 " refused: unknown", m.command, m.session); return refuse_command(in);
-    }
+    else if (m.command == TROCAR_COMMAND_T_LEAVE && rests)
+        say(in, "needle %d of session %" PRId64 " cannot be left: it rests already", m.needle, m.session);
+    else if (m.command == TROCAR_COMMAND_T_TAKE && !rests)
+        say(in, "needle %d cannot be taken by session %" PRId64 ": it does not rest", m.needle, m.session);
+    else return carry_out(in, command);
+    return refuse(in, command);
 }
 
-void arbiter_refused(pose_arbiter *in, const trocar_command_t *command, const char *reason) {
-    say(in, "command %d of session %" PRId64 " refused: %s", command->command, command->session, reason);
-    refuse_command(in);
+/* A needle that was left has no owner; one that was taken or removed is engaged by the next pose. */
+void arbiter_settle(pose_arbiter *in, const needle_command *done) {
+    const trocar_command_t *m = &done->asked;
+    arbiter_needle *n = &in->needles[m->needle];
+    if (done->refused) {
+        in->record.commands_refused++;
+        say(in, "command %d of session %" PRId64 " refused for needle %d: %s", m->command, m->session, m->needle, done->why);
+    }
+    switch (m->command) {
+    case TROCAR_COMMAND_T_LEAVE:
+        if (done->refused) n->rests = false;
+        else release(in, m->needle);
+        return;
+    case TROCAR_COMMAND_T_TAKE:
+    case TROCAR_COMMAND_T_RESET:
+        if (done->refused) return;
+        n->rests = false;
+        n->begin_anew = true;
+        return;
+    default: return;
+    }
 }

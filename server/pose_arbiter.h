@@ -5,9 +5,9 @@
 
 #include <stddef.h>
 
-#include "safety_limits.h"
+#include "exchange.h"
 #include "other_server.h"
-#include "trocar_command_t.h"
+#include "safety_limits.h"
 
 /* One needle's state for telemetry. */
 typedef struct {
@@ -32,6 +32,7 @@ typedef struct {
 typedef struct {
     pose_sample newest;              /* last accepted pose; `held` false if nobody owns the needle */
     bool begin_anew;                 /* whether the next pose starts a new engagement */
+    bool rests;                      /* it has been left: poses for it are refused */
     int64_t heard;                   /* last sequence number of the owner, accepted or not */
     double travel_credit;            /* s of motion at the limits, saved up since the last poses */
 } arbiter_needle;
@@ -51,17 +52,16 @@ void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits
 pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64_t now);
 
 typedef enum {
-    COMMAND_MALFORMED,   /* not a command_t of this version; there is nothing to answer */
-    COMMAND_REFUSED,     /* for the reason in the record's message */
-    COMMAND_DONE,
-    COMMAND_PASS_ON,     /* for the haptic thread to carry out or refuse */
+    COMMAND_MALFORMED,   /* not a command_t of this version; there is nobody to answer */
+    COMMAND_SETTLED,     /* done, or refused */
+    COMMAND_PASS_ON,     /* for the haptic thread to carry out or refuse; arbiter_settle is told */
     COMMAND_SHUTDOWN
 } command_verdict;
 
-/* Checks the bytes of a command_t, which goes to `command` unless it is malformed, and carries it out if it concerns sessions. */
-command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, trocar_command_t *command);
+/* Checks the bytes of a command_t, which goes to `command` unless it is malformed, and carries it out if it concerns sessions alone. */
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, needle_command *command);
 
-/* Records that a command that was passed on has been refused. */
-void arbiter_refused(pose_arbiter *in, const trocar_command_t *command, const char *reason);
+/* The haptic thread has carried out a command, or has refused it. */
+void arbiter_settle(pose_arbiter *in, const needle_command *done);
 
 #endif

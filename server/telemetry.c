@@ -137,7 +137,7 @@ static trocar_status_t status_of(const telemetry *t, const arbiter_record *in, c
         .pose_age = poses->received == 0 ? 0.0 : 1e-9 * (double)(monotonic_ns() - poses->received),
         .energy = seen->energy, .energy_lowest = seen->energy_lowest, .coupling_stiffness = seen->coupling_stiffness,
         .saturated_ticks = seen->saturated_ticks, .packets_dropped = lcm_filter_dropped(), .server = t->given.server,
-        .needle = needle, .needle_count = t->needle_count, .contacts = seen->contacts,
+        .needle = needle, .needle_count = t->needle_count, .contacts = seen->contacts, .state = seen->state,
         .host = text(t->host), .scene = text(t->given.scene_path), .inverse = text(t->inverse)};
 }
 

@@ -31,6 +31,12 @@ void histogram_add(histogram *h, int64_t nanoseconds) {
     h->buckets[bucket_of(nanoseconds)]++;
 }
 
+void histogram_merge(histogram *h, const histogram *other) {
+    h->count += other->count;
+    if (other->max > h->max) h->max = other->max;
+    for (int i = 0; i < HISTOGRAM_BUCKETS; i++) h->buckets[i] += other->buckets[i];
+}
+
 double histogram_quantile(const histogram *h, double q) {
     if (h->count == 0) return 0.0;
     double wanted = q * (double)h->count;

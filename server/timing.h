@@ -15,6 +15,7 @@ typedef struct {
 
 void histogram_clear(histogram *h);
 void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. RT */
+void histogram_merge(histogram *h, const histogram *other);    /* adds all values of the other */
 
 /* Upper edge of the bucket that holds the quantile q (0..1), never above the maximum, s; 0 when empty. */
 double histogram_quantile(const histogram *h, double q);

@@ -28,6 +28,8 @@
 #include <cmocka.h>
 
 #include "client.h"
+#include "trocar_command_reply_t.h"
+#include "trocar_seeds_t.h"
 
 #define SCENE MESHES "/figure8.yaml"
 
@@ -405,6 +407,78 @@ static void a_second_client_is_refused_and_told(void **state) {
     assert_true(fabs(force_of(c) - force) < 0.1 * force);
 }
 
+/* What the server says of seeds. */
+typedef struct {
+    int replies, count, pending;
+    trocar_command_reply_t reply;    /* the newest one */
+    char message[256];
+    float rest[3];                   /* m, of the first seed */
+} seed_news;
+
+static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_command_reply_t *m, void *context) {
+    (void)b, (void)channel;
+    seed_news *news = context;
+    news->replies++;
+    news->reply = *m;
+    snprintf(news->message, sizeof news->message, "%s", m->message);
+}
+
+static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_seeds_t *m, void *context) {
+    (void)b, (void)channel;
+    seed_news *news = context;
+    news->count = m->seed_count;
+    news->pending = m->pending[0];
+    if (m->seed_count > 0) memcpy(news->rest, m->rest_position[0], sizeof news->rest);
+}
+
+/* Sends a command for seeds and waits for the reply: refused with these words, or done if they are NULL. */
+static void tell(client *c, seed_news *news, trocar_command_t m, const char *words) {
+    static int64_t seq = 100;
+    int before = news->replies;
+    m.utime = wall_us();
+    m.seq = ++seq;
+    trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
+    PASS_UNTIL(c, news->replies > before);
+    assert_true(news->replies == before + 1 && news->reply.seq == seq && news->reply.session == m.session && news->reply.command == m.command);
+    if (news->reply.status != (words != NULL ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE)) fail_msg("status %d: %s", news->reply.status, news->message);
+    if (words != NULL && strstr(news->message, words) == NULL) fail_msg("\"%s\" does not say \"%s\"", news->message, words);
+}
+
+static void bad_commands_for_seeds_change_nothing(void **state) {
+    client *c = *state;
+    seed_news news = {.replies = 0};
+    trocar_command_reply_t_subscription_t *replies = trocar_command_reply_t_subscribe(c->lcm, "TROCAR_REPLY", on_reply, &news);
+    trocar_seeds_t_subscription_t *seeds = trocar_seeds_t_subscribe(c->lcm, "TROCAR_SEEDS", on_seeds, &news);
+    trocar_command_t drop = {.session = c->session, .command = TROCAR_COMMAND_T_DROP_SEED, .seeds = 1}, undo = {.session = c->session, .command = TROCAR_COMMAND_T_UNDO};
+    trocar_command_t wrong = drop;
+    tell(c, &news, undo, "needle 0 has dropped no seed");
+    wrong.session++;
+    tell(c, &news, wrong, "another session holds the needle");
+    wrong = drop, wrong.needle = 5;
+    tell(c, &news, wrong, "refused for needle 5");
+    wrong = drop, wrong.seeds = 17;
+    tell(c, &news, wrong, "17 seeds: drop 1 to 16 at a time");
+    wrong = drop, wrong.seeds = 2, wrong.spacing = NAN;
+    tell(c, &news, wrong, "overlap");
+    wrong = drop, wrong.seeds = 16;
+    tell(c, &news, wrong, "push it farther in");
+    double z = c->base.position.z;
+    tell(c, &news, drop, NULL);
+    tell(c, &news, drop, "still holds 1 of the seeds");
+    PASS_UNTIL(c, news.pending == 1);
+    for (int64_t end = monotonic_ns() + 5000000000; news.count == 0; step(c)) {
+        assert_true(monotonic_ns() < end);
+        c->base.position.z -= 0.05e-3;
+    }
+    assert_true(fabsf(news.rest[0] - (float)c->base.position.x) < 1e-3f && news.rest[2] > 2e-3f && news.rest[2] < (float)z + 0.2f);
+    tell(c, &news, undo, NULL);
+    PASS_UNTIL(c, news.count == 0 && news.pending == 0);
+    for (; c->base.position.z < z; step(c)) c->base.position.z += 0.05e-3;
+    trocar_command_reply_t_unsubscribe(c->lcm, replies);
+    trocar_seeds_t_unsubscribe(c->lcm, seeds);
+    expect_health(c);
+}
+
 static void old_and_repeated_poses_are_refused(void **state) {
     client *c = *state;
     hear_news(c);
@@ -524,6 +598,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(malformed_messages_are_dropped_and_counted, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(a_flood_does_not_touch_the_loop, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(a_second_client_is_refused_and_told, insert, mend_in_time),
+        cmocka_unit_test_setup_teardown(bad_commands_for_seeds_change_nothing, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(old_and_repeated_poses_are_refused, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(wall_clocks_may_jump, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(a_late_worker_does_not_stop_the_loop, insert, mend_in_time),

@@ -4,9 +4,10 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
-#include <cmocka.h>
 
 #include "inverse/block_cache.h"
+
+#include <cmocka.h>
 
 enum { NODES = 3 * BLOCK_CACHE_NODES, LD = 5 };
 

@@ -66,6 +66,8 @@ bad_input() {
     refuses none.yaml "$parts" remesh --scene none.yaml
     refuses "--inverse: 'big'" "$parts" scale --scene "$scene" --inverse big
     refuses none.yaml "$parts" scale --scene none.yaml
+    refuses "has relaxation or guides already" "$bench" features --scene "$source/meshes/template.yaml"
+    refuses "--contacts: 2.5" "$bench" features --scene "$scene" --contacts 2.5
     refuses none.yaml "$bench" tick --scene none.yaml --json x.json
     refuses /nowhere/x.json "$bench" tick --scene "$scene" --json /nowhere/x.json
     refuses "contact nodes on its way in, not 64" "$bench" tick --scene "$scene" --contacts 64 --json x.json
@@ -152,6 +154,9 @@ bench() {
     "$programs/trocar-bench" dose --side 60 --seeds 50 --json dose.json
     "$source/tests/check_dose_bench.py" dose.json 216000 50
     [ "$(grep -cE ' (advance|sweep) ' bench.txt)" -eq 4 ] || fail "not four rows in the table"
+    "$programs/trocar-bench" features --scene "$scene" --contacts 5 --ticks 100 --json features.json >features.txt
+    cat features.txt
+    "$source/tests/check_features_bench.py" features.json
     "$programs/../tests/benchmarks/bench_parts" remesh --scene "$scene" --samples 20 --seconds 0.1 --json remesh.json >remesh.txt
     cat remesh.txt
     "$source/tests/check_remesh_bench.py" remesh.json

@@ -287,14 +287,13 @@ static void stage_times_add_up_to_the_tick(void **state) {
     assert_true(sum <= lasted && sum > f->haptic.stages[TROCAR_LOOP_TIMING_T_STAGE_CONTACT]);
 }
 
-static command_answer tell(fixture *f, int what, int seeds) {
-    command_answer answer = {.refused = true};
-    trocar_command_t m = {.session = 8, .command = what, .seq = 5, .seeds = seeds};
-    assert_true(spsc_ring_push(&f->exchange.commands, &m));
+static needle_command tell(fixture *f, int what, int seeds) {
+    needle_command answer = {.refused = true}, command = {.asked = {.session = 8, .command = what, .seq = 5, .seeds = seeds}};
+    assert_true(spsc_ring_push(&f->exchange.commands, &command));
     tick(f, NULL);
     serve_worker(f);
-    assert_true(spsc_ring_pop(&f->exchange.answers, &answer));
-    assert_true(readable(f->exchange.io_wake) && answer.command.seq == 5 && answer.command.command == what);
+    assert_true(spsc_ring_pop(&f->exchange.replies, &answer));
+    assert_true(readable(f->exchange.io_wake) && answer.asked.seq == 5 && answer.asked.command == what);
     return answer;
 }
 
@@ -312,18 +311,18 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     fixture *f = *state;
     int64_t seq = 0;
     double z = -0.201;
-    command_answer answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
+    needle_command answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
     assert_true(answer.refused);
-    assert_string_equal(answer.reason, "needle 0 has not been held yet");
+    assert_string_equal(answer.why, "needle 0 has not been held yet");
     put_pose(f, 1, ++seq, z);
     tick(f, NULL);
     serve_worker(f);
     answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
     assert_true(answer.refused);
-    assert_non_null(strstr(answer.reason, "outside of the tissue"));
+    assert_non_null(strstr(answer.why, "outside of the tissue"));
     move_to(f, &z, -0.16, &seq);
     answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 2);
-    assert_true(!answer.refused && answer.reason[0] == '\0');
+    assert_true(!answer.refused && answer.why[0] == '\0');
     assert_int_equal(trocar_sim_pending_seeds(f->host.sim, 0), 2);
     move_to(f, &z, -0.17, &seq);
     assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 1);
@@ -333,7 +332,7 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
     assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 0);
     answer = tell(f, TROCAR_COMMAND_T_UNDO, 0);
-    assert_true(answer.refused && strstr(answer.reason, "dropped no seed"));
+    assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
 }
 
 /* ---- two needles, 60 mm apart ---- */
@@ -350,7 +349,9 @@ static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 
 
 static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
     tick(f, &w[0]);
-    assert_true(spsc_ring_pop(&f->exchange.wrenches, &w[1]));
+    bool held = f->poses.needles[1].held; /* nothing is sent for a needle that nobody has held, but the first */
+    w[1] = (trocar_needle_wrench_t){.needle = 1, .pose_seq = -1, .tick = w[0].tick};
+    assert_int_equal(spsc_ring_pop(&f->exchange.wrenches, &w[1]), held);
     assert_true(w[0].needle == 0 && w[1].needle == 1 && w[0].tick == w[1].tick);
     for (trocar_work done = {.answered = 1}; done.answered;) assert_int_equal(trocar_sim_work(f->host.sim, &done, NULL), TROCAR_OK);
 }

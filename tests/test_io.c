@@ -166,19 +166,19 @@ static void every_command_is_answered(void **state) {
 
     send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 13, .seeds = 4, .spacing = 0.01});
     assert_int_equal(r.count, 2); /* until the haptic thread has answered */
-    command_answer answer = {.refused = false};
-    assert_true(spsc_ring_pop(&f->exchange.commands, &answer.command));
-    assert_true(answer.command.seeds == 4 && answer.command.spacing == 0.01 && answer.command.seq == 13);
-    assert_false(spsc_ring_pop(&f->exchange.commands, &answer.command));
-    spsc_ring_push(&f->exchange.answers, &answer);
+    needle_command answer;
+    assert_true(spsc_ring_pop(&f->exchange.commands, &answer));
+    assert_true(answer.asked.seeds == 4 && answer.asked.spacing == 0.01 && answer.asked.seq == 13);
+    assert_false(spsc_ring_pop(&f->exchange.commands, &answer));
+    spsc_ring_push(&f->exchange.replies, &answer);
     io_round(&f->io);
     io_round(&f->io);
     assert_true(r.count == 3 && r.last.status == TROCAR_COMMAND_REPLY_T_DONE && r.last.seq == 13 && r.last.command == TROCAR_COMMAND_T_DROP_SEED);
     assert_string_equal(r.message, "");
 
     answer.refused = true;
-    strcpy(answer.reason, "no seed");
-    spsc_ring_push(&f->exchange.answers, &answer);
+    strcpy(answer.why, "no seed");
+    spsc_ring_push(&f->exchange.replies, &answer);
     io_round(&f->io);
     io_round(&f->io);
     assert_true(r.count == 4 && r.last.status == TROCAR_COMMAND_REPLY_T_REFUSED);

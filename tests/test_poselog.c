@@ -230,6 +230,45 @@ static void logs_without_needles_can_still_be_read(void **state) {
     wrench_log_free(&wrenches);
 }
 
+static void write_command(lcm_eventlog_t *log, int what, int64_t session, int needle, int seeds) {
+    report why;
+    trocar_command_t m = {.session = session, .command = what, .needle = needle, .seeds = seeds};
+    assert_int_equal(log_write_command(log, &m, path, &why), TROCAR_OK);
+}
+
+/* Each command knows the pose that follows it; those of others are skipped, and those that have nothing to do with seeds. */
+static void commands_for_seeds_are_read(void **state) {
+    (void)state;
+    report why;
+    pose_log log;
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* before the first pose */
+    for (int64_t k = 0; k < 10; k++) {
+        trocar_needle_pose_t p = sample(k);
+        assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
+        if (k == 4) write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 3);
+        if (k == 4) write_command(out, TROCAR_COMMAND_T_DROP_SEED, 8, 0, 1);
+        if (k == 4) write_command(out, TROCAR_COMMAND_T_UNDO, 7, 1, 0);
+        if (k == 5) write_command(out, TROCAR_COMMAND_T_RELEASE, 7, 0, 0);
+        if (k == 9) write_command(out, TROCAR_COMMAND_T_UNDO, 7, 0, 0);
+    }
+    lcm_eventlog_destroy(out);
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+    assert_true(log.count == 10 && log.command_count == 2 && log.skipped_commands == 3);
+    assert_true(log.commands[0].pose == 5 && log.commands[0].message.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].message.seeds == 3);
+    assert_true(log.commands[1].pose == 10 && log.commands[1].message.command == TROCAR_COMMAND_T_UNDO);
+    pose_log_free(&log);
+    overwrite(28 + 14, "\1\2\3\4", 4); /* of another version, which knew no seeds */
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+    assert_true(log.command_count == 2 && log.skipped_commands == 2);
+    pose_log_free(&log);
+    out = lcm_eventlog_create(path, "w");
+    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1);
+    lcm_eventlog_destroy(out);
+    overwrite(24, "\0\0\0\20", 4);
+    expect_bad("event 0", "damaged");
+}
+
 static void distinguishes_other_types_from_damage(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -342,6 +381,7 @@ int main(void) {
         cmocka_unit_test(ignores_duplicate_and_late_poses),
         cmocka_unit_test(reads_one_needle_of_several),
         cmocka_unit_test(logs_without_needles_can_still_be_read),
+        cmocka_unit_test(commands_for_seeds_are_read),
         cmocka_unit_test(distinguishes_other_types_from_damage),
         cmocka_unit_test(reads_wrenches_of_poses),
         cmocka_unit_test(non_finite_wrenches_are_skipped_and_counted),

@@ -172,7 +172,7 @@ static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, i
 
 typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; modulus of the surroundings and friction of the gland, scene = 1 */
 
-typedef struct { double low, high, pushed, pulled; } twist; /* deg in the coronal plane; mm of shift along the needle */
+typedef struct { double low, high, pushed, pulled; } coronal_turn; /* deg in the coronal plane; mm of shift along the needle */
 
 static void scale(trocar_scene *scene, const char *region, const char *key, double factor) {
     char path[128];
@@ -204,38 +204,38 @@ static trocar_scene *twist_scene(twist_case given) {
 }
 
 /* A needle parallel to the body's axis, 120 mm in and out again. */
-static twist insert_and_draw_back(const char *title, twist_case given) {
+static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
     trocar_scene *scene = twist_scene(given);
     report why;
     double length;
     assert_int_equal(trocar_scene_get_number(scene, "needle.length", &length, &why), TROCAR_OK);
     followed f = follow(scene, v3(given.x, -0.004, -1e-3 - length));
-    twist t = {0};
+    coronal_turn t = {0};
     for (int i = 0; i < 2400; i++) {
         move(&f, v3(0, 0, i < 1200 ? 1e-4 : -1e-4), 1, 2e-3);
         rigid_motion now = motion_now(&f);
         double degrees = now.turn.y * 180 / M_PI, mm = 1e3 * now.shift.z;
-        t = (twist){fmin(t.low, degrees), fmax(t.high, degrees), fmax(t.pushed, mm), fmin(t.pulled, mm)};
+        t = (coronal_turn){fmin(t.low, degrees), fmax(t.high, degrees), fmax(t.pushed, mm), fmin(t.pulled, mm)};
     }
     print_message("| %s | %.1f to %.1f | %.1f, %.1f |\n", title, t.low, t.high, t.pushed, t.pulled);
     forget(&f);
     return t;
 }
 
-static double largest(twist t) { return fmax(t.high, -t.low); }
+static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
 /* Rotations are in the range seen in patients, with opposite signs for needles on the left and right. They grow with the distance
    from the midplane, softer surroundings and friction. An arch that fixes the tissue restrains the gland. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
-    twist left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});
-    twist right = insert_and_draw_back("18 mm right", (twist_case){0.018, 1, 1, false});
-    twist inner = insert_and_draw_back("9 mm left", (twist_case){-0.009, 1, 1, false});
-    twist firm = insert_and_draw_back("surroundings of 6 kPa", (twist_case){-0.018, 2, 1, false});
-    twist weak = insert_and_draw_back("half the friction in the gland", (twist_case){-0.018, 1, 0.5, false});
-    twist loose = insert_and_draw_back("arch not held", (twist_case){-0.018, 1, 1, true});
+    coronal_turn left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});
+    coronal_turn right = insert_and_draw_back("18 mm right", (twist_case){0.018, 1, 1, false});
+    coronal_turn inner = insert_and_draw_back("9 mm left", (twist_case){-0.009, 1, 1, false});
+    coronal_turn firm = insert_and_draw_back("surroundings of 6 kPa", (twist_case){-0.018, 2, 1, false});
+    coronal_turn weak = insert_and_draw_back("half the friction in the gland", (twist_case){-0.018, 1, 0.5, false});
+    coronal_turn loose = insert_and_draw_back("arch not held", (twist_case){-0.018, 1, 1, true});
     for (int i = 0; i < 2; i++) {
-        twist t = i ? right : left;
+        coronal_turn t = i ? right : left;
         assert_true(t.low > PUBLISHED[0] && t.high < PUBLISHED[1] && largest(t) > 5.0);
         assert_true(t.pushed > 1.0 && t.pulled < -1.0);
     }

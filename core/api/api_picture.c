@@ -10,9 +10,14 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
-    trocar_picture *p = malloc(sizeof *p);
-    if (!p) return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
-    memset(p, 0, sizeof *p); /* touched, so that no page fault comes later */
+    trocar_picture *p = calloc(1, sizeof *p);
+    size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
+    if (p) p->states = malloc(states);
+    if (!p || !p->states) {
+        free(p);
+        return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
+    }
+    memset(p->states, 0, states); /* touched, so that no page fault comes later */
     p->model = model;
     floating_mode before = flush_denormals();
     for (int i = 0; i < model->parts.config.needle_count; i++) insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->states[i]);
@@ -24,20 +29,40 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
 void trocar_picture_free(trocar_picture *picture) {
     if (!picture) return;
     refined_mesh_free(&picture->refined);
+    free(picture->states);
     free(picture->scratch);
     free(picture->force);
     free(picture->displacement);
     free(picture);
 }
 
+enum { RESTING_AT_ONCE = 2 }; /* needles that rest and have changed, which one call copies */
+
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
-    for (int i = 0; i < sim->needle_count; i++) memcpy(&picture->states[i], &sim->needles[i].state, sizeof *picture->states);
+    int room = RESTING_AT_ONCE, first = picture->next_resting;
+    for (int k = 0; k < sim->needle_count; k++) {
+        int i = (first + k) % sim->needle_count;
+        uint64_t stamp;
+        const insertion_state *state = state_of_needle(sim, i, &stamp);
+        bool rests = state != &sim->needles[i].state;
+        if (stamp == picture->stamps[i] || (rests && room == 0)) continue;
+        memcpy(&picture->states[i], state, sizeof *state);
+        picture->stamps[i] = stamp;
+        if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
+    }
     memcpy(&picture->seeds, &sim->seeds, sizeof picture->seeds);
+    const shown_probe *probe = probe_shown(sim);
+    if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
 }
 
 void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
-    memcpy(to->states, from->states, (size_t)from->model->parts.config.needle_count * sizeof *to->states);
+    for (int i = 0; i < from->model->parts.config.needle_count; i++) {
+        if (from->stamps[i] == to->stamps[i]) continue;
+        to->states[i] = from->states[i];
+        to->stamps[i] = from->stamps[i];
+    }
     memcpy(&to->seeds, &from->seeds, sizeof to->seeds);
+    if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
 
 /* NULL for a needle that does not exist. */
@@ -70,6 +95,8 @@ double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
     return state ? state->tip_lead : 0.0;
 }
 
+trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.told; }
+
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];
 }
@@ -79,7 +106,7 @@ trocar_status trocar_picture_displacements(trocar_picture *picture, double *disp
     vec3 added[MAX_CONTACTS];
     const insertion_state *states[MAX_NEEDLES];
     states_of(picture, states);
-    return field_of(picture->model, states, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    return field_of(picture->model, states, &picture->probe, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }
 
 trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh *mesh, trocar_error *error) {
@@ -93,14 +120,12 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     if (!p->force || !p->displacement) return fail(why, TROCAR_NO_MEMORY, "no memory for a refined mesh of %zu nodes", room);
     const insertion_state *states[MAX_NEEDLES];
     states_of(p, states);
-    trocar_status status = field_of(p->model, states, &p->scratch, p->displacement, p->displacement + nominal, why);
+    trocar_status status = field_of(p->model, states, &p->probe, &p->scratch, p->displacement, p->displacement + nominal, why);
     if (status != TROCAR_OK) return status;
     memset(p->force, 0, room * sizeof *p->force);
     insertion_refinement(&p->states[0], &refined);
     insertion_forces(&parts->insertion, &p->states[0], p->force, p->force + nominal);
-    tissue_loads others;
-    loads_of_others(p->model, states, &others);
-    loads_spread(&parts->mesh, &others, p->force);
+    spread_others(p->model, states, &p->probe, p->force);
     status = refined_mesh_create(&parts->mesh, &refined, &p->refined, why);
     if (status != TROCAR_OK) return status;
     const refined_mesh *r = &p->refined;

@@ -18,13 +18,25 @@ _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
+static const double RESPONSE_PERIOD = 0.01; /* s, between two responses of what rests to the forces of held needles */
+
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
-static trocar_status create_needle(const trocar_model *model, needle_track *needle, report *why) {
+static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, report *why) {
     trocar_status status = triple_buffer_create(&needle->requests, sizeof(posted_request), why);
     if (status == TROCAR_OK) status = triple_buffer_create(&needle->snapshots, sizeof(compliance_snapshot), why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&needle->loads_out, sizeof(tissue_loads), why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&needle->left, sizeof(insertion_state), why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&needle->shown, sizeof(shown_needle), why);
     if (status != TROCAR_OK) return status;
-    return remesher_create(model->parts.inverse, model->parts.config.remeshing, &needle->remesher, why);
+    return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
+}
+
+/* Methods that work on the whole inverse have it to themselves: nothing can be attached to it. */
+static trocar_status create_inverse(trocar_sim *sim, report *why) {
+    simulation *parts = &sim->model->parts;
+    sim->inverse = parts->inverse;
+    return remesh_needs_dense(parts->config.remeshing) ? TROCAR_OK : inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
 }
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
@@ -35,8 +47,10 @@ static trocar_status allocate(trocar_sim *sim, report *why) {
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     if (sim->work_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     memset(sim->workspace, 0, sizeof *sim->workspace);
-    trocar_status status = TROCAR_OK;
-    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim->model, &sim->needles[i], why);
+    trocar_status status = create_inverse(sim, why);
+    if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
+    if (status == TROCAR_OK) status = create_probe(sim, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim, &sim->needles[i], why);
     return status;
 }
 
@@ -66,12 +80,27 @@ void trocar_sim_free(trocar_sim *sim) {
         remesher_free(sim->needles[i].remesher);
         triple_buffer_free(&sim->needles[i].requests);
         triple_buffer_free(&sim->needles[i].snapshots);
+        triple_buffer_free(&sim->needles[i].loads_out);
+        triple_buffer_free(&sim->needles[i].left);
+        triple_buffer_free(&sim->needles[i].shown);
+        free(sim->needles[i].resting);
     }
+    probe_free(sim->probe);
+    triple_buffer_free(&sim->probe_poses);
+    triple_buffer_free(&sim->probe_shown);
+    resting_set_free(&sim->resting);
+    inverse_free(sim->resting.inverse);
+    free(sim->resting_scratch);
     if (sim->work_wake >= 0) close(sim->work_wake);
     free(sim->needles);
     free(sim->workspace);
     free(sim->field_scratch);
     free(sim);
+}
+
+uint64_t next_stamp(void) {
+    static atomic_uint_fast64_t last;
+    return atomic_fetch_add_explicit(&last, 1, memory_order_relaxed) + 1;
 }
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------- */
@@ -84,7 +113,7 @@ trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
 }
 
 /* RT */
-static trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
+trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
     double norm = 0.0, sum = 0.0;
     for (int i = 0; i < 4; i++) norm += p->orientation[i] * p->orientation[i];
     for (int i = 0; i < 3; i++) sum += p->position[i];
@@ -105,10 +134,25 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     if (status == TROCAR_OK) status = check_pose(base, &at, error);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
-    sim->needles[needle].given = at;
-    insertion_reset(&sim->model->parts.insertion, at, &sim->needles[needle].state);
+    needle_track *n = &sim->needles[needle];
+    if (phase_of(n) == PHASE_TAKEN) adopt_needle(sim, n);
+    n->given = at;
+    insertion_reset(&sim->model->parts.insertion, at, &n->state);
     seeds_keep(needle, &sim->seeds);
+    n->stamp = next_stamp();
+    n->loads.count = 0;
+    if (n->posted_loads.count > 0) { /* the others no longer feel it */
+        tissue_loads *slot = triple_buffer_slot(&n->loads_out);
+        slot->count = n->posted_loads.count = 0;
+        triple_buffer_publish(&n->loads_out);
+        wake_worker(sim);
+    }
     restore_floating_mode(before);
+    if (phase_of(n) != PHASE_HELD) { /* the worker takes it out of the tissue */
+        n->posted = n->answered = n->state.request.serial - 1;
+        atomic_store_explicit(&n->phase, PHASE_HELD, memory_order_release);
+        wake_worker(sim);
+    }
     return TROCAR_OK;
 }
 
@@ -119,45 +163,52 @@ static void answer(const tick_output *wrench, trocar_output *output) {
                               .switches = wrench->switches};
 }
 
-/* Collects the forces of the other needles. RT */
-static void collect_others(trocar_sim *sim, int needle) {
-    tissue_loads *others = &sim->needles[needle].others;
-    others->count = 0;
-    for (int i = 0; i < sim->needle_count; i++)
-        if (i != needle) insertion_add_loads(&sim->model->parts.insertion, &sim->needles[i].state, others);
-}
-
 /* RT */
 static void copy_loads(const tissue_loads *from, tissue_loads *to) {
     to->count = from->count;
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
 }
 
-/* Have the other needles' forces changed enough to be worth a request? RT */
-static bool others_changed(const needle_track *needle) {
+/* Have the needle's forces changed enough for the others to feel it? RT */
+static bool loads_changed(const needle_track *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
-    const tissue_loads *now = &needle->others, *then = &needle->posted_others;
+    const tissue_loads *now = &needle->loads, *then = &needle->posted_loads;
     if (now->count != then->count) return true;
     for (int i = 0; i < now->count; i++)
         if (v3_norm(v3_sub(now->loads[i].force, then->loads[i].force)) > NOTICEABLE) return true;
     return false;
 }
 
-/* Hands the worker what the tick wants to know next, if that has changed. RT */
-static void post_request(trocar_sim *sim, needle_track *needle) {
-    uint64_t serial = needle->state.request.serial;
-    if (serial == needle->posted && !others_changed(needle)) return;
-    posted_request *slot = triple_buffer_slot(&needle->requests);
-    int64_t asked = slot->asked = sim->clock ? sim->clock() : 0;
-    slot->request = needle->state.request;
-    copy_loads(&needle->others, &slot->others);
-    copy_loads(&needle->others, &needle->posted_others);
-    triple_buffer_publish(&needle->requests);
-    if (serial - needle->posted > REQUESTS_REMEMBERED) needle->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
-    while (needle->posted < serial) needle->asked[++needle->posted % REQUESTS_REMEMBERED] = asked;
+void wake_worker(const trocar_sim *sim) {
     uint64_t one = 1;
     ssize_t written = write(sim->work_wake, &one, sizeof one); /* fails only if the counter is full: the worker is awake anyway */
     (void)written;
+}
+
+/* Hands the worker what the tick wants to know next, if that has changed, or if what it knows no longer holds. RT */
+static void post_request(trocar_sim *sim, needle_track *needle) {
+    uint64_t serial = needle->state.request.serial;
+    bool stale = atomic_load_explicit(&needle->stale, memory_order_relaxed) && atomic_exchange_explicit(&needle->stale, false, memory_order_acquire);
+    if (serial == needle->posted && !stale) return;
+    posted_request *slot = triple_buffer_slot(&needle->requests);
+    int64_t asked = slot->asked = sim->clock ? sim->clock() : 0;
+    slot->request = needle->state.request;
+    triple_buffer_publish(&needle->requests);
+    if (serial - needle->posted > REQUESTS_REMEMBERED) needle->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
+    while (needle->posted < serial) needle->asked[++needle->posted % REQUESTS_REMEMBERED] = asked;
+    wake_worker(sim);
+}
+
+/* Tells the worker the needle's forces, for the others. Needles that rest and the probe respond at a pace of their own. RT */
+static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
+    bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->probe_placed, memory_order_relaxed);
+    needle->since_loads += dt;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < RESPONSE_PERIOD) || !loads_changed(needle)) return;
+    copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out));
+    triple_buffer_publish(&needle->loads_out);
+    copy_loads(&needle->loads, &needle->posted_loads);
+    needle->since_loads = 0.0;
+    wake_worker(sim);
 }
 
 /* One tick with what `snapshot` knows of the tissue. A number that is not finite would stay in the state: then the insertion starts
@@ -180,7 +231,9 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
         insertion_start_over(model, base, &needle->state, &wrench);
         seeds_keep(index, &sim->seeds);
     }
-    collect_others(sim, index);
+    needle->loads.count = 0;
+    insertion_add_loads(model, &needle->state, &needle->loads);
+    needle->stamp = next_stamp();
     restore_floating_mode(before);
     needle->answered = snapshot->serial;
     answer(&wrench, output);
@@ -190,8 +243,12 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
 trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
     pose at;
     if (!(dt > 0.0 && dt <= 1.0) || !has_needle(sim->model, needle) || check_pose(base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
-    trocar_status status = run_tick(sim, needle, triple_buffer_read(&sim->needles[needle].snapshots, NULL), at, dt, output);
-    post_request(sim, &sim->needles[needle]);
+    needle_track *n = &sim->needles[needle];
+    adopt_needle(sim, n);
+    if (phase_of(n) != PHASE_HELD) return TROCAR_BAD_INPUT;
+    trocar_status status = run_tick(sim, needle, triple_buffer_read(&n->snapshots, NULL), at, dt, output);
+    post_loads(sim, n, dt);
+    post_request(sim, n);
     return status;
 }
 
@@ -203,7 +260,7 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     int64_t longest = 0;
     for (int i = 0; sim->clock && i < sim->needle_count; i++) {
         const needle_track *n = &sim->needles[i];
-        if (n->answered >= n->posted) continue;
+        if (n->answered >= n->posted || phase_of(n) != PHASE_HELD) continue;
         uint64_t oldest = n->posted - n->answered < REQUESTS_REMEMBERED ? n->answered + 1 : n->posted + 1; /* or the oldest remembered */
         int64_t waiting = sim->clock() - n->asked[oldest % REQUESTS_REMEMBERED];
         if (waiting > longest) longest = waiting;
@@ -211,20 +268,69 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     return longest;
 }
 
-/* Hands the next snapshot to the tick if it could be filled: the first one that answers this request, or one that knows more. Worker's side. */
-static trocar_status publish(trocar_sim *sim, needle_track *needle, trocar_status status, const remesh_request *request, const tissue_loads *others,
-                             bool first, report *why) {
+/* Fills u_free of the worker's slot: found for the first answer to a request, and the same for those that know more. Worker's side. */
+static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, report *why) {
+    needle_track *needle = &sim->needles[index];
     compliance_snapshot *snapshot = triple_buffer_slot(&needle->snapshots);
-    if (status == TROCAR_OK && first) {
-        status = free_displacement_find(sim->model->parts.inverse, request, others, snapshot, why);
-        needle->loaded = snapshot->loaded;
-        memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
-    } else {
+    other_loads others;
+    if (!first) {
         snapshot->loaded = needle->loaded;
         memcpy(snapshot->u_free, needle->u_free, sizeof snapshot->u_free);
+        return TROCAR_OK;
     }
+    list_others(sim, index, &others);
+    trocar_status status = free_displacement_find(sim->inverse, request, &others, snapshot, why);
+    needle->loaded = snapshot->loaded;
+    memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
+    needle->served_shifts = attached_shifts(sim);
+    return status;
+}
+
+/* Rows of an inverse that has changed are no longer right. Worker's side. */
+static trocar_status start_anew_if_changed(trocar_sim *sim, needle_track *needle, report *why) {
+    if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
+    needle->served_changes = attached_changes(sim);
+    return remesher_forget(needle->remesher, why);
+}
+
+trocar_status answer_fully(trocar_sim *sim, int index, const remesh_request *request, report *why) {
+    needle_track *needle = &sim->needles[index];
+    trocar_status status = start_anew_if_changed(sim, needle, why);
+    if (status == TROCAR_OK) status = remesher_answer(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
+    return status == TROCAR_OK ? fill_free(sim, index, request, true, why) : status;
+}
+
+static trocar_status answer_and_publish(trocar_sim *sim, int index, report *why) {
+    needle_track *needle = &sim->needles[index];
+    trocar_status status = answer_fully(sim, index, &needle->state.request, why);
     if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     return status;
+}
+
+/* Lockstep: what others and what rests do to the tissue is known at once. */
+static trocar_status catch_up(trocar_sim *sim, int index, report *why) {
+    bool done;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (phase_of(&sim->needles[i]) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
+    bool moved = take_probe_pose(sim);
+    trocar_status status = change_resting(sim, &done, why);
+    if (status == TROCAR_OK && moved) status = press_probe(sim, why);
+    needle_track *needle = &sim->needles[index];
+    adopt_needle(sim, needle);
+    if (status != TROCAR_OK) return status;
+    if (phase_of(needle) != PHASE_HELD) return fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", index);
+    bool outdated = needle->served_changes != attached_changes(sim) || (moved && needle->served_shifts != attached_shifts(sim));
+    return outdated ? answer_and_publish(sim, index, why) : TROCAR_OK;
+}
+
+/* Lockstep: what rests and the probe respond to this tick. */
+static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
+    copy_loads(&needle->loads, &needle->held);
+    sim->since_response += dt;
+    if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < RESPONSE_PERIOD - 1e-9) return TROCAR_OK;
+    sim->since_response = 0.0;
+    trocar_status status = press_probe(sim, why);
+    return status != TROCAR_OK ? status : respond_to_loads(sim, true, why);
 }
 
 trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output, trocar_error *error) {
@@ -234,37 +340,63 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     trocar_status status = check_needle(sim, needle, why);
     if (status == TROCAR_OK) status = check_pose(base, &at, why);
     if (status != TROCAR_OK) return status;
-    needle_track *track = &sim->needles[needle];
-    const compliance_snapshot *snapshot = triple_buffer_read(&track->snapshots, NULL);
-    run_tick(sim, needle, snapshot, at, dt, output); /* if the insertion has started over, it simply goes on */
-    bool same = snapshot->serial == track->state.request.serial, alone = track->others.count == 0 && !snapshot->loaded;
-    if (same && alone) return TROCAR_OK;
     floating_mode before = flush_denormals();
-    status = remesher_answer(track->remesher, &track->state.request, triple_buffer_slot(&track->snapshots), why);
-    status = publish(sim, track, status, &track->state.request, &track->others, true, why);
+    status = catch_up(sim, needle, why);
+    if (status == TROCAR_OK) {
+        needle_track *track = &sim->needles[needle];
+        const compliance_snapshot *snapshot = triple_buffer_read(&track->snapshots, NULL);
+        run_tick(sim, needle, snapshot, at, dt, output); /* if the insertion has started over, it simply goes on */
+        status = respond(sim, track, dt, why);
+        other_loads others;
+        list_others(sim, needle, &others);
+        bool same = snapshot->serial == track->state.request.serial;
+        same = same && track->served_changes == attached_changes(sim);
+        bool known = others.count == 0 && (others.attached || others.pressed ? track->served_shifts == attached_shifts(sim) : !snapshot->loaded);
+        if (status == TROCAR_OK && !(same && known)) status = answer_and_publish(sim, needle, why);
+    }
     restore_floating_mode(before);
     return status;
 }
 
 /* Answers the newest request of this needle, if there is one: first the rows, then line after line what the mesh resolves, until there is a
    newer one. */
-static trocar_status answer_request(trocar_sim *sim, needle_track *needle, trocar_work *work, report *why) {
+static trocar_status answer_request(trocar_sim *sim, int index, trocar_work *work, report *why) {
     bool fresh;
+    needle_track *needle = &sim->needles[index];
+    if (needle->attached) return TROCAR_OK;
     const posted_request *posted = triple_buffer_read(&needle->requests, &fresh);
     if (!fresh) return TROCAR_OK;
     floating_mode before = flush_denormals();
     const remesh_request *request = &posted->request;
-    trocar_status status = remesher_serve(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
-    status = publish(sim, needle, status, request, &posted->others, true, why);
+    trocar_status status = start_anew_if_changed(sim, needle, why);
+    if (status == TROCAR_OK) status = remesher_serve(needle->remesher, request, triple_buffer_slot(&needle->snapshots), why);
+    if (status == TROCAR_OK) status = fill_free(sim, index, request, true, why);
+    if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     if (status == TROCAR_OK && sim->clock) work->latency = sim->clock() - posted->asked;
     while (status == TROCAR_OK && remesher_must_measure(needle->remesher, request) && !triple_buffer_waits(&needle->requests)) {
         status = remesher_measure(needle->remesher, request, 1, triple_buffer_slot(&needle->snapshots), why);
-        status = publish(sim, needle, status, request, &posted->others, false, why);
+        if (status == TROCAR_OK) status = fill_free(sim, index, request, false, why);
+        if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     }
     restore_floating_mode(before);
     work->more = 1;
     work->answered = status == TROCAR_OK;
     return status;
+}
+
+/* The newest forces of held needles. True: some are new. */
+static bool take_loads(trocar_sim *sim) {
+    bool any = false;
+    for (int i = 0; i < sim->needle_count; i++) {
+        bool fresh;
+        needle_track *needle = &sim->needles[i];
+        const tissue_loads *loads = triple_buffer_read(&needle->loads_out, &fresh);
+        if (!fresh || needle->attached) continue;
+        copy_loads(loads, &needle->held);
+        mark_stale(sim, needle);
+        any = true;
+    }
+    return any;
 }
 
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
@@ -273,14 +405,22 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     ssize_t taken = read(sim->work_wake, &count, sizeof count);
     (void)taken;
     trocar_work work = {0};
-    trocar_status status = TROCAR_OK;
+    bool changed, news = take_loads(sim), moved = take_probe_pose(sim);
+    trocar_status status = change_resting(sim, &changed, why);
+    work.more = changed;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
-        needle_track *needle = &sim->needles[sim->next_served];
+        int index = sim->next_served;
         sim->next_served = (sim->next_served + 1) % sim->needle_count;
-        status = answer_request(sim, needle, &work, why);
+        status = answer_request(sim, index, &work, why);
     }
     floating_mode before = flush_denormals();
-    for (int i = 0; i < sim->needle_count && !work.more; i++) work.more = remesher_look_ahead(sim->needles[i].remesher);
+    if ((news || moved) && status == TROCAR_OK) status = press_probe(sim, why);
+    if ((news || moved) && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
+    uint64_t shifts = sim->resting.shifts;
+    if (slip_some(sim, false)) work.more = true;
+    if (sim->resting.shifts != shifts && status == TROCAR_OK) status = press_probe(sim, why);
+    for (int i = 0; i < sim->needle_count && !work.more; i++)
+        work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);
     restore_floating_mode(before);
     if (done) *done = work;
     return status;

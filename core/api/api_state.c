@@ -4,21 +4,38 @@
 
 #include "api/api.h"
 #include "base/flush_denormals.h"
+#include "remesh/free_displacement.h"
 
 /* ---- save and restore -------------------------------------------------------------------------------------------------------- */
 
-/* Of each needle, after the model's address and the seeds. Copied member by member: the caller's memory need not be aligned. */
+/* After the model's address, the clock of the responses and the seeds, of each needle. Copied member by member: the caller's memory need not be
+   aligned. What the worker has not done yet when it is saved, it does after a restore. */
 typedef struct {
-    insertion_state state;
+    int phase;
+    insertion_state state;   /* of one that is being left: as it was left */
     double base_compliance;
     compliance_snapshot snapshot;
+    resting_needle resting;  /* while it is attached */
 } saved_needle;
 
-size_t trocar_sim_state_size(const trocar_sim *sim) { return sizeof sim->model + sizeof sim->seeds + (size_t)sim->needle_count * sizeof(saved_needle); }
+enum { SEEDS_AT = sizeof(trocar_model *) + sizeof(double), HEAD = SEEDS_AT + sizeof(seed_list) };
+
+size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim->needle_count * sizeof(saved_needle) + saved_probe_size(sim); }
 
 static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
     size_t expected = trocar_sim_state_size(sim);
     return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", expected, size);
+}
+
+static void save_needle(const trocar_sim *sim, int index, char *to) {
+    needle_track *needle = &sim->needles[index];
+    int phase = phase_of(needle) == PHASE_TAKEN ? PHASE_HELD : phase_of(needle);
+    const insertion_state *state = phase == PHASE_LEAVING ? triple_buffer_read(&needle->left, NULL) : state_of_needle(sim, index, NULL);
+    memcpy(to + offsetof(saved_needle, phase), &phase, sizeof phase);
+    memcpy(to + offsetof(saved_needle, state), state, sizeof *state);
+    memcpy(to + offsetof(saved_needle, base_compliance), &needle->base_compliance, sizeof needle->base_compliance);
+    memcpy(to + offsetof(saved_needle, snapshot), triple_buffer_read(&needle->snapshots, NULL), sizeof(compliance_snapshot));
+    if (phase == PHASE_RESTING || phase == PHASE_TAKING) memcpy(to + offsetof(saved_needle, resting), needle->resting, sizeof *needle->resting);
 }
 
 trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, trocar_error *error) {
@@ -26,31 +43,44 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     trocar_status status = check_size(sim, size, error ? error : &ignored);
     if (status != TROCAR_OK) return status;
     memcpy(state, &sim->model, sizeof sim->model);
-    char *to = (char *)state + sizeof sim->model;
-    memcpy(to, &sim->seeds, sizeof sim->seeds);
-    to += sizeof sim->seeds;
-    for (int i = 0; i < sim->needle_count; i++, to += sizeof(saved_needle)) {
-        needle_track *needle = &sim->needles[i];
-        memcpy(to + offsetof(saved_needle, state), &needle->state, sizeof needle->state);
-        memcpy(to + offsetof(saved_needle, base_compliance), &needle->base_compliance, sizeof needle->base_compliance);
-        memcpy(to + offsetof(saved_needle, snapshot), triple_buffer_read(&needle->snapshots, NULL), sizeof(compliance_snapshot));
-    }
+    memcpy((char *)state + sizeof sim->model, &sim->since_response, sizeof sim->since_response);
+    memcpy((char *)state + SEEDS_AT, &sim->seeds, sizeof sim->seeds);
+    for (int i = 0; i < sim->needle_count; i++) save_needle(sim, i, (char *)state + HEAD + (size_t)i * sizeof(saved_needle));
+    save_probe(sim, (char *)state + HEAD + (size_t)sim->needle_count * sizeof(saved_needle));
     return TROCAR_OK;
 }
 
-static trocar_status restore_needle(needle_track *needle, const char *from, report *why) {
+/* All but the remesher, which needs to know what rests. */
+static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const char *from, report *why) {
+    int phase;
     compliance_snapshot *slot = triple_buffer_slot(&needle->snapshots);
+    memcpy(&phase, from + offsetof(saved_needle, phase), sizeof phase);
     memcpy(&needle->state, from + offsetof(saved_needle, state), sizeof needle->state);
     memcpy(&needle->base_compliance, from + offsetof(saved_needle, base_compliance), sizeof needle->base_compliance);
     memcpy(slot, from + offsetof(saved_needle, snapshot), sizeof *slot);
+    needle->stamp = next_stamp();
     needle->given = needle->state.needle.base;
     needle->given.position = v3_sub(needle->given.position, needle->state.base_shift);
-    floating_mode before = flush_denormals();
-    trocar_status status = remesher_resume(needle->remesher, &needle->state.request, slot, why);
-    restore_floating_mode(before);
-    triple_buffer_publish(&needle->snapshots);
     needle->posted = 0;
-    return status;
+    needle->loads.count = 0;
+    needle->attached = phase == PHASE_RESTING || phase == PHASE_TAKING;
+    if (phase == PHASE_LEAVING) {
+        memcpy(triple_buffer_slot(&needle->left), &needle->state, sizeof needle->state);
+        triple_buffer_publish(&needle->left);
+    }
+    atomic_store(&needle->phase, phase);
+    atomic_fetch_add(&sim->resting_count, phase != PHASE_HELD);
+    if (!needle->attached) {
+        insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
+        needle->held = needle->loads;
+        return TROCAR_OK;
+    }
+    trocar_status status = make_room_to_rest(sim, needle, why);
+    if (status != TROCAR_OK) return status;
+    memcpy(needle->resting, from + offsetof(saved_needle, resting), sizeof *needle->resting);
+    needle->held.count = 0;
+    insertion_add_left_loads(&sim->model->parts.insertion, &needle->resting->anchor, &needle->held);
+    return TROCAR_OK;
 }
 
 trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size, trocar_error *error) {
@@ -60,10 +90,22 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     if (status != TROCAR_OK) return status;
     memcpy(&model, state, sizeof model);
     if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
-    const char *from = (const char *)state + sizeof model;
-    memcpy(&sim->seeds, from, sizeof sim->seeds);
-    from += sizeof sim->seeds;
-    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(&sim->needles[i], from, why);
+    floating_mode before = flush_denormals();
+    memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
+    memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
+    atomic_store(&sim->resting_count, 0);
+    const char *from = (const char *)state + HEAD;
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
+    if (status == TROCAR_OK) status = rest_again(sim, why);
+    if (status == TROCAR_OK) status = restore_probe(sim, from, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
+        needle_track *needle = &sim->needles[i];
+        needle->served_changes = attached_changes(sim);
+        needle->served_shifts = attached_shifts(sim);
+        status = remesher_resume(needle->remesher, &needle->state.request, triple_buffer_slot(&needle->snapshots), why);
+        triple_buffer_publish(&needle->snapshots);
+    }
+    restore_floating_mode(before);
     return status;
 }
 
@@ -169,7 +211,7 @@ trocar_pose pose_out(pose base) {
 }
 
 /* NULL for a needle that does not exist. */
-static const insertion_state *state_of(const trocar_sim *sim, int needle) { return has_needle(sim->model, needle) ? &sim->needles[needle].state : NULL; }
+static const insertion_state *state_of(const trocar_sim *sim, int needle) { return has_needle(sim->model, needle) ? state_of_needle(sim, needle, NULL) : NULL; }
 
 int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {
     const insertion_state *state = state_of(sim, needle);
@@ -200,8 +242,10 @@ int trocar_sim_centreline(const trocar_sim *sim, int needle, double *joints, int
 
 trocar_pose trocar_sim_base(const trocar_sim *sim, int needle) {
     if (!has_needle(sim->model, needle)) return pose_out((pose){.orientation = {1, 0, 0, 0}});
+    const insertion_state *state = state_of_needle(sim, needle, NULL);
     pose base = sim->needles[needle].given;
-    base.position = v3_add(base.position, sim->needles[needle].state.base_shift);
+    if (state != &sim->needles[needle].state) return pose_out(state->needle.base);
+    base.position = v3_add(base.position, state->base_shift);
     return pose_out(base);
 }
 
@@ -215,19 +259,23 @@ double trocar_sim_needle_energy(const trocar_sim *sim, int needle) {
     return state ? needle_energy(&sim->model->parts.needle, &state->needle) : 0.0;
 }
 
-void loads_of_others(const trocar_model *model, const insertion_state *const states[], tissue_loads *others) {
-    others->count = 0;
-    for (int i = 1; i < model->parts.config.needle_count; i++) insertion_add_loads(&model->parts.insertion, states[i], others);
+void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal) {
+    for (int i = 0; probe && i < probe->count; i++) nominal[probe->nodes[i]] = v3_add(nominal[probe->nodes[i]], probe->force[i]);
+    for (int i = 1; i < model->parts.config.needle_count; i++) {
+        tissue_loads loads = {.count = 0};
+        insertion_add_loads(&model->parts.insertion, states[i], &loads);
+        loads_spread(&model->parts.mesh, &loads, nominal);
+    }
 }
 
-trocar_status field_of(trocar_model *model, const insertion_state *const states[], vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
+trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why) {
     simulation *parts = &model->parts;
     if (!*scratch) *scratch = malloc(simulation_field_scratch(parts) * sizeof **scratch);
     if (!*scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
-    tissue_loads others;
-    loads_of_others(model, states, &others);
     floating_mode before = flush_denormals();
-    simulation_field(parts, states[0], &others, *scratch, nominal, added);
+    memset(nominal, 0, (size_t)parts->mesh.node_count * sizeof *nominal);
+    spread_others(model, states, probe, nominal);
+    simulation_field(parts, states[0], *scratch, nominal, added);
     restore_floating_mode(before);
     return TROCAR_OK;
 }
@@ -236,6 +284,6 @@ trocar_status trocar_sim_displacements(trocar_sim *sim, double *displacements, t
     trocar_error ignored;
     const insertion_state *states[MAX_NEEDLES];
     vec3 added[MAX_CONTACTS];
-    for (int i = 0; i < sim->needle_count; i++) states[i] = &sim->needles[i].state;
-    return field_of(sim->model, states, &sim->field_scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
+    for (int i = 0; i < sim->needle_count; i++) states[i] = state_of_needle(sim, i, NULL);
+    return field_of(sim->model, states, probe_shown(sim), &sim->field_scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }

@@ -108,6 +108,12 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
+/* Turn about the body's z axis from one orientation to another, rad; 0 between equal ones, without rounding. */
+static inline double q_roll_between(quat from, quat to) {
+    if (from.w == to.w && from.x == to.x && from.y == to.y && from.z == to.z) return 0.0;
+    return v3_dot(q_log(q_multiply(to, q_conjugate(from))), q_axis(from));
+}
+
 /* Interpolates between two poses, rotating about a fixed axis. */
 static inline pose pose_between(pose from, pose to, double fraction) {
     vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));

@@ -1,5 +1,7 @@
 #include "insertion/equilibrium.h"
 
+#include <string.h>
+
 #include "insertion/contact_assembly.h"
 #include "insertion/creep.h"
 #include "insertion/guides.h"
@@ -89,6 +91,13 @@ static void linearise(const tick_context *tick) {
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->tip) damp_tip(tick);
+}
+
+void equilibrium_linearise(const tick_context *tick, const int handles[4], bool loaded) {
+    prepare(tick, handles);
+    if (!loaded) memset(tick->scratch->load, 0, sizeof tick->scratch->load);
+    tick->scratch->relaxed = 1.0; /* at rest, nothing springs back */
+    linearise(tick);
 }
 
 /* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no

@@ -60,6 +60,20 @@ static void hold_base(const tick_context *tick) {
     needle_hold(tick->model->needle, base, &tick->state->needle);
 }
 
+/* Displacement of the surface ahead of a free needle's end, or just behind it, by whatever else deforms the tissue. */
+static vec3 free_at_surface(const tick_context *tick, vec3 end, vec3 axis) {
+    const mesh *m = tick->model->mesh;
+    int handles[4];
+    double weights[4];
+    vec3 u = v3(0, 0, 0);
+    if (!tick->snapshot->loaded) return u;
+    surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, end), v3_axpy(DENT_DEPTH, axis, end));
+    if (!hit.hit || !snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) return u;
+    mesh_barycentric(m, hit.tet, hit.point, weights);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, handles[c]), u);
+    return u;
+}
+
 /* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
    A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
@@ -70,6 +84,9 @@ static void move_freely(const tick_context *tick) {
     if (guides_hold(model, state)) hold_base(tick);
     else needle_rest(model->needle, tick->base.pose, &state->needle);
     vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
+    vec3 surface = free_at_surface(tick, now, axis); /* the mesh is the tissue at rest */
+    before = v3_sub(before, surface);
+    now = v3_sub(now, surface);
     vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
     bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
     tip_touch(tick, advancing && tip_is_below(model, behind, before) ? behind : before, now);
@@ -199,6 +216,18 @@ void insertion_tick(const tick_context *given) {
     profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
 }
 
+bool insertion_linearise(const tick_context *tick, bool loaded) {
+    int handles[4];
+    insertion_workspace *w = tick->scratch;
+    if (tick->state->buckled || tick->state->tip.phase == TIP_FREE) return false;
+    creep_begin(tick);
+    w->point_count = 0;
+    w->tip = follow_known_point(tick, handles) && follow_resolution(tick);
+    if (!w->tip && !contact_is_active(tick->state, 0)) return false;
+    equilibrium_linearise(tick, handles, loaded);
+    return true;
+}
+
 /* ---- what is not finite -------------------------------------------------------------------------------------------- */
 
 static double sum_of(vec3 v) { return v.x + v.y + v.z; }
@@ -252,6 +281,15 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     }
 }
 
+void insertion_add_left_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
+        const left_load *left = &state->memory.left.loads[i];
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
+        memcpy(load->weights, left->weights, sizeof load->weights);
+    }
+}
+
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     const needle_tip *tip = &state->tip;
     for (int k = 0; contact_is_active(state, k) && loads->count < MAX_LOADS; k++) {
@@ -261,12 +299,7 @@ void insertion_add_loads(const insertion_model *model, const insertion_state *st
         *load = (tissue_load){.tet = node->tet, .force = v3_add(state->contacts[slot].force, creep_load(model, &state->memory, k))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
     }
-    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
-        const left_load *left = &state->memory.left.loads[i];
-        tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
-        memcpy(load->weights, left->weights, sizeof load->weights);
-    }
+    insertion_add_left_loads(model, state, loads);
     if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
     tissue_load *load = &loads->loads[loads->count++];
     *load = (tissue_load){.tet = tip->known_tet, .force = v3_add(tip_load(tip), creep_tip_load(model, &state->memory))};

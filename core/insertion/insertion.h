@@ -12,6 +12,11 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
    allocation, no lock, no library call. RT */
 void insertion_tick(const tick_context *tick);
 
+/* Puts together the contact problem of a tick that would not move the base, in scratch->problem, and leaves it unsolved. The state's memory
+   of relaxing tissue goes on as in a tick. Not `loaded`: without what the forces add to the needle's stiffness. False: the needle
+   touches no tissue. */
+bool insertion_linearise(const tick_context *tick, bool loaded);
+
 /* Are the output, and all numbers that the next tick starts from, finite? RT */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output);
 
@@ -28,5 +33,8 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
 
 /* Appends the same forces as loads on the nominal mesh, for the other needles in the tissue. RT */
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
+
+/* Those of them that relaxing tissue remembers where the needle is no longer. RT */
+void insertion_add_left_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
 
 #endif

@@ -124,8 +124,6 @@ plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, pla
     return plane_sum(1.0, whole, -0.5, surplus);
 }
 
-double local_room(double logarithm, double stiffness, double surplus) { return local_of_share(logarithm, stiffness, surplus) + 0.5 * surplus; }
-
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
    skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */

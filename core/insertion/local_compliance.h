@@ -30,9 +30,6 @@ plane_tensor local_logarithm_across(const insertion_model *model, const resolved
 double local_of_share(double logarithm, double stiffness, double surplus);
 plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, plane_tensor surplus);
 
-/* m/N, by which that of stiffening tissue may be lower, with the same limit. RT */
-double local_room(double logarithm, double stiffness, double surplus);
-
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
 typedef struct {
     double compliance;       /* m/N, of the disc and all the tissue around it */

@@ -100,6 +100,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
+        if (!hit.hit) hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end); /* in a dent */
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
         if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;

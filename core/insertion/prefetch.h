@@ -5,6 +5,7 @@
 #include "insertion/insertion_model.h"
 #include "insertion/insertion_state.h"
 
+static const double DENT_DEPTH = 20e-3; /* m, by which other needles may have displaced the skin where a needle goes in */
 static const double WINDOW_SPAN = 5e-3; /* m before and behind the tip, between which the tissue's displacement gradient is taken */
 
 /* Brings state->request up to date: contact nodes, and the nodes of the elements around the tip, behind it and ahead. RT */

@@ -1,7 +1,6 @@
 #include "insertion/roll.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "insertion/creep.h"
 
@@ -38,10 +37,9 @@ shared_bound roll_left_to_turning(double dry, double slip, double along, const r
 /* ---- the twisted shaft ------------------------------------------------------------------------------------------------- */
 
 void roll_turn_base(insertion_state *state, quat orientation) {
-    quat before = state->needle.base.orientation;
-    if (memcmp(&before, &orientation, sizeof before) == 0) return;
-    vec3 turn = q_log(q_multiply(orientation, q_conjugate(before)));
-    state->base_turn += v3_dot(turn, q_axis(before));
+    double turn = q_roll_between(state->needle.base.orientation, orientation);
+    state->base_turn += turn;
+    state->tip_lead -= turn; /* the tip stays until the solve turns it */
 }
 
 /* Of a point in tissue: guides hold no shaft against turning. */

@@ -19,7 +19,7 @@ shared_bound roll_left_to_turning(double dry, double slip, double along, const r
 /* Length of the way that the shaft's surface has slid, m. RT */
 double roll_way(double slip, const roll_friction *roll, double radius);
 
-/* The base turns with its pose: adds its turn about the needle's axis. Before needle_hold. RT */
+/* The base turns with its pose: adds its turn about the needle's axis, which the tip does not follow yet. Before needle_hold. RT */
 void roll_turn_base(insertion_state *state, quat orientation);
 
 /* Turns the shaft: torques, slip and the tip's lag after the solve of this step. RT */

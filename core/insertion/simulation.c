@@ -22,6 +22,7 @@ void simulation_defaults(simulation_config *config) {
                    .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
         .needle_count = 1,
         .seeds = {.length = 4.5e-3, .diameter = 0.8e-3, .spacing = 10e-3},
+        .probe = {.shape = {.radius = 10e-3, .tip_radius = 10e-3, .length = 0.15}, .start = {v3(NAN, NAN, NAN), {1, 0, 0, 0}}},
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
                       .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 4, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
@@ -87,6 +88,19 @@ static trocar_status bind_guides(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
+static trocar_status bind_probe(simulation *s, report *why) {
+    char known[512];
+    const char *surface = s->config.probe.surface;
+    s->probe_surface = -1;
+    if (surface[0] == '\0') return TROCAR_OK;
+    s->probe_surface = mesh_find_group(&s->mesh, surface, 2);
+    if (s->probe_surface < 0)
+        return fail(why, TROCAR_BAD_INPUT, "probe.surface: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, surface,
+                    list_groups(&s->mesh, 2, known, sizeof known));
+    if (!remesh_needs_dense(s->config.remeshing)) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "probe: it needs remeshing: nested or implicit, not %s", remesh_name(s->config.remeshing));
+}
+
 static trocar_status build_tissue(simulation *s, report *why) {
     char known[512];
     bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
@@ -138,12 +152,29 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
                                    : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
 }
 
+static int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
+
+/* The nodes that a probe can press belong to the region of interest, if there is one. */
+static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *count, report *why) {
+    if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;
+    const mesh_group *surface = &s->mesh.groups[s->probe_surface];
+    int *all = realloc(*nodes, (size_t)(*count + surface->node_count) * sizeof *all), found = *count;
+    if (!all) return fail(why, TROCAR_NO_MEMORY, "no memory for the region of interest");
+    *nodes = all;
+    for (int i = 0; i < surface->node_count; i++)
+        if (!bsearch(&surface->nodes[i], all, (size_t)*count, sizeof *all, compare_nodes)) all[found++] = surface->nodes[i];
+    *count = found;
+    qsort(all, (size_t)found, sizeof *all, compare_nodes);
+    return TROCAR_OK;
+}
+
 static trocar_status build_inverse(simulation *s, report *why) {
     int *roi, roi_count;
     int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
     trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
     if (status != TROCAR_OK) return status;
-    status = build_owner(s, roi_count, roi, why);
+    status = add_probe_nodes(s, &roi, &roi_count, why);
+    if (status == TROCAR_OK) status = build_owner(s, roi_count, roi, why);
     free(roi);
     return status;
 }
@@ -173,6 +204,7 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = bind_guides(s, why);
+    if (status == TROCAR_OK) status = bind_probe(s, why);
     if (status != TROCAR_OK) simulation_free(s);
     return status;
 }
@@ -240,16 +272,15 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
     return remesher_resume(s->remesher, &state->request, snapshot, why);
 }
 
-void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
-    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
-    if (others) loads_spread(&s->mesh, others, nominal);
     refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
 }
 
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    simulation_field(s, state, NULL, s->field_scratch, nominal, added);
+    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
+    simulation_field(s, state, s->field_scratch, nominal, added);
 }

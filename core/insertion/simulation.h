@@ -5,11 +5,18 @@
 #include "insertion/insertion.h"
 #include "insertion/seeds.h"
 #include "inverse/inverse_choice.h"
+#include "probe/probe.h"
 #include "remesh/remesh.h"
 #include "tissue/region_of_interest.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
+
+typedef struct {
+    char surface[MESH_NAME]; /* that it presses; empty: there is no probe */
+    probe_shape shape;
+    pose start;              /* of its base; its position is NAN: nowhere until it is told */
+} probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
@@ -24,11 +31,12 @@ typedef struct {
     int guide_count;    guide_config guides[MAX_GUIDES];
     int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* of all regions; none: elastic */
     needle_parameters needle;
-    int needle_count;                    /* held in the same tissue, all alike; 1 .. MAX_NEEDLES */
+    int needle_count;                    /* in the same tissue, all alike; 1 .. MAX_NEEDLES */
     seed_size seeds;
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
+    probe_config probe;
     roi_config roi;                  /* region of interest; nothing given: see roi_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's */
     volumetric_strain volumetric;
@@ -41,6 +49,7 @@ typedef struct {
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
+    int probe_surface;                  /* group, -1: there is no probe */
     tissue tissue;
     inverse *inverse;
     report about_inverse;               /* which owner, and why */
@@ -88,8 +97,8 @@ trocar_status simulation_restore(simulation *s, const checkpoint *saved, inserti
    Allocates nothing; not for the haptic thread. */
 void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
 
-/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `others`: what else loads the tissue;
-   NULL: nothing does. */
-void simulation_field(simulation *s, const insertion_state *state, const tissue_loads *others, vec3 *scratch, vec3 *nominal, vec3 *added);
+/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `nominal` holds the forces of what else
+   loads the tissue, N, on its nodes. */
+void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

@@ -63,3 +63,52 @@ void block_cache_get(const block_cache *c, int row, int column, double *block, i
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) block[a * ld + b] = kept[transposed ? 3 * b + a : 3 * a + b];
 }
+
+/* ---- gathering -------------------------------------------------------------------------------------------------------------- */
+
+static int least(int a, int b) { return a < b ? a : b; }
+
+/* Does not use the cache. */
+static trocar_status gather_afresh(const block_source *s, const inverse_blocks *b, report *why) {
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < b->row_count; i += s->size)
+        for (int j = 0; j < b->column_count && status == TROCAR_OK; j += s->size)
+            status = s->compute(s->context, &(inverse_blocks){least(b->row_count - i, s->size), b->rows + i, least(b->column_count - j, s->size),
+                                                              b->columns + j, b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld}, why);
+    return status;
+}
+
+/* Lists the `nodes` that have no cached block with some node of `others`. */
+static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
+    int found = 0;
+    for (int i = 0; i < count; i++) {
+        bool all = true;
+        for (int j = 0; j < other_count && all; j++) all = block_cache_knows(c, nodes[i], others[j]);
+        if (!all) missing[found++] = nodes[i];
+    }
+    return found;
+}
+
+static trocar_status compute_missing(block_cache *c, const block_source *s, const inverse_blocks *b, report *why) {
+    int rows[BLOCK_CACHE_NODES], columns[BLOCK_CACHE_NODES], ld = 3 * s->size;
+    int row_end = list_missing(c, b->row_count, b->rows, b->column_count, b->columns, rows);
+    int column_end = list_missing(c, b->column_count, b->columns, row_end, rows, columns);
+    for (int i = 0; i < row_end; i += s->size)
+        for (int j = 0; j < column_end; j += s->size) {
+            int high = least(row_end - i, s->size), wide = least(column_end - j, s->size);
+            trocar_status status = s->compute(s->context, &(inverse_blocks){high, rows + i, wide, columns + j, s->tile, ld}, why);
+            if (status != TROCAR_OK) return status;
+            for (int k = 0; k < high * wide; k++)
+                block_cache_put(c, rows[i + k / wide], columns[j + k % wide], s->tile + 3 * (k / wide) * ld + 3 * (k % wide), ld);
+        }
+    return TROCAR_OK;
+}
+
+trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *b, report *why) {
+    if (!block_cache_take(c, b->row_count, b->rows, b->column_count, b->columns)) return gather_afresh(source, b, why);
+    trocar_status status = compute_missing(c, source, b, why);
+    for (int i = 0; i < b->row_count && status == TROCAR_OK; i++)
+        for (int j = 0; j < b->column_count; j++)
+            block_cache_get(c, b->rows[i], b->columns[j], b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld);
+    return status;
+}

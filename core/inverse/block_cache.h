@@ -1,9 +1,11 @@
-/* Blocks of K^-1 that were computed before, between the nodes used most recently: 3 x 3 each, symmetric. */
+/* Blocks of an inverse that were computed before, between the nodes used most recently: 3 x 3 each, symmetric. */
 #ifndef TROCAR_BLOCK_CACHE_H
 #define TROCAR_BLOCK_CACHE_H
 
 #include <stdbool.h>
 
+#include "base/report.h"
+#include "inverse/inverse_blocks.h"
 #include "inverse/lru.h"
 
 enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
@@ -16,6 +18,17 @@ typedef struct {
 
 bool block_cache_create(block_cache *c, int node_count);
 void block_cache_free(block_cache *c);
+
+/* Computes blocks that are not kept: at most `size` rows and columns at once. */
+typedef struct {
+    trocar_status (*compute)(void *context, const inverse_blocks *tile, report *why);
+    void *context;
+    double *tile;            /* 3 size square: scratch */
+    int size;
+} block_source;
+
+/* Takes what is kept, and computes and keeps the rest; blocks of too many nodes to be kept are computed. */
+trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, report *why);
 
 /* Gives all these nodes places, taken from the ones not used for longest. False, and nothing changed, when they are too many. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);

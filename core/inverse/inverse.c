@@ -29,7 +29,7 @@ trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->pr
 
 bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
 
-bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches; }
+bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches && inv->owner->prefetches(inv); }
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 

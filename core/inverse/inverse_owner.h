@@ -15,7 +15,7 @@ typedef struct {
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
     trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
     void (*release)(inverse *inv);                                          /* frees all but the common part */
-    bool prefetches;                                                        /* see inverse_prefetches */
+    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: it does not */
     bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
 } inverse_owner;
 

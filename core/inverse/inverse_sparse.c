@@ -93,59 +93,18 @@ static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
                        s->block + (3 * i + a) * 3 * PRODUCT_BLOCK + 3 * j, 3 * sizeof *b->out);
 }
 
-static int least(int a, int b) { return a < b ? a : b; }
-
-/* Does not use the cache of blocks. */
-static void gather_afresh(sparse_inverse *s, const inverse_blocks *b) {
-    for (int i = 0; i < b->row_count; i += PRODUCT_BLOCK)
-        for (int j = 0; j < b->column_count; j += PRODUCT_BLOCK)
-            gather_block(s, &(inverse_blocks){least(b->row_count - i, PRODUCT_BLOCK), b->rows + i, least(b->column_count - j, PRODUCT_BLOCK),
-                                              b->columns + j, b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld});
-}
-
-/* Lists the `nodes` that have no cached block with some node of `others`. */
-static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
-    int found = 0;
-    for (int i = 0; i < count; i++) {
-        bool all = true;
-        for (int j = 0; j < other_count && all; j++) all = block_cache_knows(c, nodes[i], others[j]);
-        if (!all) missing[found++] = nodes[i];
-    }
-    return found;
-}
-
-static void compute_missing(sparse_inverse *s, int row_count, const int *rows, int column_count, const int *columns) {
-    int missing_rows[BLOCK_CACHE_NODES], missing_columns[BLOCK_CACHE_NODES];
-    int row_end = list_missing(&s->blocks, row_count, rows, column_count, columns, missing_rows);
-    int column_end = list_missing(&s->blocks, column_count, columns, row_end, missing_rows, missing_columns);
-    for (int i = 0; i < row_end; i += PRODUCT_BLOCK)
-        for (int j = 0; j < column_end; j += PRODUCT_BLOCK) {
-            int high = least(row_end - i, PRODUCT_BLOCK), wide = least(column_end - j, PRODUCT_BLOCK);
-            gather_block(s, &(inverse_blocks){high, missing_rows + i, wide, missing_columns + j, s->tile, 3 * PRODUCT_BLOCK});
-            for (int k = 0; k < high * wide; k++)
-                block_cache_put(&s->blocks, missing_rows[i + k / wide], missing_columns[j + k % wide],
-                                s->tile + 3 * (k / wide) * 3 * PRODUCT_BLOCK + 3 * (k % wide), 3 * PRODUCT_BLOCK);
-        }
-}
-
-static void gather_cached(sparse_inverse *s, const inverse_blocks *b) {
-    if (!block_cache_take(&s->blocks, b->row_count, b->rows, b->column_count, b->columns)) {
-        gather_afresh(s, b);
-        return;
-    }
-    compute_missing(s, b->row_count, b->rows, b->column_count, b->columns);
-    for (int i = 0; i < b->row_count; i++)
-        for (int j = 0; j < b->column_count; j++)
-            block_cache_get(&s->blocks, b->rows[i], b->columns[j], b->out + (size_t)(3 * i) * (size_t)b->ld + 3 * j, b->ld);
+static trocar_status compute_tile(void *context, const inverse_blocks *tile, report *why) {
+    (void)why;
+    gather_block(context, tile);
+    return TROCAR_OK;
 }
 
 static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
-    (void)why;
     sparse_inverse *s = (sparse_inverse *)inv;
     mtx_lock(&s->gather_lock);
-    gather_cached(s, blocks);
+    trocar_status status = block_cache_gather(&s->blocks, &(block_source){compute_tile, s, s->tile, PRODUCT_BLOCK}, blocks, why);
     mtx_unlock(&s->gather_lock);
-    return TROCAR_OK;
+    return status;
 }
 
 /* Solves K x = right; the solution is in the workspace. NULL if out of memory; only the first call allocates. */
@@ -191,7 +150,12 @@ static void sparse_release(inverse *inv) {
     block_cache_free(&s->blocks);
 }
 
-static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, NULL, sparse_release, true, NULL};
+static bool sparse_prefetches(const inverse *inv) {
+    (void)inv;
+    return true;
+}
+
+static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, NULL, sparse_release, sparse_prefetches, NULL};
 
 static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;

@@ -13,7 +13,8 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
 /* Sets the needle straight and unloaded, with its base at `base`. RT */
 void needle_rest(const needle_model *model, pose base, needle_state *state);
 
-/* Moves the base and translates the needle with it; segments keep their orientation until the next solve. RT */
+/* Moves the base. The needle moves with it, and each segment turns about its own axis as the base does about its; the axes keep their
+   directions until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);
 
 /* RT */

@@ -16,7 +16,11 @@ static void rod_rest(const needle_model *model, pose base, needle_state *state) 
     place_joints(model, state);
 }
 
+/* No load twists the rod, so that every segment turns about its own axis by as much as the base does. */
 static void rod_hold(const needle_model *model, pose base, needle_state *state) {
+    double roll = q_roll_between(state->base.orientation, base.orientation);
+    quat turn = q_exp(v3(0, 0, roll));
+    for (int k = 0; k < model->given.segments && roll != 0.0; k++) state->frames[k] = q_unit(q_multiply(state->frames[k], turn));
     state->base = base;
     place_joints(model, state);
 }

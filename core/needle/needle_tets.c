@@ -116,8 +116,7 @@ static void tets_rest(const needle_model *model, pose base, needle_state *state)
    would not converge within a tick. */
 static void tets_hold(const needle_model *model, pose base, needle_state *state) {
     vec3 shift = v3_sub(base.position, state->base.position);
-    vec3 turn = q_log(q_multiply(base.orientation, q_conjugate(state->base.orientation)));
-    double roll = v3_dot(turn, q_axis(state->base.orientation));
+    double roll = q_roll_between(state->base.orientation, base.orientation);
     for (int k = 1; k <= model->given.segments; k++) {
         quat about_axis = q_exp(v3_scale(roll, q_axis(state->frames[k - 1])));
         vec3 before = state->joints[k];

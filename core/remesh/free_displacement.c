@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "inverse/inverse_attached.h"
+
 enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
 
 /* Nominal nodes, each once, and their displacements: one for each set of loads. */
@@ -44,6 +46,24 @@ static trocar_status add_forces(inverse *inv, int tet, const double weights[4], 
     return TROCAR_OK;
 }
 
+trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, report *why) {
+    enum { SIDE = 32 };
+    double blocks[3 * SIDE][3 * SIDE];
+    for (int first = 0; first < count; first += SIDE)
+        for (int from = 0; from < loads->count; from += SIDE) {
+            int rows = count - first < SIDE ? count - first : SIDE, columns = loads->count - from < SIDE ? loads->count - from : SIDE;
+            trocar_status status = inverse_gather(inv, &(inverse_blocks){rows, nodes + first, columns, loads->nodes + from, blocks[0], 3 * SIDE}, why);
+            if (status != TROCAR_OK) return status;
+            for (int i = 0; i < rows; i++)
+                for (int j = 0; j < columns; j++) {
+                    mat3 block = {{{0}}};
+                    m3_add_block(&block, 1.0, &blocks[3 * i][3 * j], 3 * SIDE);
+                    displacement[first + i] = v3_add(displacement[first + i], m3_apply(&block, loads->force[from + j]));
+                }
+        }
+    return TROCAR_OK;
+}
+
 /* Displacements of the handles (MAX_HANDLES) in one set. */
 static void read_handles(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], const node_field *field, int set, vec3 *handles) {
     for (int k = 0; k < MAX_WINDOW; k++)
@@ -58,15 +78,26 @@ static void read_handles(const mesh *m, const remesh_request *request, const int
     }
 }
 
-trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const tissue_loads *loads, compliance_snapshot *snapshot, report *why) {
+trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
-    snapshot->loaded = loads->count > 0;
+    snapshot->loaded = others->attached || others->pressed;
+    for (int i = 0; i < others->count; i++) snapshot->loaded = snapshot->loaded || others->of[i]->count > 0;
     memset(snapshot->u_free, 0, sizeof snapshot->u_free);
     if (!snapshot->loaded) return TROCAR_OK;
     node_field field = {.count = 0};
     list_nodes(m, request, snapshot->window, &field);
-    for (int i = 0; i < loads->count; i++) {
-        trocar_status status = add_forces(inv, loads->loads[i].tet, loads->loads[i].weights, 1, &loads->loads[i].force, &field, why);
+    for (int n = 0; n < others->count; n++)
+        for (int i = 0; i < others->of[n]->count; i++) {
+            const tissue_load *load = &others->of[n]->loads[i];
+            trocar_status status = add_forces(inv, load->tet, load->weights, 1, &load->force, &field, why);
+            if (status != TROCAR_OK) return status;
+        }
+    if (others->attached) {
+        trocar_status status = inverse_attached_displace(others->beneath, others->attached, field.count, field.nodes, field.displacement[0], why);
+        if (status != TROCAR_OK) return status;
+    }
+    if (others->pressed) {
+        trocar_status status = nodal_displacement_add(others->beneath, others->pressed, field.count, field.nodes, field.displacement[0], why);
         if (status != TROCAR_OK) return status;
     }
     read_handles(m, request, snapshot->window, &field, 0, snapshot->u_free);
@@ -88,6 +119,28 @@ trocar_status left_displacement_find(inverse *inv, const remesh_request *request
     memset(left->u, 0, sizeof left->u);
     for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, left->u[s]);
     return TROCAR_OK;
+}
+
+int loads_most_nodes(const other_loads *others) {
+    int most = others->pressed ? others->pressed->count : 0;
+    for (int n = 0; n < others->count; n++) most += 4 * others->of[n]->count;
+    return most;
+}
+
+int loads_on_nodes(const mesh *m, const other_loads *others, int *nodes, vec3 *forces) {
+    int count = others->pressed ? others->pressed->count : 0;
+    for (int i = 0; i < count; i++) nodes[i] = others->pressed->nodes[i], forces[i] = others->pressed->force[i];
+    for (int n = 0; n < others->count; n++)
+        for (int i = 0; i < others->of[n]->count; i++) {
+            const tissue_load *load = &others->of[n]->loads[i];
+            for (int c = 0; c < 4; c++) {
+                int k = 0, node = m->tets[load->tet][c];
+                while (k < count && nodes[k] != node) k++;
+                if (k == count) nodes[count] = node, forces[count++] = v3(0, 0, 0);
+                forces[k] = v3_axpy(load->weights[c], load->force, forces[k]);
+            }
+        }
+    return count;
 }
 
 void loads_spread(const mesh *m, const tissue_loads *loads, vec3 *nominal) {

@@ -249,10 +249,15 @@ trocar_status remesher_answer(remesher *r, const remesh_request *request, compli
     return status == TROCAR_OK ? remesher_measure(r, request, MAX_PIECES, snapshot, why) : status;
 }
 
-trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
+trocar_status remesher_forget(remesher *r, report *why) {
     static const refinement nothing = {.count = 0};
+    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
+    return update_nodes(r, &nothing, why);
+}
+
+trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
-    trocar_status status = update_nodes(r, &nothing, why);
+    trocar_status status = remesher_forget(r, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;

@@ -45,6 +45,9 @@ trocar_status remesher_answer(remesher *r, const remesh_request *request, compli
    time, nearest first. False: nothing is left to do. For idle time; does not change any answer. */
 bool remesher_look_ahead(remesher *r);
 
+/* Starts anew: the inverse has changed. Lines that were measured stay. */
+trocar_status remesher_forget(remesher *r, report *why);
+
 /* Goes back to where it had just answered `request` with `snapshot`, as if nothing had been served since; starts empty where
    the snapshot answers another request. To the bit or to rounding: see simulation_restore; after the removal of a node on a face from
    among others, to rounding. */

@@ -2,6 +2,7 @@
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
+#include "inverse/inverse_attached.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
 
@@ -34,13 +35,22 @@ typedef struct {
     left_load loads[MAX_LEFT];
 } left_loads;
 
-enum { MAX_NEEDLES = 4, MAX_LOADS = (MAX_NEEDLES - 1) * (MAX_CONTACTS + 1 + MAX_LEFT) };
+enum { MAX_NEEDLES = 32, MAX_LOADS = MAX_CONTACTS + 1 + MAX_LEFT };
 
-/* What else loads the tissue beside the needle that asks: the other needles. */
+/* Of one needle. */
 typedef struct {
     int count;
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
+
+/* What else loads the tissue beside the needle that asks. */
+typedef struct {
+    int count;               /* other needles that are held, */
+    const tissue_loads *of[MAX_NEEDLES];
+    inverse *beneath;        /* attached inverse that holds the needles at rest, but not the probe: */
+    const double *attached;  /* N, forces at all its rows; NULL: there are none */
+    const nodal_forces *pressed; /* and the probe's, under which the tissue yields as `beneath` says; NULL: there are none */
+} other_loads;
 
 /* What the mesh resolves of the needle there: where the line comes in, half way, and where it goes out. */
 typedef struct {

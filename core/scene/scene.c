@@ -35,12 +35,20 @@ static void check_relaxation(const simulation_config *c, fault *f) {
     reject(f, key, "%s", wrong.words);
 }
 
+static void check_probe(const probe_config *probe, fault *f) {
+    const probe_shape *p = &probe->shape;
+    if (p->tip_radius > p->radius) reject(f, "probe.tip_radius", "%g m exceeds the radius of %g m", p->tip_radius, p->radius);
+    if (p->tip_radius > p->length) reject(f, "probe.length", "%g m is less than the radius of its tip, %g m", p->length, p->tip_radius);
+    if (isfinite(probe->start.position.x) && probe->surface[0] == '\0') reject(f, "probe.start", "there is no probe without probe.surface");
+}
+
 static void check_all(const scene *s, fault *f) {
     const simulation_config *c = &s->simulation;
     const needle_parameters *n = &c->needle;
     for (int i = 0; i < c->region_count; i++) check_region(&c->regions[i], i, f);
     for (int i = 0; i < c->guide_count; i++) check_guide(&c->guides[i], n->outer_diameter, i, f);
     check_relaxation(c, f);
+    check_probe(&c->probe, f);
     if (n->inner_diameter >= n->outer_diameter)
         reject(f, "needle.inner_diameter", "%g m is not below the outer diameter of %g m", n->inner_diameter, n->outer_diameter);
     if (n->outer_diameter >= n->length)

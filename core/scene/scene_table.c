@@ -16,8 +16,8 @@ static const range STIFFENING = {0, 10, "a number from 0 (linear) to 10"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
-static const range NEEDLES = {1, MAX_NEEDLES, "a whole number from 1 to 4"};
-_Static_assert(MAX_NEEDLES == 4, "the text of NEEDLES says so");
+static const range NEEDLES = {1, MAX_NEEDLES, "a whole number from 1 to 32"};
+_Static_assert(MAX_NEEDLES == 32, "the text of NEEDLES says so");
 static const range HOLES = {1, 100, "a whole number from 1 to 100"};
 static const range PASSES = {1, 100, "a whole number from 1 to 100"};
 _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
@@ -104,6 +104,14 @@ const row SCENE_TABLE[] = {
      .doc = "of the plate; 0: one plane, which does not guide the needle's direction"},
     {"guides[].stiffness", "N/m", NUMBER, GUIDE(stiffness), &POSITIVE, .list = GUIDES, .doc = "of a hole's edge"},
     {"guides[].friction", "", NUMBER, GUIDE(friction), &NOT_NEGATIVE, .list = GUIDES, .doc = "coefficient of friction in the holes"},
+
+    {"probe.surface", "", NAME, OF(simulation.probe.surface), .required = true, .doc = "a physical surface of the mesh that the probe presses, such as the rectum's wall; without it there is no probe"},
+    {"probe.radius", "m", NUMBER, OF(simulation.probe.shape.radius), &POSITIVE, .doc = "of the ultrasound probe, a rigid cylinder"},
+    {"probe.tip_radius", "m", NUMBER, OF(simulation.probe.shape.tip_radius), &NOT_NEGATIVE,
+     .doc = "of the rounded edge at its end; at most the radius, which makes the end a hemisphere"},
+    {"probe.length", "m", NUMBER, OF(simulation.probe.shape.length), &POSITIVE, .doc = "from its base, where the hand holds it, to its tip"},
+    {"probe.start.position", "m", POINT, OF(simulation.probe.start.position), .required = true, .doc = "of its base until a pose is given; without it the probe is nowhere until then"},
+    {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,

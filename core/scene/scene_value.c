@@ -149,7 +149,10 @@ void take_value(scene *s, const row *r, const char *key, void *base, const yaml_
         take_name(key, value->text, target, f);
         device_use_profile(value->text, &s->device);
         break;
-    case NAME: take_entry_name(s, r, key, value->text, target, f); break;
+    case NAME:
+        if (r->list == NO_LIST) take_name(key, value->text, target, f);
+        else take_entry_name(s, r, key, value->text, target, f);
+        break;
     case NAMES: take_names(s, r, key, value, f); break;
     case FILE_PATH:
     case DIRECTORY_PATH: take_path(s, r, key, value->text, target, f); break;

@@ -6,7 +6,7 @@ _trocar() {
         --scene) _filedir '@(yaml|yml)' ;;
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
-        --csv | --shift) _filedir csv ;;
+        --csv | --shift | --seeds) _filedir csv ;;
         --png) _filedir png ;;
         --cut) mapfile -t COMPREPLY < <(compgen -W "sagittal coronal axial" -- "$cur") ;;
         --theme) mapfile -t COMPREPLY < <(compgen -W "light dark" -- "$cur") ;;

@@ -11,12 +11,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     arbiter_init(&in, 2, &limits);
     if (size == 0) return 0;
     in.record.needles[0].owner = data[0] % 2 ? 1 : 0;
-    trocar_command_t m, decoded;
+    trocar_command_t m;
+    needle_command decoded;
     command_verdict verdict = arbiter_command(&in, data + 1, size - 1, &decoded);
     bool shutdown = verdict == COMMAND_SHUTDOWN;
     bool whole = trocar_command_t_decode(data + 1, 0, (int)size - 1, &m) == (int)size - 1;
     REQUIRE(whole || (verdict == COMMAND_MALFORMED && in.record.commands_refused == 1 && in.record.needles[0].owner == data[0] % 2));
-    REQUIRE(verdict != COMMAND_PASS_ON || m.command == TROCAR_COMMAND_T_DROP_SEED || m.command == TROCAR_COMMAND_T_UNDO);
+    REQUIRE(verdict != COMMAND_PASS_ON || (m.command >= TROCAR_COMMAND_T_LEAVE && m.command <= TROCAR_COMMAND_T_UNDO));
     REQUIRE(!shutdown || m.command == TROCAR_COMMAND_T_SHUTDOWN);
     return 0;
 }

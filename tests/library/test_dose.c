@@ -262,21 +262,21 @@ static double processor_time(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* A seed on a million voxels takes less than 50 ms of one processor. The fastest of some, as other programs share the caches. */
+/* A seed on a million voxels takes less than 50 ms of one processor. The fastest of some, as other programs share the processor's caches and units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     skip();
 #endif
-    enum { SIDE = 100, VOXELS = SIDE * SIDE * SIDE, TIMES = 12 };
+    enum { SIDE = 100, VOXELS = SIDE * SIDE * SIDE, TIMES = 60 };
     trocar_dose_source *source = create_source();
     trocar_dose *dose;
     trocar_error why;
     const trocar_dose_grid grid = {{-0.05, -0.05, -0.05}, 1e-3, {SIDE, SIDE, SIDE}};
     double fastest = INFINITY;
     assert_int_equal(trocar_dose_create(source, &grid, &dose, &why), TROCAR_OK);
-    for (int i = 0; i < TIMES; i++) {
-        trocar_dose_seed seed = {{0.003 * i - 0.02, 0.001, -0.002 * i}, {0.1 * i, 0.3, 1}, 0.5};
+    for (int i = 0; i < TIMES && (i < 8 || fastest >= 0.05); i++) {
+        trocar_dose_seed seed = {{0.0005 * i - 0.02, 0.001, -0.0005 * i}, {0.1 * i, 0.3, 1}, 0.5};
         double start = processor_time();
         assert_int_equal(trocar_dose_add(dose, &seed, NULL, &why), TROCAR_OK);
         fastest = fmin(fastest, processor_time() - start);

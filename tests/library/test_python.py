@@ -186,6 +186,27 @@ class PythonTest(unittest.TestCase):
         self.assertNotIn(0, held)
         self.assertLessEqual({"planned", "sticking", "sliding"}, seen)
 
+    def test_a_needle_rests_and_is_taken_again(self):
+        scene = trocar.Scene.load(f"{SOURCE}/meshes/figure8.yaml")
+        scene["needles"] = 2
+        sim = trocar.Sim(trocar.Model(scene))
+        base = np.array([0.005, 0.003, -0.201, 1, 0, 0, 0])
+        sim.reset(base)
+        for _ in range(300):
+            base[2] += 1e-4
+            sim.step(base, 0.001)
+        self.assertEqual(sim.needle_state(0), "held")
+        sim.leave(0)
+        self.assertEqual(sim.needle_state(0), "resting")
+        forces = np.array([c.force for c in sim.contacts(0)])
+        with self.assertRaisesRegex(trocar.Error, "take it first"):
+            sim.step(base, 0.001)
+        sim.take(0)
+        self.assertEqual(sim.needle_state(0), "held")
+        out = sim.step(sim.base(0), 0.001)
+        self.assertLess(np.linalg.norm(out.force), 2e-3)
+        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-4)
+
     def test_tracks_are_where_the_needle_went(self):
         sim = trocar.Sim(self.model)
         sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])

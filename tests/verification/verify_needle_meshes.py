@@ -6,9 +6,10 @@ Each row is one place of the needle in one mesh: the worst of its forces sideway
 meshes: cubes, cut into six tetrahedra (Kuhn) or five; the needle lies on edges, faces and diagonals of the mesh. Such a line is
 up to 7 mm beside the reference's, which by symmetry makes no difference of first order.
 
-Where the mesh itself is too coarse for 5 %, a row is measured only, with its reason; its error counts in the median all the same. Such
-rows are told by the mesh and the place alone: elements of 14 mm and more (12 mm with a stiff layer), body diagonals of Kuhn's cubes of 10 mm (edges of 17
-mm), and edges of the mesh of five tetrahedra at nu = 0.499. The short form leaves out these meshes and diagonals.
+Some places are only measured, without a limit, because the mesh limits the accuracy there: elements of 14 mm and more (12 mm with a
+stiff layer), body diagonals of Kuhn's cubes of 10 mm (edges of 17 mm), and edges of the mesh of five tetrahedra at nu = 0.499. This rule
+looks at the mesh and the place alone, but it was written after their errors had been seen, so the last rows say how many of these places
+would fail. Their errors count in the median all the same. The short form leaves out these meshes and the diagonals.
 """
 import json
 import math
@@ -36,6 +37,8 @@ COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff 
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
 LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
+ENDLESS = ("along edges of the mesh the resolved radius, measured with an endless line, leaves too little compliance near the tip "
+           "(needle_end.py)")
 FEW = ("on edges", "in faces", "within elements")   # places in the finest meshes, of 42 000 nodes
 
 
@@ -43,7 +46,8 @@ class Check:
     """Rows, the error of every force, and the worst of each row that has a limit."""
 
     def __init__(self, rows):
-        self.rows, self.form, self.errors, self.within = rows, "short" if rows.short_form else "full", [], []
+        self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
+        self.within, self.measured = [], []
         self.cases = json.loads((REPOSITORY / "tests/verification/resolved_needle.json").read_text())["cases"]
 
     def path(self, name):
@@ -53,9 +57,9 @@ class Check:
         nm.write(self.path(name), *mesh, lower)
         return self.path(name)
 
-    def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited=""):
+    def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited="", known=""):
         """tip: x and y, if not the reference's. outside: why the case is outside of what the model covers, limited: what of the mesh limits
-        the accuracy there: it is only measured."""
+        the accuracy there: it is only measured. known: why a row may fail."""
         case = self.cases[case_name]
         x, y = tip or case["axis"]
         command = [self.rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], x, y, case["tip"],
@@ -76,11 +80,14 @@ class Check:
         values = (f"{check}, {nodes} nodes", "needle's surface resolved, CalculiX C3D10", forces[worst], expected[worst], abs(apart[worst]))
         if not outside:
             self.errors += [abs(one) for one in apart]
+        if limited and not outside:
+            self.measured.append(abs(apart[worst]))
         if outside or limited:
             self.rows.measured(*values, "N", f"{outside or limited}; {each}; {contacts} contacts")
         else:
             self.within.append(abs(apart[worst]))
-            self.rows.add(*values, LIMIT, "N", f"{each}; {contacts} contacts")
+            reason = f"{known}; " if known and self.within[-1] > LIMIT else ""
+            self.rows.add(*values, LIMIT, "N", f"{reason}{each}; {contacts} contacts")
 
 
 def straight_places(cell):
@@ -106,7 +113,7 @@ def mirrored(tip):
 
 
 def diagonals(check, kind, cell, mesh, besides):
-    """Along both diagonals of faces, and two of cubes, of which one is an edge in a Kuhn mesh."""
+    """Along both diagonals of faces, and two of cubes. In a Kuhn mesh, those called the other way are edges."""
     for case_name, words in (("oblique_45", "face diagonal"), ("body_diagonal", "body diagonal")):
         limited = LONG_EDGES if kind == "Kuhn" and words == "body diagonal" and cell > 0.009 else ""
         azimuth = check.cases[case_name]["azimuth"]
@@ -114,7 +121,8 @@ def diagonals(check, kind, cell, mesh, besides):
             tip = along_diagonal(check, case_name, cell, beside)
             near = "along a" if beside == 0.0 else "0.2 um beside a"
             check.place(f"{kind}, {near} {words}", mesh, case_name, tip, limited=limited)
-            check.place(f"{kind}, {near} {words}, the other way", mesh, case_name, mirrored(tip), azimuth + 180, limited=limited)
+            check.place(f"{kind}, {near} {words}, the other way", mesh, case_name, mirrored(tip), azimuth + 180, limited=limited,
+                        known=ENDLESS if kind == "Kuhn" else "")
 
 
 def structured(check):
@@ -204,6 +212,11 @@ def main():
         rows.error(f"worst of the {len(check.within)} places with a limit", "needle's surface resolved, CalculiX C3D10", max(check.within), LIMIT)
     worst = max(check.errors)
     rows.measured("worst of all places", "needle's surface resolved, CalculiX C3D10", worst, None, worst, note="with those that the mesh limits")
+    if check.measured:
+        missed = sum(error > LIMIT for error in check.measured)
+        rows.measured(f"places measured only, because the mesh limits the accuracy: {missed} of {len(check.measured)} above the limit of the others",
+                      "needle's surface resolved, CalculiX C3D10", max(check.measured), None, max(check.measured),
+                      note="which places these are was decided after their errors had been seen")
     if not rows.short_form:  # of coarse meshes alone it is larger
         rows.error(f"median of all {len(check.errors)} forces", "needle's surface resolved, CalculiX C3D10", np.median(check.errors), MEDIAN)
     return rows.end()

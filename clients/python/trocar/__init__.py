@@ -25,7 +25,7 @@ import numpy.typing as npt
 from ._dose import DVH, Dose, Source, Structure
 from ._library import Error, _check, ffi, lib
 
-__all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
+__all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
@@ -131,6 +131,19 @@ class SeedSize(NamedTuple):
     length: float
     diameter: float
     spacing: float  # of a strand, between the centres of neighbouring seeds
+
+
+class Probe(NamedTuple):
+    """The ultrasound probe as it was solved for last.
+
+    pose (7,) of its base; force (3,) N and torque (3,) N m, world frame: what it exerts on the hand that holds it, torque about the base point;
+    contacts, the number of nodes of its surface that it presses.
+    """
+
+    pose: npt.NDArray[np.float64]
+    force: npt.NDArray[np.float64]
+    torque: npt.NDArray[np.float64]
+    contacts: int
 
 
 class Key(NamedTuple):
@@ -374,6 +387,41 @@ class Sim:
         out = self._out
         return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
                       out.passes, out.switches)
+
+    def set_probe(self, pose: npt.ArrayLike) -> None:
+        """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` presses it there, before its tick."""
+        why = ffi.new("trocar_error *")
+        pointer, _kept = _pose(pose)
+        _check(lib.trocar_sim_set_probe(self._handle, pointer, why), why)
+
+    @property
+    def probe(self) -> Probe | None:
+        """None if the scene has no probe, or before it has been placed."""
+        p = lib.trocar_sim_probe(self._handle)
+        if not p.placed:
+            return None
+        return Probe(np.array([*p.base.position, *p.base.orientation]), np.array(list(p.force)), np.array(list(p.torque)), p.contacts)
+
+    def leave(self, needle: int = 0) -> None:
+        """Let go of a needle: it rests in tissue and guides, its base free."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_leave(self._handle, needle, why), why)
+        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+
+    def take(self, needle: int = 0) -> None:
+        """Hold a resting needle again; the first pose should be `base(needle)`."""
+        why = ffi.new("trocar_error *")
+        _check(lib.trocar_sim_take(self._handle, needle, why), why)
+        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+
+    def needle_state(self, needle: int = 0) -> str:
+        """One of "held" (also outside of the tissue), "leaving", "resting" and "taking"."""
+        return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
+
+    def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
+        """Where the base is: x y z (m) and the quaternion w x y z."""
+        pose = lib.trocar_sim_base(self._handle, needle)
+        return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
         """The complete state, for `restore` of any simulation of the same model."""

@@ -91,7 +91,8 @@ class Placed(NamedTuple):
     number: int                          # its row, from 1
     guide: str                           # "" if its needle was in none
     hole: str
-    position: npt.NDArray[np.float64]    # (3,) m, in the mesh
+    position: npt.NDArray[np.float64]    # (3,) m, its centre, in the mesh
+    direction: npt.NDArray[np.float64]   # (3,) unit vector to its distal end
 
 
 class Misplacement(NamedTuple):
@@ -381,7 +382,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
         raise BadPlan(f"{name}: not a table: {error}") from error
     header = rows[0] if rows else []
     unit = next((u for u in ("m", "mm") if f"rest_x [{u}]" in header), None)
-    needed = ["seed", "guide", "hole", *(f"{prefix}{axis} [{unit}]" for axis in "xyz")]
+    needed = ["seed", "guide", "hole", *(f"{prefix}{axis} [{unit}]" for axis in "xyz"), *(f"{prefix}along_{axis}" for axis in "xyz")]
     if unit is None or any(column not in header for column in needed):
         raise BadPlan(f"{name}:1: not a table of seeds: write one with trocar-replay --seeds")
     if unit == "mm" and not frame.is_patient:
@@ -392,24 +393,29 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
             raise BadPlan(f"{name}:{line}: {len(row)} columns, not {len(header)}")
         value = dict(zip(header, row))
         try:
-            position = np.array([float(value[column]) for column in needed[3:]])
+            position, direction = np.array([float(value[column]) for column in needed[3:]]).reshape(2, 3)
             number = int(value["seed"])
         except ValueError as error:
             raise BadPlan(f"{name}:{line}: {error}") from error
-        if not np.isfinite(position).all():
-            raise BadPlan(f"{name}:{line}: a position is not finite")
-        seeds.append(Placed(number, value["guide"], value["hole"], frame.to_mesh(position) if unit == "mm" else position))
+        if not np.isfinite([position, direction]).all():
+            raise BadPlan(f"{name}:{line}: a number is not finite")
+        if abs(np.linalg.norm(direction) - 1) > 1e-3:
+            raise BadPlan(f"{name}:{line}: along_x, along_y and along_z are no unit vector")
+        if unit == "mm":
+            position, ahead = frame.to_mesh([position, position + direction])
+            direction = 1e3 * (ahead - position)
+        seeds.append(Placed(number, value["guide"], value["hole"], position, direction))
     return seeds
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
     """The seeds of a simulation. now: where they are in the tissue as it is displaced, else in the tissue at rest."""
     seeds, guides = sim.seeds(), sim.model.guides
-    places = sim.model.displaced_seeds(seeds, sim.displacements())[0] if now else [s.position for s in seeds]
+    places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
     found = []
-    for i, (seed, place) in enumerate(zip(seeds, places)):
+    for i, (seed, place, along) in enumerate(zip(seeds, places, directions)):
         guide = guides[seed.guide] if seed.guide is not None else None
-        found.append(Placed(i + 1, guide.name if guide else "", hole_name(seed.hole % guide.columns, seed.hole // guide.columns) if guide else "", place))
+        found.append(Placed(i + 1, guide.name if guide else "", hole_name(seed.hole % guide.columns, seed.hole // guide.columns) if guide else "", place, along))
     return found
 
 
@@ -513,7 +519,8 @@ def _check(given: argparse.Namespace, model: Model) -> None:
 
 def _export(given: argparse.Namespace, model: Model) -> None:
     from . import rtplan
-    rtplan.export(read(given.plan), model, given.out, given.structures)
+    placed = read_seeds(given.seeds, model, given.now) if given.seeds else None
+    rtplan.export(read(given.plan), model, given.out, given.structures, placed)
 
 
 def _import(given: argparse.Namespace, model: Model) -> None:
@@ -551,8 +558,10 @@ def _options() -> argparse.ArgumentParser:
     plan = ("plan", "plan, a YAML file")
     command("show", _show, "list where the plan has its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
     command("check", _check, "check that the plan fits the scene and that its seeds are in the tissue", plan)
-    added = command("export", _export, "write the plan as a DICOM RT Plan", plan)
+    added = command("export", _export, "write the plan, or the seeds that were left, as a DICOM RT Plan", plan)
     added.add_argument("--out", required=True, help="DICOM file (required)", metavar="FILE")
+    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds in place of the planned ones", metavar="FILE")
+    added.add_argument("--now", action="store_true", help="with --seeds: where they are at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
     added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
     added.add_argument("--out", required=True, help="plan, a YAML file (required)", metavar="FILE")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from . import Guide, Model, __version__
-from .plan import BadPlan, Frame, Needle, Plan, Source, guide_of, hole_name, planned_seeds
+from .plan import BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, planned_seeds
 
 try:
     import pydicom
@@ -81,23 +81,30 @@ def _channel(number: int, hole: str, position: Any, direction: Any, behind: floa
                  FinalCumulativeTimeWeight="1", BrachyControlPointSequence=Sequence([point(0, "0"), point(1, "1")]))
 
 
-def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None) -> FileDataset:
-    """The plan as a DICOM data set. structures: the RT Structure Set that the scene was made from. date: of the implant, by default today.
-    BadPlan if the scene does not know the patient's coordinates, or the plan its source."""
+def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
+    """mm, how far each seed is behind the most distal one of its hole."""
+    depth = [1e3 * float(seed.position @ axis) for seed in placed]
+    return [max(d for d, other in zip(depth, placed) if (other.guide, other.hole) == (seed.guide, seed.hole)) - own for own, seed in zip(depth, placed)]
+
+
+def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
+    """The plan as a DICOM data set, or with `placed` the seeds that were left. structures: the RT Structure Set that the scene was made from. date: of
+    the implant, by default today. BadPlan if the scene does not know the patient's coordinates, or the plan its source."""
     frame, guide = Frame(model), guide_of(plan, model)
     if not frame.is_patient:
         raise BadPlan(f"{plan.path}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
     if plan.source is None:
         raise BadPlan(f"{plan.path}: without \"source\", which a DICOM plan needs: add source: {{isotope: I-125, model: \"6711\", strength: 0.5}} with your seeds' values")
-    seeds, length = planned_seeds(plan, model), model.seed_size.length
+    seeds = planned_seeds(plan, model) if placed is None else placed
     if not seeds:
         raise BadPlan(f"{plan.path}: no seeds")
     day = (date or datetime.date.today()).strftime("%Y%m%d")
     lifetime = HALF_LIFE[plan.source.isotope] / math.log(2)  # days, mean
-    behind = {(n.hole, i + 1): 1e3 * (s - 0.5 * length) for n in plan.needles for i, s in enumerate(n.seeds)}
+    half = 0.5 * model.seed_size.length
+    behind = [1e3 * (s - half) for n in plan.needles for s in n.seeds] if placed is None else _behind(placed, guide.normal)
     channels = [_channel(i + 1, s.hole, frame.position(s.position), frame.vector(s.direction) / np.linalg.norm(frame.vector(s.direction)),
-                         behind[s.hole, s.number], 1e3 * model.needle_length, 86400 * lifetime) for i, s in enumerate(seeds)]
-    content = repr((plan.template, plan.source, day, [(s.hole, s.number, _decimals(frame.position(s.position))) for s in seeds]))
+                         behind[i], 1e3 * model.needle_length, 86400 * lifetime) for i, s in enumerate(seeds)]
+    content = repr((plan.template, plan.source, day, placed is None, [(s.hole, s.number, _decimals(frame.position(s.position))) for s in seeds]))
     uid = lambda what: generate_uid(entropy_srcs=["trocar", what, content])
 
     meta = FileMetaDataset()
@@ -114,7 +121,7 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
     data.Modality, data.SeriesInstanceUID, data.SeriesNumber, data.OperatorsName = "RTPLAN", uid("series"), None, ""
     data.Manufacturer, data.ManufacturerModelName, data.SoftwareVersions = "trocar", "trocar", __version__
     data.FrameOfReferenceUID, data.PositionReferenceIndicator = _frame_of_reference(of) or uid("frame"), ""
-    data.RTPlanLabel, data.RTPlanName, data.RTPlanDate, data.RTPlanTime = "seeds", plan.template, day, ""
+    data.RTPlanLabel, data.RTPlanName, data.RTPlanDate, data.RTPlanTime = "planned" if placed is None else "implanted", plan.template, day, ""
     data.RTPlanGeometry = "PATIENT" if structures is not None else "TREATMENT_DEVICE"
     if structures is not None:
         data.ReferencedStructureSetSequence = Sequence([_item(ReferencedSOPClassUID=of.get("SOPClassUID", RT_STRUCTURES), ReferencedSOPInstanceUID=of.SOPInstanceUID)])
@@ -135,9 +142,10 @@ def _template_type(guide: Guide) -> str:
     return f"{guide.columns}x{guide.rows} {1e3 * guide.spacing:g} mm"  # at most 16 characters
 
 
-def export(plan: Plan, model: Model, path: str | PathLike[str], structures: str | PathLike[str] | None = None, date: datetime.date | None = None) -> None:
-    """Writes the plan as a DICOM RT Plan. structures: an RT Structure Set's file. As `dataset`."""
-    data = dataset(plan, model, _structures_of(fspath(structures)) if structures else None, date)
+def export(plan: Plan, model: Model, path: str | PathLike[str], structures: str | PathLike[str] | None = None,
+           placed: list[Placed] | None = None, date: datetime.date | None = None) -> None:
+    """Writes the plan, or the seeds that were left, as a DICOM RT Plan. structures: an RT Structure Set's file. As `dataset`."""
+    data = dataset(plan, model, _structures_of(fspath(structures)) if structures else None, date, placed)
     data.save_as(fspath(path), write_like_original=False)
 
 

@@ -1,0 +1,295 @@
+/* trocar.h: needles that rest. See README.md, "Resting needles". */
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "api/api.h"
+#include "base/flush_denormals.h"
+
+enum { MOST_TICKS = 400 };             /* until a needle that was let go of has come to rest */
+
+/* Wrench that its base may be left with, and how far its shaft may slide in a tick. */
+typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* tissue that relaxes creeps on for seconds */
+
+static const double LARGEST_STEP = 16.0; /* times that without sliding */
+static const double TICK = 1e-3;       /* s */
+static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
+enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
+enum { SERIALS_APART = 1 << 20 };      /* so far from those that the worker goes on with are the serials that a reset goes on with */
+
+/* ---- the ticking thread ------------------------------------------------------------------------------------------------- */
+
+const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp) {
+    needle_track *n = &sim->needles[needle];
+    needle_phase phase = phase_of(n);
+    const shown_needle *shown = phase == PHASE_HELD || phase == PHASE_LEAVING ? NULL : triple_buffer_read(&n->shown, NULL);
+    if (stamp) *stamp = shown ? shown->stamp : n->stamp;
+    return shown ? &shown->state : &n->state;
+}
+
+void adopt_needle(trocar_sim *sim, needle_track *n) {
+    if (phase_of(n) != PHASE_TAKEN) return;
+    const shown_needle *shown = triple_buffer_read(&n->shown, NULL);
+    memcpy(&n->state, &shown->state, sizeof n->state);
+    n->stamp = next_stamp();
+    n->given = n->state.needle.base;
+    n->loads.count = 0;
+    insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
+    n->posted = n->answered = n->state.request.serial;
+    atomic_store_explicit(&n->phase, PHASE_HELD, memory_order_relaxed);
+}
+
+static trocar_status refuse(report *why, int needle, const char *reason) {
+    if (why) fail(why, TROCAR_BAD_INPUT, "needle %d: %s", needle, reason);
+    return TROCAR_BAD_INPUT;
+}
+
+trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error) {
+    trocar_status status = check_needle(sim, needle, error);
+    if (status != TROCAR_OK) return status;
+    needle_track *n = &sim->needles[needle];
+    adopt_needle(sim, n);
+    if (phase_of(n) != PHASE_HELD) return refuse(error, needle, "it rests already");
+    if (remesh_needs_dense(sim->model->parts.config.remeshing)) return refuse(error, needle, "with this method of remeshing none can rest; choose remeshing: nested or implicit");
+    if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.buckled) return refuse(error, needle, "it has buckled: draw it back first");
+    memcpy(triple_buffer_slot(&n->left), &n->state, sizeof n->state);
+    triple_buffer_publish(&n->left);
+    n->state.request.serial += SERIALS_APART;
+    n->state.next_id += SERIALS_APART;
+    atomic_fetch_add(&sim->resting_count, 1);
+    atomic_store_explicit(&n->phase, PHASE_LEAVING, memory_order_release);
+    wake_worker(sim);
+    return TROCAR_OK;
+}
+
+trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error) {
+    trocar_status status = check_needle(sim, needle, error);
+    if (status != TROCAR_OK) return status;
+    needle_track *n = &sim->needles[needle];
+    int resting = PHASE_RESTING;
+    if (!atomic_compare_exchange_strong(&n->phase, &resting, PHASE_TAKING))
+        return refuse(error, needle, resting == PHASE_LEAVING ? "it has not come to rest yet" : "it does not rest");
+    wake_worker(sim);
+    return TROCAR_OK;
+}
+
+trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle) {
+    static const trocar_needle_state states[] = {[PHASE_HELD] = TROCAR_NEEDLE_HELD, [PHASE_LEAVING] = TROCAR_NEEDLE_LEAVING,
+                                                 [PHASE_RESTING] = TROCAR_NEEDLE_RESTING, [PHASE_TAKING] = TROCAR_NEEDLE_TAKING,
+                                                 [PHASE_TAKEN] = TROCAR_NEEDLE_HELD};
+    return has_needle(sim->model, needle) ? states[phase_of(&sim->needles[needle])] : TROCAR_NEEDLE_HELD;
+}
+
+/* ---- the worker: loads ---------------------------------------------------------------------------------------------------- */
+
+void list_others(const trocar_sim *sim, int needle, other_loads *others) {
+    *others = (other_loads){.beneath = sim->resting.inverse, .attached = needle != BESIDE_RESTING && sim->resting.count > 0 ? sim->resting.load : NULL};
+    if (needle != BESIDE_PROBE && sim->probe && sim->probe->now.count > 0) others->pressed = needle >= 0 ? &sim->probe->unloaded : &sim->probe->now;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != needle && sim->needles[i].held.count > 0) others->of[others->count++] = &sim->needles[i].held;
+}
+
+void mark_stale(trocar_sim *sim, const needle_track *except) {
+    for (int i = 0; i < sim->needle_count; i++)
+        if (&sim->needles[i] != except) atomic_store_explicit(&sim->needles[i].stale, true, memory_order_release);
+}
+
+/* ---- the worker: letting go ----------------------------------------------------------------------------------------------- */
+
+static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
+    const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
+    vec3 axis = q_axis(state->needle.base.orientation), across = v3_axpy(-v3_dot(wrench->torque, axis), axis, wrench->torque);
+    double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft_slip));
+    for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].slip));
+    return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
+}
+
+/* The hand lets go: the base moves until its wrench has vanished, and with it the needle. Linearised there, it is ready to be attached. */
+static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, report *why) {
+    needle_track *n = &sim->needles[index];
+    resting_scratch *scratch = sim->resting_scratch;
+    const compliance_snapshot *snapshot = triple_buffer_slot(&n->snapshots); /* not published: nobody ticks this needle now */
+    tick_output wrench;
+    tick_context tick = {.model = &sim->model->parts.insertion, .state = state, .snapshot = snapshot, .scratch = &scratch->workspace, .dt = TICK,
+                         .output = &wrench, .base = {.pose = state->needle.base}};
+    state->base_shift = v3(0, 0, 0);
+    trocar_status status = answer_fully(sim, index, &state->request, why);
+    double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
+    vec3 before = v3(0, 0, 0);
+    for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
+        base_motion step;
+        insertion_tick(&tick);
+        if (state->buckled || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
+        bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
+        if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
+        if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
+        if (status != TROCAR_OK || at_rest) return status;
+        bool turned = v3_dot(wrench.force, before) < 0.0, falls = v3_norm(wrench.force) < 0.5 * v3_norm(before);
+        size = turned ? 1.0 : falls ? size : fmin(2.0 * size, LARGEST_STEP);
+        before = wrench.force;
+        status = resting_release_step(n->resting, size, scratch, &step, why);
+        if (status == TROCAR_OK) tick.base.pose = pose_moved(tick.base.pose, step);
+    }
+    if (status != TROCAR_OK) return status;
+    return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest when it is let go: %.2g N are left at its base", index, v3_norm(wrench.force));
+}
+
+/* ---- the worker: what rests -------------------------------------------------------------------------------------------------- */
+
+/* Attaches what rests, after something has come or gone. */
+static trocar_status attach_again(trocar_sim *sim, report *why) {
+    resting_needle *list[MAX_NEEDLES];
+    other_loads held;
+    int count = 0;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
+    list_others(sim, BESIDE_RESTING, &held);
+    mark_stale(sim, NULL);
+    trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
+    return status == TROCAR_OK ? press_probe(sim, why) : status;
+}
+
+static void show(trocar_sim *sim, needle_track *n) {
+    shown_needle *slot = triple_buffer_slot(&n->shown);
+    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
+    slot->stamp = next_stamp();
+    triple_buffer_publish(&n->shown);
+    memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
+}
+
+/* Those whose forces differ by more than this from what is shown, at most so many. */
+static void show_changed(trocar_sim *sim, double difference, int most) {
+    for (int i = 0; i < sim->needle_count && most > 0; i++) {
+        needle_track *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
+        bool changed = false;
+        for (int u = 0; n->attached && u < n->resting->unknown_count && !changed; u++) changed = fabs(n->resting->force[u] - n->shown_force[u]) > difference;
+        if (changed) show(sim, n), most--;
+    }
+}
+
+bool slip_some(trocar_sim *sim, bool all) {
+    uint64_t before = sim->resting.shifts;
+    if (sim->resting.count == 0) return false;
+    bool more = resting_set_slip(&sim->resting, &sim->model->parts.insertion, all ? INT_MAX : 1);
+    if (sim->resting.shifts != before) mark_stale(sim, NULL);
+    if (!more) show_changed(sim, all ? SHOWN_ALL : SHOWN, all ? MAX_NEEDLES : SHOWN_AT_ONCE);
+    return more;
+}
+
+trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
+    other_loads held;
+    if (sim->resting.count == 0) return TROCAR_OK;
+    list_others(sim, BESIDE_RESTING, &held);
+    trocar_status status = resting_set_load(&sim->resting, &held, why);
+    if (status == TROCAR_OK && all) slip_some(sim, true);
+    return status;
+}
+
+trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
+    if (!sim->resting_scratch) sim->resting_scratch = calloc(1, sizeof *sim->resting_scratch);
+    if (!n->resting) n->resting = calloc(1, sizeof *n->resting);
+    return sim->resting_scratch && n->resting ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+}
+
+trocar_status rest_again(trocar_sim *sim, report *why) {
+    resting_needle *list[MAX_NEEDLES];
+    int count = 0;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
+    if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
+    trocar_status status = resting_set_attach(&sim->resting, count, list, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
+        if (sim->needles[i].attached) show(sim, &sim->needles[i]);
+    mark_stale(sim, NULL);
+    return status;
+}
+
+static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool left_only, tissue_loads *loads) {
+    loads->count = 0;
+    if (left_only) insertion_add_left_loads(&sim->model->parts.insertion, state, loads);
+    else insertion_add_loads(&sim->model->parts.insertion, state, loads);
+}
+
+static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
+    needle_track *n = &sim->needles[index];
+    trocar_status status = make_room_to_rest(sim, n, why);
+    insertion_state *state = malloc(sizeof *state);
+    if (status == TROCAR_OK && !state) status = fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    if (status == TROCAR_OK) {
+        memcpy(state, triple_buffer_read(&n->left, NULL), sizeof *state);
+        status = let_go(sim, index, state, why);
+    }
+    if (status == TROCAR_OK) {
+        hold_loads(sim, state, false, &n->held); /* the others as it is now, before it becomes one of them */
+        status = respond_to_loads(sim, true, why);
+    }
+    if (status == TROCAR_OK) {
+        hold_loads(sim, state, true, &n->held);
+        n->resting->id = ++sim->last_attached;
+        n->attached = true;
+        status = attach_again(sim, why);
+    }
+    if (status == TROCAR_OK) {
+        show(sim, n);
+    } else {
+        report ignored;
+        n->attached = false;
+        if (state) hold_loads(sim, triple_buffer_read(&n->left, NULL), false, &n->held);
+        attach_again(sim, &ignored);
+        atomic_fetch_sub(&sim->resting_count, 1);
+    }
+    free(state);
+    int leaving = PHASE_LEAVING; /* unless it has been reset meanwhile: then it is detached next */
+    atomic_compare_exchange_strong(&n->phase, &leaving, status == TROCAR_OK ? PHASE_RESTING : PHASE_HELD);
+    return status;
+}
+
+static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
+    needle_track *n = &sim->needles[index];
+    trocar_status status = respond_to_loads(sim, true, why);
+    show(sim, n);
+    resting_loads(n->resting, &n->held);
+    insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    n->attached = false;
+    atomic_fetch_sub(&sim->resting_count, 1);
+    trocar_status attached = attach_again(sim, why);
+    shown_needle *slot = triple_buffer_slot(&n->shown);
+    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
+    slot->stamp = next_stamp();
+    if (attached == TROCAR_OK) attached = answer_fully(sim, index, &slot->state.request, why);
+    if (attached == TROCAR_OK) triple_buffer_publish(&n->snapshots);
+    triple_buffer_publish(&n->shown);
+    int taking = PHASE_TAKING;
+    atomic_compare_exchange_strong(&n->phase, &taking, PHASE_TAKEN);
+    return status == TROCAR_OK ? attached : status;
+}
+
+/* It has been reset. */
+static trocar_status drop_needle(trocar_sim *sim, needle_track *n, report *why) {
+    n->attached = false;
+    n->held.count = 0;
+    atomic_fetch_sub(&sim->resting_count, 1);
+    return attach_again(sim, why);
+}
+
+trocar_status change_resting(trocar_sim *sim, bool *done, report *why) {
+    trocar_status status = TROCAR_OK;
+    *done = false;
+    for (int i = 0; i < sim->needle_count; i++) {
+        needle_track *n = &sim->needles[i];
+        needle_phase phase = phase_of(n);
+        bool dropped = n->attached && (phase == PHASE_HELD || phase == PHASE_LEAVING);
+        if (!dropped && phase != PHASE_LEAVING && phase != PHASE_TAKING) continue;
+        floating_mode before = flush_denormals();
+        trocar_status one = dropped ? drop_needle(sim, n, why) : TROCAR_OK;
+        if (one == TROCAR_OK && phase == PHASE_LEAVING) one = leave_needle(sim, i, why);
+        if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, why);
+        restore_floating_mode(before);
+        *done = true;
+        if (one != TROCAR_OK) status = one;
+    }
+    return status;
+}

@@ -1,0 +1,411 @@
+/* With M = G + C of all things together, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i,
+   V = L^-1 R and its orthonormal basis Q = V T^-1, T^T T = V^T V:
+
+       inverse(i, j) = K^-1(i, j) - z_i^T z_j,      z_i = y_i - Q Q^T y_i
+       df = -L^-T z,      q = T^-1 Q^T y            under the displacement d, y = L^-1 d
+
+   c_i, z_i and Q^T y_i are kept for the nodes used most recently, and so are the blocks. */
+#include "inverse/inverse_attached.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "inverse/block_cache.h"
+#include "inverse/inverse_owner.h"
+
+enum { BATCH = 32, TILE = 64 };                     /* nodes that are solved for together; rows or columns (nodes) of a product */
+static const double CACHE = 96e6;                   /* bytes of c_i, z_i and Q^T y_i */
+enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* that are kept */
+
+typedef struct { uint64_t id; int first, rows; } placed;
+
+typedef struct {
+    inverse shared;
+    inverse *base;
+    int row_count, motion_count, placed_count;
+    placed *placed;
+    attached_row *rows;
+    int *corner;             /* 4 row_count: where the rows' nodes are in `nodes` */
+    int node_count, *nodes;  /* all nodes of the rows' elements, each once */
+    double *between;         /* row_count square, column-major: C */
+    double *factor;          /* the same: L */
+    double *basis;           /* row_count x motion_count: Q */
+    double *triangle;        /* motion_count square: T, upper */
+    lru slots;
+    double *kept;            /* of each slot: c, z and Q^T y, 3 columns each */
+    block_cache blocks;
+    double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns of rows, and of motions */
+    double *left, *right, *tile; /* scratch: 3 TILE columns of rows; 3 TILE square */
+} attached_inverse;
+
+static size_t slot_size(const attached_inverse *a) { return 3 * (2 * (size_t)a->row_count + (size_t)a->motion_count); }
+static double *slot_of(const attached_inverse *a, int node) { return a->kept + (size_t)a->slots.slot[node] * slot_size(a); }
+static double *z_of(const attached_inverse *a, int node) { return slot_of(a, node) + 3 * (size_t)a->row_count; }
+static double *moved_of(const attached_inverse *a, int node) { return slot_of(a, node) + 6 * (size_t)a->row_count; }
+
+/* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
+
+/* c of up to BATCH nodes, for rows from `first` on: into `out`, 3 columns a node, of `rows` entries each. */
+static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, report *why) {
+    int ld = 3 * a->node_count;
+    trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
+    if (status != TROCAR_OK) return status;
+    for (int k = 0; k < 3 * count; k++) {
+        const double *given = a->batch + (size_t)k * (size_t)ld;
+        double *column = out + (size_t)k * (size_t)a->row_count;
+        for (int i = 0; i < a->row_count; i++) {
+            const attached_row *row = &a->rows[i];
+            column[i] = 0.0;
+            for (int c = 0; c < 4 && row->tet >= 0; c++) {
+                const double *u = given + 3 * a->corner[4 * i + c];
+                column[i] += row->weights[c] * (row->direction.x * u[0] + row->direction.y * u[1] + row->direction.z * u[2]);
+            }
+        }
+    }
+    return TROCAR_OK;
+}
+
+/* y -> z and Q^T y, in place and behind, for so many columns. */
+static void project(const attached_inverse *a, int count, double *y, double *moved) {
+    int n = a->row_count, m = a->motion_count;
+    if (m == 0) return;
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m, count, n, 1.0, a->basis, n, y, n, 0.0, moved, m);
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, count, m, -1.0, a->basis, n, moved, m, 1.0, y, n);
+}
+
+static trocar_status keep(attached_inverse *a, int count, const int *nodes, report *why) {
+    size_t n = (size_t)a->row_count, m = (size_t)a->motion_count;
+    double *y = a->columns, *moved = y + 3 * BATCH * n;
+    trocar_status status = find_c(a, count, nodes, y, why);
+    if (status != TROCAR_OK) return status;
+    for (int k = 0; k < count; k++) {
+        lru_claim(&a->slots, nodes[k]);
+        memcpy(slot_of(a, nodes[k]), y + 3 * (size_t)k * n, 3 * n * sizeof *y);
+    }
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, (int)n, 3 * count, 1.0, a->factor, (int)n, y, (int)n);
+    project(a, 3 * count, y, moved);
+    for (int k = 0; k < count; k++) {
+        memcpy(z_of(a, nodes[k]), y + 3 * (size_t)k * n, 3 * n * sizeof *y);
+        memcpy(moved_of(a, nodes[k]), moved + 3 * (size_t)k * m, 3 * m * sizeof *moved);
+    }
+    return TROCAR_OK;
+}
+
+/* Makes sure that all these are kept, at most LEAST_NODES. */
+static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, report *why) {
+    int missing[BATCH], found = 0;
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < count; i++) lru_touch(&a->slots, nodes[i]);
+    for (int i = 0; i < count && status == TROCAR_OK; i++) {
+        bool listed = a->slots.slot[nodes[i]] >= 0;
+        for (int k = 0; k < found; k++) listed |= missing[k] == nodes[i];
+        if (!listed) missing[found++] = nodes[i];
+        if (found == BATCH) status = keep(a, found, missing, why), found = 0;
+    }
+    return found > 0 && status == TROCAR_OK ? keep(a, found, missing, why) : status;
+}
+
+/* ---- blocks ------------------------------------------------------------------------------------------------------------- */
+
+static trocar_status compute_tile(void *context, const inverse_blocks *b, report *why) {
+    attached_inverse *a = context;
+    size_t n = (size_t)a->row_count, column = 3 * n * sizeof *a->left;
+    int both[2 * TILE];
+    memcpy(both, b->rows, (size_t)b->row_count * sizeof *both);
+    memcpy(both + b->row_count, b->columns, (size_t)b->column_count * sizeof *both);
+    trocar_status status = keep_all(a, b->row_count + b->column_count, both, why);
+    if (status == TROCAR_OK) status = inverse_gather(a->base, b, why);
+    if (status != TROCAR_OK) return status;
+    for (int i = 0; i < b->row_count; i++) memcpy(a->left + 3 * (size_t)i * n, z_of(a, b->rows[i]), column);
+    for (int j = 0; j < b->column_count; j++) memcpy(a->right + 3 * (size_t)j * n, z_of(a, b->columns[j]), column);
+    cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasTrans, 3 * b->row_count, 3 * b->column_count, (int)n, -1.0, a->left, (int)n, a->right, (int)n,
+                1.0, b->out, b->ld);
+    return TROCAR_OK;
+}
+
+static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+    attached_inverse *a = (attached_inverse *)inv;
+    if (a->row_count == 0) return inverse_gather(a->base, blocks, why);
+    return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
+}
+
+/* The base may serve other threads as well. */
+static void base_apply(inverse *base, const double *force, double *displacement) {
+    mtx_lock(&base->apply_lock);
+    base->owner->apply(base, force, displacement);
+    mtx_unlock(&base->apply_lock);
+}
+
+/* u = K^-1 (f + P df) */
+static void attached_apply(inverse *inv, const double *force, double *displacement) {
+    attached_inverse *a = (attached_inverse *)inv;
+    const tissue *t = inv->tissue;
+    size_t n = (size_t)a->row_count, all = (size_t)t->dof_count;
+    base_apply(a->base, force, displacement);
+    double *d = calloc(n + (size_t)a->motion_count + 1, sizeof *d), *sum = malloc(all * sizeof *sum);
+    if (n > 0 && d && sum) {
+        for (size_t i = 0; i < n; i++)
+            for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
+                int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
+                const double *u = displacement + dof;
+                if (dof >= 0) d[i] += a->rows[i].weights[c] * v3_dot(a->rows[i].direction, v3(u[0], u[1], u[2]));
+            }
+        cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
+        project(a, 1, d, d + n);
+        cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
+        memcpy(sum, force, all * sizeof *sum);
+        for (size_t i = 0; i < n; i++)
+            for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
+                int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
+                const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
+                for (int k = 0; k < 3 && dof >= 0; k++) sum[dof + k] -= a->rows[i].weights[c] * d[i] * along[k];
+            }
+        base_apply(a->base, sum, displacement);
+    }
+    free(d);
+    free(sum);
+}
+
+static trocar_status attached_prepare(inverse *inv, report *why) { return inverse_prepare(((attached_inverse *)inv)->base, why); }
+static bool attached_holds(const inverse *inv, int node) { return inverse_holds(((const attached_inverse *)inv)->base, node); }
+
+static bool attached_prefetches(const inverse *inv) {
+    const attached_inverse *a = (const attached_inverse *)inv;
+    return a->row_count > 0 || inverse_prefetches(a->base);
+}
+
+/* ---- attaching ------------------------------------------------------------------------------------------------------------ */
+
+static void detach_all(attached_inverse *a) {
+    free(a->placed);
+    free(a->rows);
+    free(a->corner);
+    free(a->nodes);
+    free(a->between);
+    free(a->factor);
+    free(a->basis);
+    free(a->triangle);
+    free(a->kept);
+    free(a->batch);
+    free(a->columns);
+    free(a->left);
+    free(a->right);
+    free(a->tile);
+    lru_free(&a->slots);
+    block_cache_free(&a->blocks);
+    *a = (attached_inverse){.shared = a->shared, .base = a->base};
+}
+
+static void attached_release(inverse *inv) { detach_all((attached_inverse *)inv); }
+
+static const inverse_owner attached_owner = {"attached", attached_gather, attached_apply, attached_prepare, attached_release, attached_prefetches,
+                                             attached_holds};
+
+trocar_status inverse_create_attached(inverse *base, inverse **created, report *why) {
+    attached_inverse *a = calloc(1, sizeof *a);
+    *created = a ? &a->shared : NULL;
+    if (!a) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    a->base = base;
+    trocar_status status = inverse_init(&a->shared, &attached_owner, base->tissue, why);
+    if (status == TROCAR_OK) return TROCAR_OK;
+    inverse_free(&a->shared);
+    *created = NULL;
+    return status;
+}
+
+/* Copies the descriptions, and lists their nodes. */
+static bool place_all(attached_inverse *a, int count, const attachment *things) {
+    const mesh *m = a->shared.tissue->mesh;
+    int *place = malloc((size_t)m->node_count * sizeof *place);
+    for (int i = 0; i < count; i++) a->row_count += things[i].row_count, a->motion_count += things[i].motion_count;
+    size_t n = (size_t)a->row_count, q = (size_t)a->motion_count;
+    a->placed = malloc((size_t)count * sizeof *a->placed);
+    a->rows = malloc(n * sizeof *a->rows);
+    a->corner = calloc(4 * n, sizeof *a->corner);
+    a->nodes = malloc(4 * n * sizeof *a->nodes);
+    a->between = calloc(n * n, sizeof *a->between);
+    a->factor = calloc(n * n, sizeof *a->factor);
+    a->basis = calloc(n * q + 1, sizeof *a->basis);
+    a->triangle = calloc(q * q + 1, sizeof *a->triangle);
+    if (!(place && a->placed && a->rows && a->corner && a->nodes && a->between && a->factor && a->basis && a->triangle)) {
+        free(place);
+        return false;
+    }
+    for (int i = 0; i < m->node_count; i++) place[i] = -1;
+    for (int t = 0, first = 0; t < count; first += things[t++].row_count) {
+        memcpy(a->rows + first, things[t].rows, (size_t)things[t].row_count * sizeof *a->rows);
+        a->placed[a->placed_count++] = (placed){things[t].id, first, things[t].row_count};
+    }
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
+            int node = m->tets[a->rows[i].tet][c];
+            if (a->rows[i].weights[c] == 0.0) continue; /* a point at a node or on a face */
+            if (place[node] < 0) a->nodes[place[node] = a->node_count++] = node;
+            a->corner[4 * i + (size_t)c] = place[node];
+        }
+    free(place);
+    return true;
+}
+
+static bool allocate_caches(attached_inverse *a) {
+    size_t n = (size_t)a->row_count, nodes = (size_t)a->shared.tissue->mesh->node_count;
+    double room = CACHE / (8.0 * (double)slot_size(a));
+    size_t slots = room > MOST_NODES ? MOST_NODES : room < LEAST_NODES ? LEAST_NODES : (size_t)room;
+    a->kept = malloc(slots * slot_size(a) * sizeof *a->kept);
+    a->batch = malloc(3 * BATCH * 3 * ((size_t)a->node_count + 1) * sizeof *a->batch);
+    a->columns = malloc(3 * BATCH * (n + (size_t)a->motion_count) * sizeof *a->columns);
+    a->left = malloc(3 * TILE * n * sizeof *a->left);
+    a->right = malloc(3 * TILE * n * sizeof *a->right);
+    a->tile = malloc(sizeof(double[9 * TILE * TILE]));
+    return lru_create(&a->slots, nodes, slots) && block_cache_create(&a->blocks, (int)nodes) && a->kept && a->batch && a->columns && a->left && a->right
+        && a->tile;
+}
+
+static const placed *find_placed(const attached_inverse *a, uint64_t id) {
+    for (int i = 0; i < a->placed_count; i++)
+        if (a->placed[i].id == id) return &a->placed[i];
+    return NULL;
+}
+
+/* C between things that were both attached before. */
+static void copy_between(attached_inverse *a, const attached_inverse *before) {
+    size_t n = (size_t)a->row_count, old = (size_t)before->row_count;
+    for (int s = 0; s < a->placed_count; s++)
+        for (int t = 0; t < a->placed_count; t++) {
+            const placed *from = find_placed(before, a->placed[s].id), *to = find_placed(before, a->placed[t].id);
+            for (int j = 0; from && to && j < a->placed[t].rows; j++)
+                memcpy(a->between + (size_t)(a->placed[t].first + j) * n + (size_t)a->placed[s].first,
+                       before->between + (size_t)(to->first + j) * old + (size_t)from->first, (size_t)a->placed[s].rows * sizeof *a->between);
+        }
+}
+
+/* C between a new thing and all, from c of its rows' nodes. */
+static trocar_status find_between(attached_inverse *a, const placed *thing, report *why) {
+    size_t n = (size_t)a->row_count;
+    bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
+    if (!own) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    for (int i = thing->first; i < thing->first + thing->rows; i++)
+        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) own[a->corner[4 * i + c]] |= a->rows[i].weights[c] != 0.0;
+    memset(a->between + (size_t)thing->first * n, 0, (size_t)thing->rows * n * sizeof *a->between);
+    trocar_status status = TROCAR_OK;
+    for (int next = 0; next < a->node_count && status == TROCAR_OK;) {
+        int count = 0, places[BATCH], nodes[BATCH];
+        for (; next < a->node_count && count < BATCH; next++)
+            if (own[next]) places[count] = next, nodes[count++] = a->nodes[next];
+        if (count > 0) status = find_c(a, count, nodes, a->columns, why);
+        for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++)
+            for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++)
+                for (int k = 0; k < count; k++) {
+                    if (a->corner[4 * i + c] != places[k] || a->rows[i].weights[c] == 0.0) continue;
+                    const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
+                    for (int b = 0; b < 3; b++)
+                        cblas_daxpy((int)n, a->rows[i].weights[c] * along[b], a->columns + (3 * (size_t)k + (size_t)b) * n, 1, a->between + (size_t)i * n, 1);
+                }
+    }
+    free(own);
+    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* and between all and it */
+        for (size_t j = 0; j < n; j++) a->between[j * n + (size_t)i] = a->between[(size_t)i * n + j];
+    return status;
+}
+
+static trocar_status factor_all(attached_inverse *a, const attachment *things, report *why) {
+    int n = a->row_count, q = a->motion_count, motion = 0;
+    size_t ld = (size_t)n;
+    memcpy(a->factor, a->between, ld * ld * sizeof *a->factor);
+    for (int t = 0; t < a->placed_count; t++) {
+        const attachment *thing = &things[t];
+        size_t first = (size_t)a->placed[t].first;
+        for (int i = 0; i < thing->row_count; i++)
+            for (int j = 0; j <= i; j++) a->factor[(first + (size_t)j) * ld + first + (size_t)i] += thing->compliance[(size_t)i * (size_t)thing->ld + (size_t)j];
+        for (int k = 0; k < thing->motion_count; k++, motion++)
+            memcpy(a->basis + (size_t)motion * ld + first, thing->motions + (size_t)k * (size_t)thing->motion_ld, (size_t)thing->row_count * sizeof *a->basis);
+    }
+    if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', n, a->factor, n) != 0)
+        return fail(why, TROCAR_NUMERIC, "the resting needles and the tissue are not stable together");
+    if (q == 0) return TROCAR_OK;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->factor, n, a->basis, n);
+    cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, n, 1.0, a->basis, n, 0.0, a->triangle, q);
+    if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', q, a->triangle, q) != 0)
+        return fail(why, TROCAR_NUMERIC, "nothing holds one of the resting needles");
+    cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->triangle, q, a->basis, n);
+    return TROCAR_OK;
+}
+
+trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why) {
+    attached_inverse *a = (attached_inverse *)inv, before = *a;
+    *a = (attached_inverse){.shared = before.shared, .base = before.base};
+    trocar_status status = TROCAR_OK;
+    int rows = 0;
+    for (int i = 0; i < count; i++) rows += things[i].row_count;
+    if (rows > 0) {
+        bool room = place_all(a, count, things) && allocate_caches(a);
+        status = room ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d resting needles", count);
+        if (room) copy_between(a, &before);
+        for (int t = 0; t < count && status == TROCAR_OK; t++)
+            if (!find_placed(&before, things[t].id)) status = find_between(a, &a->placed[t], why);
+        if (status == TROCAR_OK) status = factor_all(a, things, why);
+        if (status != TROCAR_OK) detach_all(a);
+    }
+    detach_all(&before);
+    return status;
+}
+
+/* ---- responses ---------------------------------------------------------------------------------------------------------------- */
+
+int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
+int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
+
+/* z and Q^T y -> df and q, in place, for so many columns. */
+static void respond(const attached_inverse *a, int count, double *force, double *motion) {
+    int n = a->row_count, q = a->motion_count;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, count, -1.0, a->factor, n, force, n);
+    if (q > 0) cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, count, 1.0, a->triangle, q, motion, q);
+}
+
+trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, report *why) {
+    attached_inverse *a = (attached_inverse *)inv;
+    memset(force, 0, (size_t)a->row_count * sizeof *force);
+    memset(motion, 0, (size_t)a->motion_count * sizeof *motion);
+    if (a->row_count == 0) return TROCAR_OK;
+    for (int first = 0; first < loads->count; first += TILE) {
+        int count = loads->count - first < TILE ? loads->count - first : TILE;
+        trocar_status status = keep_all(a, count, loads->nodes + first, why);
+        if (status != TROCAR_OK) return status;
+        for (int i = first; i < first + count; i++) {
+            const double f[] = {loads->force[i].x, loads->force[i].y, loads->force[i].z};
+            cblas_dgemv(CblasColMajor, CblasNoTrans, a->row_count, 3, 1.0, z_of(a, loads->nodes[i]), a->row_count, f, 1, 1.0, force, 1);
+            if (a->motion_count > 0)
+                cblas_dgemv(CblasColMajor, CblasNoTrans, a->motion_count, 3, 1.0, moved_of(a, loads->nodes[i]), a->motion_count, f, 1, 1.0, motion, 1);
+        }
+    }
+    respond(a, 1, force, motion);
+    return TROCAR_OK;
+}
+
+void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion) {
+    attached_inverse *a = (attached_inverse *)inv;
+    int n = a->row_count;
+    memset(force, 0, (size_t)n * (size_t)count * sizeof *force);
+    for (int k = 0; k < count; k++) force[(size_t)k * (size_t)n + (size_t)rows[k]] = 1.0;
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, count, 1.0, a->factor, n, force, n);
+    project(a, count, force, motion);
+    respond(a, count, force, motion);
+}
+
+trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why) {
+    attached_inverse *a = (attached_inverse *)inv;
+    if (a->row_count == 0) return TROCAR_OK;
+    for (int first = 0; first < count; first += TILE) {
+        int some = count - first < TILE ? count - first : TILE;
+        trocar_status status = keep_all(a, some, nodes + first, why);
+        if (status != TROCAR_OK) return status;
+        for (int i = first; i < first + some; i++) {
+            double u[3];
+            cblas_dgemv(CblasColMajor, CblasTrans, a->row_count, 3, 1.0, slot_of(a, nodes[i]), a->row_count, force, 1, 0.0, u, 1);
+            displacement[i] = v3_add(displacement[i], v3(u[0], u[1], u[2]));
+        }
+    }
+    return TROCAR_OK;
+}

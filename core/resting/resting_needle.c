@@ -1,0 +1,334 @@
+#include "resting/resting_needle.h"
+
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "insertion/creep.h"
+#include "insertion/insertion.h"
+
+static const double STEP_SHIFT = 0.3e-3, STEP_TURN = 3e-3; /* m, rad: the base moves by at most so much in one step to where it rests */
+static const double DEPENDENT = 1e-6;  /* motions whose rows differ by less from a combination of others' are none of their own */
+
+/* ---- linearising ---------------------------------------------------------------------------------------------------------- */
+
+/* The point that an unknown's force acts at: see unknown(). */
+static int point_of(const resting_needle *r, int u) {
+    int along = u - 2 * r->point_count;
+    if (along < 0) return u / 2;
+    return along < r->point_count ? along : r->point_count - 1;
+}
+
+static vec3 direction_of(const resting_needle *r, int u) {
+    const mat3 *f = &r->points[point_of(r, u)].at.frame;
+    int axis = u < 2 * r->point_count ? u % 2 : 2;
+    return v3(f->m[0][axis], f->m[1][axis], f->m[2][axis]);
+}
+
+/* Where the point's force acts on the nominal mesh; -1: it does not. */
+static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
+    if (p->kind == POINT_GUIDE) return -1;
+    if (p->kind == POINT_TIP) {
+        memcpy(weights, state->tip.known_weights, 4 * sizeof *weights);
+        return state->tip.known_tet;
+    }
+    const added_node *node = &state->refined.nodes[p->handle];
+    mesh_barycentric(m, node->tet, node->position, weights);
+    return node->tet;
+}
+
+static void take_rows(const tick_context *tick, resting_needle *r) {
+    for (int u = 0; u < r->unknown_count; u++) {
+        attached_row *row = &r->rows[u];
+        row->tet = element_of(tick->model->mesh, tick->state, &r->points[point_of(r, u)], row->weights);
+        row->direction = direction_of(r, u);
+    }
+}
+
+/* The tissue's compliance between points that are interpolated in the nominal mesh: `blocks`, 3 point_count square. */
+static trocar_status interpolated(const tick_context *tick, inverse *inv, const resting_needle *r, double *blocks, report *why) {
+    const mesh *m = tick->model->mesh;
+    int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
+    double weights[MAX_POINTS][4];
+    for (int i = 0; i < r->point_count; i++) {
+        int tet = element_of(m, tick->state, &r->points[i], weights[i]);
+        for (int c = 0; c < 4; c++) {
+            place[i][c] = -1;
+            if (tet < 0) continue;
+            int k = 0;
+            while (k < count && nodes[k] != m->tets[tet][c]) k++;
+            if (k == count) nodes[count++] = m->tets[tet][c];
+            place[i][c] = k;
+        }
+    }
+    double *found = malloc(9 * (size_t)(count + 1) * (size_t)count * sizeof *found);
+    if (!found) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    trocar_status status = inverse_gather(inv, &(inverse_blocks){count, nodes, count, nodes, found, 3 * count}, why);
+    for (int i = 0; i < r->point_count && status == TROCAR_OK; i++)
+        for (int j = 0; j < r->point_count; j++) {
+            mat3 sum = {{{0}}};
+            for (int c = 0; c < 16; c++)
+                if (place[i][c / 4] >= 0 && place[j][c % 4] >= 0)
+                    m3_add_block(&sum, weights[i][c / 4] * weights[j][c % 4], found + (size_t)(9 * place[i][c / 4] * count) + 3 * place[j][c % 4], 3 * count);
+            for (int a = 0; a < 9; a++) blocks[(3 * i + a / 3) * ld + 3 * j + a % 3] = sum.m[a / 3][a % 3];
+        }
+    free(found);
+    return status;
+}
+
+/* What the contact problem has assembled, without the nominal mesh's part. The tip's rows have nothing else of the tissue. */
+static trocar_status take_compliance(const tick_context *tick, inverse *inv, resting_needle *r, report *why) {
+    const contact_problem *p = &tick->scratch->problem;
+    int ld = 3 * r->point_count;
+    double *blocks = malloc((size_t)ld * (size_t)ld * sizeof *blocks), yield = tick->scratch->creep.yield;
+    if (!blocks) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    trocar_status status = interpolated(tick, inv, r, blocks, why);
+    for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
+        for (int v = 0; v <= u; v++) {
+            mat3 block = {{{0}}};
+            m3_add_block(&block, 1.0, blocks + 3 * point_of(r, u) * ld + 3 * point_of(r, v), ld);
+            r->compliance[u][v] = p->compliance[u][v] - yield * v3_dot(direction_of(r, u), m3_apply(&block, direction_of(r, v)));
+        }
+    free(blocks);
+    return status;
+}
+
+/* A row that bears no force, whatever happens. */
+static void uncouple(resting_needle *r, int u) {
+    for (int v = 0; v < u; v++) r->compliance[u][v] = 0.0;
+    for (int v = u + 1; v < r->unknown_count; v++) r->compliance[v][u] = 0.0;
+    r->compliance[u][u] = 1.0;
+    r->rows[u].tet = -1;
+    for (int k = 0; k < r->motion_count; k++) r->motions[k][u] = 0.0;
+}
+
+static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
+    int point = point_of(r, u);
+    const contact_point *p = &r->points[point];
+    if (p->kind == POINT_GUIDE && !tick->scratch->edges[point].touched) return true;
+    int axial = u - 2 * r->point_count;
+    return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
+}
+
+static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
+
+/* Orthonormal motions of the rows, and the base's that cause them. Turns count by the arc that they describe at the tip. */
+static void take_motions(const tick_context *tick, resting_needle *r) {
+    pose base = tick->state->needle.base;
+    double length = tick->model->needle->given.length;
+    vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
+    const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
+    r->motion_count = 0;
+    for (int g = 0; g < MAX_MOTIONS; g++) {
+        double *rows = r->motions[r->motion_count], size = 0.0, left = 0.0;
+        base_motion t = given[g];
+        for (int u = 0; u < r->unknown_count; u++) {
+            vec3 lever = v3_sub(r->points[point_of(r, u)].at.position, base.position);
+            rows[u] = is_open(tick, r, u) ? 0.0 : v3_dot(direction_of(r, u), displaced(t, lever));
+            size += rows[u] * rows[u];
+        }
+        for (int round = 0; round < 2; round++)
+            for (int k = 0; k < r->motion_count; k++) {
+                double share = 0.0;
+                for (int u = 0; u < r->unknown_count; u++) share += r->motions[k][u] * rows[u];
+                for (int u = 0; u < r->unknown_count; u++) rows[u] -= share * r->motions[k][u];
+                t = (base_motion){v3_axpy(-share, r->twists[k].shift, t.shift), v3_axpy(-share, r->twists[k].turn, t.turn)};
+            }
+        for (int u = 0; u < r->unknown_count; u++) left += rows[u] * rows[u];
+        if (!(left > DEPENDENT * DEPENDENT * size) || size == 0.0) continue;
+        for (int u = 0; u < r->unknown_count; u++) rows[u] /= sqrt(left);
+        r->twists[r->motion_count++] = (base_motion){v3_scale(1.0 / sqrt(left), t.shift), v3_scale(1.0 / sqrt(left), t.turn)};
+    }
+}
+
+/* A force at a point in its unknowns; of the tip's along the needle, `shaft` acts on the shaft next to it. */
+static void put_force(const resting_needle *r, int point, vec3 force, double shaft, double *unknowns) {
+    vec3 f = m3_apply_transposed(&r->points[point].at.frame, force);
+    int count = r->point_count;
+    unknowns[unknown(count, point, 0)] = f.x;
+    unknowns[unknown(count, point, 1)] = f.y;
+    unknowns[unknown(count, point, 2)] = f.z - shaft;
+    if (r->points[point].kind == POINT_TIP) unknowns[unknown(count, point, 2) + 1] = shaft;
+}
+
+static void take_forces(const tick_context *tick, resting_needle *r) {
+    insertion_state *state = tick->state;
+    const insertion_model *model = tick->model;
+    for (int i = 0; i < r->point_count; i++) {
+        const contact_point *p = &r->points[i];
+        bool tip = p->kind == POINT_TIP;
+        put_force(r, i, *point_force(state, p), tip ? state->tip.shaft_traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
+        if (p->kind == POINT_GUIDE) continue;
+        vec3 beside = tip ? v3_add(state->tip.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->guided);
+        put_force(r, i, beside, 0.0, r->beside);
+    }
+}
+
+static trocar_status linearise(const tick_context *given, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r, report *why) {
+    tick_context tick = *given;
+    insertion_workspace *w = tick.scratch = &scratch->workspace;
+    tick_output ignored = {0};
+    tick.output = &ignored;
+    scratch->state = *given->state;
+    r->anchor = *given->state;
+    tick.state = &scratch->state;
+    tick.base = (mount){.pose = given->state->needle.base};
+    if (!insertion_linearise(&tick, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
+    const contact_problem *p = &w->problem;
+    r->point_count = p->count;
+    r->axial_count = p->axial_count;
+    r->unknown_count = 2 * p->count + p->axial_count;
+    r->tip = w->tip;
+    memcpy(r->points, w->points, (size_t)p->count * sizeof *r->points);
+    memcpy(r->lower, p->lower, (size_t)p->axial_count * sizeof *r->lower);
+    memcpy(r->upper, p->upper, (size_t)p->axial_count * sizeof *r->upper);
+    memset(r->anchor_force, 0, sizeof r->anchor_force);
+    memset(r->beside, 0, sizeof r->beside);
+    memset(r->slip, 0, sizeof r->slip);
+    memset(r->slid, 0, sizeof r->slid);
+    memset(r->motion, 0, sizeof r->motion);
+    memset(r->free_motion, 0, sizeof r->free_motion);
+    take_rows(&tick, r);
+    take_motions(&tick, r);
+    tick.state = given->state; /* linearising has gone on with the copy's memory */
+    take_forces(&tick, r);
+    memcpy(r->force, r->anchor_force, sizeof r->force);
+    memcpy(r->free_force, r->anchor_force, sizeof r->free_force);
+    trocar_status status = take_compliance(&tick, inv, r, why);
+    for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
+        if (is_open(&tick, r, u)) uncouple(r, u);
+    return status;
+}
+
+static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
+    for (int u = 0; u < r->unknown_count; u++)
+        for (int v = 0; v <= u; v++) scratch->matrix[v][u] = r->compliance[u][v]; /* column-major */
+    return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
+}
+
+/* A needle that would buckle under its forces, were it not for the tissue, is taken to be as stiff as without them: what can be attached is
+   stable by itself. */
+trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
+    trocar_status status = linearise(tick, inv, true, scratch, r, why);
+    return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, inv, false, scratch, r, why);
+}
+
+attachment resting_attachment(const resting_needle *r) {
+    return (attachment){.id = r->id, .row_count = r->unknown_count, .rows = r->rows, .compliance = r->compliance[0], .ld = MAX_UNKNOWNS,
+                        .motion_count = r->motion_count, .motions = r->motions[0], .motion_ld = MAX_UNKNOWNS};
+}
+
+/* ---- letting go --------------------------------------------------------------------------------------------------------------- */
+
+pose pose_moved(pose base, base_motion step) {
+    return (pose){v3_add(base.position, step.shift), q_unit(q_multiply(q_exp(step.turn), base.orientation))};
+}
+
+/* With all sticking, motions q of the base change the forces by M^-1 R q, M being the compliance with the tissue's: R^T (f + M^-1 R q) = 0. */
+trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why) {
+    int n = r->unknown_count, m = r->motion_count;
+    const contact_problem *p = &scratch->workspace.problem;
+    double columns[MAX_MOTIONS][MAX_UNKNOWNS], system[MAX_MOTIONS][MAX_MOTIONS], q[MAX_MOTIONS];
+    for (int u = 0; u < n; u++)
+        for (int v = 0; v <= u; v++) {
+            bool apart = r->compliance[u][v] == 0.0 && u != v;
+            scratch->matrix[v][u] = apart ? 0.0 : p->compliance[u][v]; /* column-major */
+        }
+    memcpy(columns, r->motions, sizeof columns);
+    if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', n, m, scratch->matrix[0], MAX_UNKNOWNS, columns[0], MAX_UNKNOWNS) != 0)
+        return fail(why, TROCAR_NUMERIC, "needle and tissue are not stable together");
+    for (int a = 0; a < m; a++) {
+        q[a] = 0.0;
+        for (int u = 0; u < n; u++) q[a] -= r->motions[a][u] * r->anchor_force[u];
+        for (int b = 0; b < m; b++) {
+            system[b][a] = 0.0;
+            for (int u = 0; u < n; u++) system[b][a] += r->motions[a][u] * columns[b][u];
+        }
+    }
+    if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', m, 1, system[0], MAX_MOTIONS, q, MAX_MOTIONS) != 0)
+        return fail(why, TROCAR_NUMERIC, "nothing holds the needle");
+    *step = (base_motion){{0, 0, 0}, {0, 0, 0}};
+    for (int a = 0; a < m; a++) *step = (base_motion){v3_axpy(q[a], r->twists[a].shift, step->shift), v3_axpy(q[a], r->twists[a].turn, step->turn)};
+    vec3 axis = q_axis(r->anchor.needle.base.orientation);
+    step->shift = v3_axpy((size - 1.0) * v3_dot(axis, step->shift), axis, step->shift);
+    double scale = fmin(1.0, fmin(STEP_SHIFT / v3_norm(step->shift), STEP_TURN / v3_norm(step->turn)));
+    *step = (base_motion){v3_scale(scale, step->shift), v3_scale(scale, step->turn)};
+    return TROCAR_OK;
+}
+
+/* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
+
+/* Part of the bound that is left after sliding: friction weakens from static to kinetic. The tip's cutting force and the guides' friction do
+   not. */
+static double weakened(const insertion_model *model, const resting_needle *r, int i) {
+    int point = i < r->point_count ? i : r->point_count - 1;
+    const contact_point *p = &r->points[point];
+    if (r->slid[i] == 0.0 || p->kind == POINT_GUIDE || (p->kind == POINT_TIP && i < r->point_count)) return 1.0;
+    double before = p->kind == POINT_TIP ? r->anchor.tip.shaft_slid : r->anchor.contacts[p->handle].slid;
+    double dry = shaft_resistance_of(model, &r->anchor, p->share, before).dry;
+    return dry > 0.0 ? shaft_resistance_of(model, &r->anchor, p->share, before + r->slid[i]).dry / dry : 1.0;
+}
+
+double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }
+double resting_lower(const insertion_model *model, const resting_needle *r, int i) { return r->lower[i] * weakened(model, r, i); }
+
+/* Forces and slips in the state. */
+static void put_back(const resting_needle *r, insertion_state *state) {
+    int count = r->point_count;
+    for (int i = 0; i < count; i++) {
+        const contact_point *p = &r->points[i];
+        const double *f = r->force;
+        int face = unknown(count, i, 2);
+        bool tip = p->kind == POINT_TIP;
+        double along = f[face] + (tip ? f[face + 1] : 0.0), length = p->share.to - p->share.from;
+        *point_force(state, p) = m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along));
+        if (p->kind == POINT_GUIDE) {
+            state->guides[p->guide].faces[p->face].slip += r->slip[i];
+        } else if (tip) {
+            state->tip.end_force = f[face];
+            state->tip.shaft_traction = f[face + 1] / length;
+            state->tip.slip += r->slip[i];
+            state->tip.shaft_slip += r->slip[i + 1];
+            state->tip.shaft_slid += r->slid[i + 1];
+        } else {
+            shaft_contact *contact = &state->contacts[p->handle];
+            contact->traction = along / length;
+            contact->slip += r->slip[i];
+            contact->slid += r->slid[i];
+        }
+    }
+}
+
+static bool has_changed(const resting_needle *r) {
+    bool changed = memcmp(r->force, r->anchor_force, (size_t)r->unknown_count * sizeof *r->force) != 0;
+    for (int k = 0; k < r->motion_count; k++) changed = changed || r->motion[k] != 0.0;
+    return changed;
+}
+
+void resting_show(const insertion_model *model, const resting_needle *r, needle_tangent *tangent, insertion_state *state) {
+    *state = r->anchor;
+    if (!has_changed(r)) return;
+    put_back(r, state);
+    needle_state *needle = &state->needle;
+    base_motion moved = {{0, 0, 0}, {0, 0, 0}};
+    for (int k = 0; k < r->motion_count; k++)
+        moved = (base_motion){v3_axpy(r->motion[k], r->twists[k].shift, moved.shift), v3_axpy(r->motion[k], r->twists[k].turn, moved.turn)};
+    vec3 pivot = needle->base.position;
+    quat turn = q_exp(moved.turn);
+    int segments = model->needle->given.segments;
+    needle->base = pose_moved(needle->base, moved);
+    for (int s = 0; s < segments; s++) needle->frames[s] = q_unit(q_multiply(turn, needle->frames[s]));
+    for (int j = 0; j <= segments; j++) {
+        needle->joints[j] = v3_add(v3_add(pivot, moved.shift), q_rotate(turn, v3_sub(needle->joints[j], pivot)));
+        for (int k = 0; k < NEEDLE_RIM && model->needle->given.kind == NEEDLE_TETRAHEDRA; k++)
+            needle->rim[j][k] = v3_add(v3_add(pivot, moved.shift), q_rotate(turn, v3_sub(needle->rim[j][k], pivot)));
+    }
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
+    for (int i = 0; i < r->point_count; i++) {
+        const needle_point *p = &r->points[i].at;
+        vec3 force = *point_force(state, &r->points[i]);
+        for (int k = 0; k < 3; k++) load[p->first + k] = v3_axpy(-p->weights[k], force, load[p->first + k]);
+    }
+    needle_linearise(model->needle, needle, load, 0, tangent);
+    needle_advance(model->needle, tangent, load, needle);
+}

@@ -1,0 +1,230 @@
+#include "resting/resting_set.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "remesh/free_displacement.h"
+
+enum { MOST_SWEEPS = 500, MOST_ROUNDS = 20, AT_ONCE = 6 };
+static const double ENOUGH = 1e-7; /* N, by which a force may be above its bound */
+
+static void forget_columns(resting_set *s) {
+    for (int i = 0; i < MAX_NEEDLES; i++) {
+        free(s->columns[i]);
+        s->columns[i] = NULL;
+        s->columns_known[i] = 0;
+    }
+}
+
+void resting_set_free(resting_set *s) {
+    forget_columns(s);
+    free(s->force);
+    free(s->move);
+    free(s->load);
+    free(s->nodes);
+    free(s->nodal);
+    s->force = s->move = s->load = NULL;
+    s->nodes = NULL;
+    s->nodal = NULL;
+    s->count = s->load_room = 0;
+}
+
+/* ---- loads ----------------------------------------------------------------------------------------------------------------- */
+
+static bool make_room(resting_set *s, int count) {
+    if (count <= s->load_room) return true;
+    free(s->nodes);
+    free(s->nodal);
+    s->nodes = malloc((size_t)count * sizeof *s->nodes);
+    s->nodal = malloc((size_t)count * sizeof *s->nodal);
+    s->load_room = s->nodes && s->nodal ? count : 0;
+    return s->load_room > 0;
+}
+
+/* Response of all to the loads of held needles and the probe. */
+static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
+    const mesh *m = inverse_tissue(s->inverse)->mesh;
+    if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
+    int count = loads_on_nodes(m, held, s->nodes, s->nodal);
+    return inverse_attached_response(s->inverse, &(nodal_forces){count, s->nodes, s->nodal}, s->force, s->move, why);
+}
+
+static void take_load(resting_set *s) {
+    for (int i = 0; i < s->count; i++)
+        for (int u = 0; u < s->needles[i]->unknown_count; u++) s->load[s->row[i] + u] = s->needles[i]->free_force[u] + s->needles[i]->beside[u];
+    s->shifts++;
+}
+
+trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why) {
+    attachment things[MAX_NEEDLES];
+    int rows = 0, motions = 0;
+    forget_columns(s);
+    s->slips_left = 0;
+    s->changes++;
+    s->shifts++;
+    s->count = count;
+    for (int i = 0; i < count; i++) {
+        s->needles[i] = needles[i];
+        things[i] = resting_attachment(needles[i]);
+        s->row[i] = rows;
+        s->motion[i] = motions;
+        rows += things[i].row_count;
+        motions += things[i].motion_count;
+    }
+    free(s->force);
+    free(s->move);
+    free(s->load);
+    s->force = malloc((size_t)(rows + 1) * sizeof *s->force);
+    s->move = malloc((size_t)(motions + 1) * sizeof *s->move);
+    s->load = malloc((size_t)(rows + 1) * sizeof *s->load);
+    trocar_status status = inverse_attach(s->inverse, count, things, why);
+    if (status == TROCAR_OK && !(s->force && s->move && s->load)) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d resting needles", count);
+    if (status == TROCAR_OK) take_load(s);
+    else s->count = 0;
+    return status;
+}
+
+trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why) {
+    trocar_status status = resting_set_attach(s, count, needles, why);
+    if (status == TROCAR_OK) status = respond(s, held, why);
+    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* nothing jumps: what the new set adds for these loads is taken off */
+        resting_needle *r = needles[i];
+        for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u];
+        for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k];
+    }
+    if (status == TROCAR_OK) take_load(s);
+    else s->count = 0;
+    return status;
+}
+
+/* ---- slip ------------------------------------------------------------------------------------------------------------------- */
+
+static double excess(const insertion_model *model, const resting_needle *r, int i) {
+    double f = r->force[2 * r->point_count + i], upper = resting_upper(model, r, i), lower = resting_lower(model, r, i);
+    return f > upper ? f - upper : f < lower ? f - lower : 0.0;
+}
+
+static bool gives_way(const insertion_model *model, const resting_needle *r) {
+    for (int i = 0; i < r->axial_count; i++)
+        if (fabs(excess(model, r, i)) > ENOUGH) return true;
+    return false;
+}
+
+/* Responses of all rows, and of all motions, to a slip of each of the needle's rows along it, a few rows in one call. True: they are complete. */
+static bool find_columns(resting_set *s, int index) {
+    const resting_needle *r = s->needles[index];
+    int rows[AT_ONCE], count = r->axial_count - s->columns_known[index];
+    size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), all = (size_t)r->axial_count;
+    size_t known = (size_t)s->columns_known[index];
+    if (count == 0) return true;
+    if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
+    if (!s->columns[index]) return false;
+    if (count > AT_ONCE) count = AT_ONCE;
+    for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
+    inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
+    s->columns_known[index] += count;
+    return s->columns_known[index] == r->axial_count;
+}
+
+/* Slips of one needle's points such that its forces are within their bounds, with all other slips as they are: the least of a convex
+   function, by Gauss-Seidel. w: a slip s at point i changes force j by w[i][j] s, at most 0 for i = j. */
+static void find_slips(const insertion_model *model, const resting_needle *r, const double *const w[MAX_AXIAL], double slip[MAX_AXIAL]) {
+    double force[MAX_AXIAL], upper[MAX_AXIAL], lower[MAX_AXIAL];
+    int first = 2 * r->point_count;
+    for (int i = 0; i < r->axial_count; i++) {
+        force[i] = r->force[first + i];
+        upper[i] = resting_upper(model, r, i);
+        lower[i] = resting_lower(model, r, i);
+        slip[i] = 0.0;
+    }
+    for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
+        double worst = 0.0;
+        for (int i = 0; i < r->axial_count; i++) {
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* if it did not slip */
+            if (!(yields > 1e-3)) continue; /* N/m: nothing that slip could relieve */
+            double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
+            if (more == 0.0) continue;
+            for (int j = 0; j < r->axial_count; j++) force[j] += w[i][j] * more;
+            slip[i] = now;
+            worst = fmax(worst, yields * fabs(more));
+        }
+        if (worst < 0.1 * ENOUGH) break;
+    }
+}
+
+static bool slip_needle(resting_set *s, const insertion_model *model, int index) {
+    resting_needle *r = s->needles[index];
+    size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
+    const double *w[MAX_AXIAL];
+    double slip[MAX_AXIAL];
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* next time; for want of memory it sticks */
+    const double *columns = s->columns[index];
+    for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
+    find_slips(model, r, w, slip);
+    for (int i = 0; i < r->axial_count; i++) {
+        if (slip[i] == 0.0) continue;
+        r->slip[i] += slip[i];
+        r->slid[i] += fabs(slip[i]);
+        const double *force = columns + (size_t)i * n, *move = columns + count * n + (size_t)i * m;
+        for (int k = 0; k < s->count; k++) {
+            resting_needle *other = s->needles[k];
+            for (int u = 0; u < other->unknown_count; u++) {
+                other->free_force[u] += force[s->row[k] + u] * slip[i];
+                other->force[u] += force[s->row[k] + u] * slip[i];
+            }
+            for (int q = 0; q < other->motion_count; q++) {
+                other->free_motion[q] += move[s->motion[k] + q] * slip[i];
+                other->motion[q] += move[s->motion[k] + q] * slip[i];
+            }
+        }
+    }
+    return true;
+}
+
+trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why) {
+    if (s->count == 0) return TROCAR_OK;
+    trocar_status status = respond(s, held, why);
+    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
+        resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) r->force[u] = r->free_force[u] + s->force[s->row[i] + u];
+        for (int k = 0; k < r->motion_count; k++) r->motion[k] = r->free_motion[k] + s->move[s->motion[i] + k];
+    }
+    s->slips_left = status == TROCAR_OK ? MOST_ROUNDS * s->count : 0;
+    s->quiet = 0;
+    return status;
+}
+
+bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
+    int done = 0;
+    while (s->slips_left > 0 && s->quiet < s->count && done < most) {
+        const resting_needle *last = s->needles[s->next_slip];
+        int known = s->columns_known[s->next_slip];
+        bool half_way = known > 0 && known < last->axial_count && gives_way(model, last);
+        if (!half_way) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
+        if (gives_way(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
+        else s->quiet++;
+    }
+    bool more = s->slips_left > 0 && s->quiet < s->count;
+    if (s->slipped && !more) {
+        take_load(s);
+        s->slipped = false;
+    }
+    return more;
+}
+
+void resting_loads(const resting_needle *r, tissue_loads *loads) {
+    loads->count = 0;
+    for (int i = 0; i < r->point_count; i++) {
+        const attached_row *row = &r->rows[2 * i];
+        if (row->tet < 0) continue;
+        tissue_load *load = &loads->loads[loads->count++];
+        *load = (tissue_load){.tet = row->tet};
+        memcpy(load->weights, row->weights, sizeof load->weights);
+        for (int axis = 0; axis < 3; axis++) {
+            int u = unknown(r->point_count, i, axis);
+            load->force = v3_axpy(r->force[u] + r->beside[u], r->rows[u].direction, load->force);
+        }
+        int shaft = unknown(r->point_count, i, 2) + 1;
+        if (r->tip && i + 1 == r->point_count) load->force = v3_axpy(r->force[shaft] + r->beside[shaft], r->rows[shaft].direction, load->force);
+    }
+}

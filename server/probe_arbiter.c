@@ -1,0 +1,48 @@
+#include "probe_arbiter.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+#include "trocar_probe_pose_t.h"
+
+static const int64_t OWNER_SILENCE = 2000000000; /* ns after which another session may take over */
+
+void probe_arbiter_init(probe_arbiter *in) { *in = (probe_arbiter){.newest = {.seq = -1, .base.orientation.w = 1.0}}; }
+
+/* Fixed size: a decode must consume exactly what was received. */
+static bool decode(const void *data, size_t size, trocar_probe_pose_t *m) {
+    return size == (size_t)trocar_probe_pose_t_encoded_size(m) && trocar_probe_pose_t_decode(data, 0, (int)size, m) == (int)size;
+}
+
+/* NULL: it is to be used. */
+static const char *fault_of(const probe_arbiter *in, const trocar_probe_pose_t *m, const pose *base, int64_t now) {
+    pose_verdict verdict = safety_check_pose(base);
+    if (verdict == POSE_NOT_FINITE) return "not finite";
+    if (verdict != POSE_ACCEPTED) return "quaternion not of unit length";
+    if (m->session == 0) return "0 means nobody; choose another session number";
+    bool owned = in->newest.session != 0 && now - in->received <= OWNER_SILENCE;
+    if (owned && m->session != in->newest.session) return "another session holds the probe";
+    return m->session == in->newest.session && m->seq <= in->newest.seq ? "out of order" : NULL;
+}
+
+bool probe_arbiter_pose(probe_arbiter *in, const void *data, size_t size, int64_t now, char *message, size_t room) {
+    trocar_probe_pose_t m = {0};
+    if (!decode(data, size, &m)) {
+        in->refused++;
+        snprintf(message, room, "probe's pose of %zu bytes refused: not a trocar.probe_pose_t of this version", size);
+        return false;
+    }
+    const double *x = m.position, *q = m.orientation;
+    pose base = {{x[0], x[1], x[2]}, {q[0], q[1], q[2], q[3]}};
+    const char *fault = fault_of(in, &m, &base, now);
+    if (fault) {
+        in->refused++;
+        snprintf(message, room, "probe's pose %" PRId64 " of session %" PRId64 " refused: %s", m.seq, m.session, fault);
+        return false;
+    }
+    base.orientation = q_unit(base.orientation);
+    in->newest = (probe_sample){.session = m.session, .seq = m.seq, .base = base};
+    in->received = now;
+    in->accepted++;
+    return true;
+}

@@ -1,0 +1,456 @@
+/* The probe: its shape, the complementarity problem against all subsets, its contact against a projected Gauss-Seidel iteration of the test's own on
+   the dense inverse, what needles feel of it against dense linear algebra; and through trocar.h: saved and restored, in lockstep and with a worker,
+   released, refused. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <lapacke.h>
+
+#include "cube.h"
+#include "probe/complementarity.h"
+#include "probe/probe.h"
+#include "remesh/free_displacement.h"
+#include "trocar.h"
+
+#include <cmocka.h>
+
+#include "check.h"
+
+enum { TOP = CUBE_SIDE * CUBE_SIDE, N = 3 * CUBE_NODES };
+
+static cube body;
+static inverse *beneath;
+static int all[CUBE_NODES];
+static double dense[N * N];
+static report why;
+
+#define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
+
+/* The cube's upper face, at z = 0.1, is the surface. */
+static int create(void **state) {
+    (void)state;
+    if (cube_create(&body, 0.1, &why) != TROCAR_OK || inverse_create_attached(body.inverse, &beneath, &why) != TROCAR_OK) return -1;
+    int *nodes = malloc(TOP * sizeof *nodes);
+    for (int i = 0; i < TOP; i++) nodes[i] = CUBE_NODES - TOP + i;
+    body.mesh.groups[2] = (mesh_group){"top", 2, TOP, nodes};
+    body.mesh.group_count = 3;
+    for (int i = 0; i < CUBE_NODES; i++) all[i] = i;
+    return inverse_gather(body.inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, dense, N}, &why) == TROCAR_OK ? 0 : -1;
+}
+
+static int destroy(void **state) {
+    (void)state;
+    inverse_free(beneath);
+    cube_free(&body);
+    return 0;
+}
+
+/* ---- shape ---------------------------------------------------------------------------------------------------------------- */
+
+/* Independent of the code: the closest of many points of the meridian. */
+static double sampled_gap(const probe_shape *s, double beside, double along) {
+    enum { SAMPLES = 20000 };
+    double nearest = INFINITY, flat = s->radius - s->tip_radius, corner = s->length - s->tip_radius;
+    for (int i = 0; i <= SAMPLES; i++) {
+        double t = (double)i / SAMPLES, angle = 0.5 * M_PI * t;
+        nearest = fmin(nearest, hypot(beside - s->radius, along - (corner - 0.2 * t)));
+        nearest = fmin(nearest, hypot(beside - flat * t, along - s->length));
+        nearest = fmin(nearest, hypot(beside - flat - s->tip_radius * cos(angle), along - corner - s->tip_radius * sin(angle)));
+    }
+    bool round = beside > flat && along > corner;
+    bool inside = round ? hypot(beside - flat, along - corner) < s->tip_radius : beside < s->radius && along < s->length;
+    return inside ? -nearest : nearest;
+}
+
+static void distance_to_a_rounded_cylinder(void **state) {
+    (void)state;
+    for (int shape = 0; shape < 3; shape++) {
+        probe_shape s = {.radius = 0.01, .tip_radius = (const double[]){0.01, 0.004, 0.0}[shape], .length = 0.1};
+        for (int i = 0; i < 60; i++) {
+            pose base = {cube_random_vector(0.1), q_exp(cube_random_vector(2.0))};
+            double beside = cube_random(1e-4, 0.03), along = cube_random(0.05, 0.13), angle = cube_random(-3, 3), step = 1e-7;
+            vec3 x = v3_add(base.position, q_rotate(base.orientation, v3(beside * cos(angle), beside * sin(angle), along))), normal, ignored;
+            double gap = probe_gap(&s, base, x, &normal);
+            assert_close(gap, sampled_gap(&s, beside, along), 2e-6);
+            assert_close(v3_norm(normal), 1.0, 1e-12);
+            assert_close(probe_gap(&s, base, v3_axpy(step, normal, x), &ignored), gap + step, 1e-13 + 1e-6 * step);
+        }
+    }
+}
+
+/* ---- complementarity ----------------------------------------------------------------------------------------------------------- */
+
+static void complementarity_among_all_subsets(void **state) {
+    (void)state;
+    enum { M = 8 };
+    for (int problem = 0; problem < 100; problem++) {
+        double root[M][M], a[M * M], q[M], z[M], scratch[M * (M + 2)], best[M];
+        for (int i = 0; i < M * M; i++) root[i / M][i % M] = cube_random(-1, 1);
+        for (int i = 0; i < M; i++)
+            for (int j = 0; j < M; j++) {
+                a[i * M + j] = i == j ? 1e-3 : 0.0;
+                for (int k = 0; k < M; k++) a[i * M + j] += root[i][k] * root[j][k];
+            }
+        for (int i = 0; i < M; i++) q[i] = cube_random(-1, 1), z[i] = cube_random(-1, 1);
+        int found = 0;
+        for (int set = 0; set < 1 << M; set++) { /* exactly one solves it */
+            double part[M * M], right[M];
+            int index[M], n = 0;
+            for (int i = 0; i < M; i++)
+                if (set >> i & 1) index[n++] = i;
+            for (int i = 0; i < n; i++) {
+                right[i] = -q[index[i]];
+                for (int j = 0; j < n; j++) part[i * n + j] = a[index[i] * M + index[j]];
+            }
+            lapack_int pivots[M];
+            if (n > 0) assert_int_equal(LAPACKE_dgesv(LAPACK_ROW_MAJOR, n, 1, part, n, pivots, right, 1), 0);
+            bool good = true;
+            double candidate[M] = {0};
+            for (int i = 0; i < n; i++) candidate[index[i]] = right[i], good = good && right[i] > 0;
+            for (int i = 0; i < M; i++) {
+                double w = q[i];
+                for (int j = 0; j < M; j++) w += a[i * M + j] * candidate[j];
+                good = good && ((set >> i & 1) || w > 0);
+            }
+            if (good) found++, memcpy(best, candidate, sizeof best);
+        }
+        assert_int_equal(found, 1);
+        assert_true(complementarity_solve(M, a, M, q, 1e-14, z, scratch));
+        for (int i = 0; i < M; i++) assert_close(z[i], best[i], 1e-8 * (1 + best[i]));
+    }
+}
+
+/* ---- contact ----------------------------------------------------------------------------------------------------------------------- */
+
+static const probe_shape CAPSULE = {.radius = 0.02, .tip_radius = 0.02, .length = 0.1};
+
+/* Distance to a capsule, from its axis: the test's own. */
+static double capsule_gap(pose base, vec3 x, vec3 *normal) {
+    vec3 axis = q_axis(base.orientation);
+    double along = fmin(v3_dot(axis, v3_sub(x, base.position)), CAPSULE.length - CAPSULE.radius);
+    vec3 off = v3_sub(x, v3_axpy(along, axis, base.position));
+    *normal = v3_unit(off);
+    return v3_norm(off) - CAPSULE.radius;
+}
+
+/* Along x over the middle of the upper face, its tip half way, this deep. */
+static pose lying(double depth) {
+    vec3 down = v3_axpy(CAPSULE.radius - depth, v3(0, 0, 1), v3(-0.04, 0.052, CUBE_EDGE));
+    return (pose){down, q_exp(v3(0, 0.5 * M_PI + 0.05, 0))};
+}
+
+static vec3 displacement_at(int node, const vec3 *forces) {
+    vec3 u = v3(0, 0, 0);
+    for (int j = 0; j < CUBE_NODES; j++) {
+        mat3 block = {{{0}}};
+        if (v3_norm(forces[j]) == 0.0) continue;
+        m3_add_block(&block, 1.0, dense + (size_t)(3 * node) * N + 3 * j, N);
+        u = v3_add(u, m3_apply(&block, forces[j]));
+    }
+    return u;
+}
+
+/* Gauss-Seidel on gaps and normals at the deformed nodes: adds contact forces to those of others. */
+static int press_by_sweeps(pose base, const vec3 *others, vec3 *forces) {
+    double lambda[CUBE_NODES] = {0};
+    vec3 normal[CUBE_NODES];
+    int count = 0;
+    for (int i = 0; i < CUBE_NODES; i++) normal[i] = v3(0, 0, 0);
+    for (int sweep = 0; sweep < 4000; sweep++) {
+        double most = 0.0;
+        for (int i = CUBE_NODES - TOP; i < CUBE_NODES; i++) {
+            for (int k = 0; k < CUBE_NODES; k++) forces[k] = v3_axpy(lambda[k], normal[k], others[k]);
+            double gap = capsule_gap(base, v3_add(body.mesh.nodes[i], displacement_at(i, forces)), &normal[i]);
+            mat3 own = {{{0}}};
+            m3_add_block(&own, 1.0, dense + (size_t)(3 * i) * N + 3 * i, N);
+            double before = lambda[i];
+            lambda[i] = fmax(0.0, lambda[i] - gap / v3_dot(normal[i], m3_apply(&own, normal[i])));
+            most = fmax(most, fabs(lambda[i] - before));
+        }
+        if (most < 1e-11) break;
+    }
+    for (int k = 0; k < CUBE_NODES; k++) forces[k] = v3_axpy(lambda[k], normal[k], others[k]), count += lambda[k] > 0;
+    return count;
+}
+
+/* A needle's loads: at three points within. */
+static tissue_loads some_loads(double size) {
+    tissue_loads loads = {.count = 3};
+    for (int i = 0; i < 3; i++) loads.loads[i] = (tissue_load){.tet = 97 + 60 * i, .weights = {0.1, 0.2, 0.3, 0.4}, .force = v3(0.3 * size, (0.5 - i) * size, size)};
+    return loads;
+}
+
+static void contact_against_sweeps(void **state) {
+    (void)state;
+    static vec3 others[CUBE_NODES], forces[CUBE_NODES];
+    probe *p;
+    OK(probe_create(beneath, &CAPSULE, 2, &p, &why));
+    for (int step = 0; step < 6; step++) {
+        double depth = (const double[]){0.001, 0.004, 0.008, 0.016, 0.006, -0.002}[step];
+        tissue_loads loads = some_loads(step % 2 ? 3.0 : 0.0);
+        other_loads held = {.count = 1, .of = {&loads}, .beneath = beneath};
+        memset(others, 0, sizeof others);
+        loads_spread(&body.mesh, &loads, others);
+        OK(probe_press(p, lying(depth), &held, false, &why));
+        int expected = press_by_sweeps(lying(depth), others, forces);
+        vec3 total = v3(0, 0, 0), torque = v3(0, 0, 0);
+        double worst = 0.0;
+        for (int i = CUBE_NODES - TOP; i < CUBE_NODES; i++) {
+            vec3 f = v3_sub(forces[i], others[i]), at = v3_add(body.mesh.nodes[i], displacement_at(i, forces)), found = v3(0, 0, 0);
+            total = v3_sub(total, f);
+            torque = v3_sub(torque, v3_cross(v3_sub(at, lying(depth).position), f));
+            for (int k = 0; k < p->state.count; k++)
+                if (p->now.nodes[k] == i) found = p->now.force[k];
+            worst = fmax(worst, v3_norm(v3_sub(found, f)));
+        }
+        print_message("%4.1f mm deep: %d nodes, %.4f N, forces differ by %.1e N\n", 1e3 * depth, p->state.count, v3_norm(total), worst);
+        assert_int_equal(p->state.count, expected);
+        assert_close(worst, 0.0, 1e-6);
+        assert_close_vector(p->state.wrench_force, total, 1e-6);
+        assert_close_vector(p->state.wrench_torque, torque, 1e-6);
+        assert_true(p->state.count > 1);
+    }
+    assert_int_equal(inverse_attached_rows(p->inverse), p->state.count);
+    probe_free(p);
+}
+
+/* ---- what needles feel ----------------------------------------------------------------------------------------------------------- */
+
+/* With the nodes held along their normals, K^-1 loses C P (P^T C P)^-1 P^T C; and with the free forces, a needle's own forces give back the field
+   of all forces. */
+static void needles_feel_it(void **state) {
+    (void)state;
+    static double expected[N * N], found[N * N], columns[TOP][N], small[TOP * TOP];
+    static vec3 forces[CUBE_NODES], u[CUBE_NODES], v[CUBE_NODES];
+    probe *p;
+    tissue_loads loads = some_loads(3.0);
+    other_loads held = {.count = 1, .of = {&loads}, .beneath = beneath};
+    OK(probe_create(beneath, &CAPSULE, 2, &p, &why));
+    OK(probe_press(p, lying(0.006), &held, false, &why));
+    int n = p->state.count;
+    assert_true(n > 3);
+    for (int k = 0; k < n; k++)
+        for (int i = 0; i < N; i++) {
+            vec3 row = p->state.nodes[k].row;
+            const double *block = dense + (size_t)i * N + 3 * p->state.nodes[k].node;
+            columns[k][i] = row.x * block[0] + row.y * block[1] + row.z * block[2];
+        }
+    for (int k = 0; k < n; k++)
+        for (int l = 0; l < n; l++) {
+            vec3 row = p->state.nodes[k].row;
+            const double *c = columns[l] + 3 * p->state.nodes[k].node;
+            small[k * n + l] = row.x * c[0] + row.y * c[1] + row.z * c[2];
+        }
+    lapack_int pivots[TOP];
+    assert_int_equal(LAPACKE_dgetrf(LAPACK_ROW_MAJOR, n, n, small, n, pivots), 0);
+    assert_int_equal(LAPACKE_dgetri(LAPACK_ROW_MAJOR, n, small, n, pivots), 0);
+    double worst = 0.0, largest = 0.0;
+    memcpy(expected, dense, sizeof expected);
+    for (int k = 0; k < n; k++)
+        for (int l = 0; l < n; l++)
+            for (int i = 0; i < N; i++)
+                for (int j = 0; j < N; j++) expected[i * N + j] -= columns[k][i] * small[k * n + l] * columns[l][j];
+    OK(inverse_gather(p->inverse, &(inverse_blocks){CUBE_NODES, all, CUBE_NODES, all, found, N}, &why));
+    for (int i = 0; i < N * N; i++) worst = fmax(worst, fabs(found[i] - expected[i])), largest = fmax(largest, fabs(dense[i]));
+    assert_close(worst, 0.0, 1e-11 * largest);
+
+    memset(forces, 0, sizeof forces);
+    loads_spread(&body.mesh, &loads, forces);
+    inverse_apply(p->inverse, forces, v);
+    OK(nodal_displacement_add(beneath, &p->unloaded, CUBE_NODES, all, v, &why));
+    for (int k = 0; k < p->now.count; k++) forces[p->now.nodes[k]] = v3_add(forces[p->now.nodes[k]], p->now.force[k]);
+    inverse_apply(body.inverse, forces, u);
+    for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(u[i], v[i], 1e-12);
+    probe_free(p);
+}
+
+/* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------- */
+
+/* The figure-8 scene, with a probe that lies across below the skin, beside the needle. */
+static trocar_model *create_model(void) {
+    static const char *const keys[][2] = {{"probe.surface", "skin"}, {"probe.radius", "0.012"}, {"probe.tip_radius", "0.006"}, {"probe.length", "0.1"}};
+    trocar_scene *scene;
+    trocar_model *model;
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    for (int i = 0; i < 4; i++) OK(trocar_scene_set(scene, keys[i][0], keys[i][1], &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    trocar_scene_free(scene);
+    return model;
+}
+
+/* Along x, its side this deep in the skin at rest. */
+static trocar_pose across(double x, double depth) {
+    const double half = sqrt(0.5);
+    return (trocar_pose){{x - 0.09, -0.012, depth - 0.012}, {half, 0, half, 0}};
+}
+
+/* Tick t of a run: the needle goes in, the probe comes, presses, moves along and leaves. */
+static void run_tick(trocar_sim *sim, int t, trocar_output *out) {
+    trocar_pose base = {{0.005, 0.01, -0.201 + 1e-4 * fmin(t, 400)}, {1, 0, 0, 0}};
+    double depth = t < 200 ? -0.001 : t < 300 ? -0.001 + 7e-5 * (t - 200) : t < 500 ? 0.006 : 0.006 - 1e-4 * (t - 500), x = t < 300 ? 0.0 : 1e-4 * fmin(t - 300, 200);
+    trocar_pose pose = across(x, depth);
+    if (t % 10 == 0) OK(trocar_sim_set_probe(sim, &pose, &why));
+    OK(trocar_sim_step(sim, 0, &base, 1e-3, out, &why));
+}
+
+static void pressed_and_released(void **state) {
+    (void)state;
+    trocar_model *model = create_model();
+    trocar_sim *sim, *alone;  /* alone: its probe is never placed */
+    trocar_output out, without;
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_sim_create(model, &alone, &why));
+    int nodes = trocar_model_node_count(model);
+    double *u = malloc(3 * (size_t)nodes * sizeof *u), deepest = 0.0;
+    const double *x = trocar_model_nodes(model);
+    trocar_pose start = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}};
+    OK(trocar_sim_reset(sim, 0, &start, &why));
+    OK(trocar_sim_reset(alone, 0, &start, &why));
+    probe_shape shape = {.radius = 0.012, .tip_radius = 0.006, .length = 0.1};
+    assert_int_equal(trocar_sim_probe(sim).placed, 0);
+    for (int t = 0; t < 600; t++) {
+        run_tick(sim, t, &out);
+        trocar_probe probe = trocar_sim_probe(sim);
+        assert_true(probe.placed);
+        if (t < 200) assert_int_equal(probe.contacts, 0);
+        trocar_pose base = trocar_sim_base(sim, 0);
+        OK(trocar_sim_step(alone, 0, &base, 1e-3, &without, &why));
+        double felt = fabs(out.force[0] - without.force[0]) + fabs(out.force[1] - without.force[1]) + fabs(out.force[2] - without.force[2]);
+        if (t < 200) assert_true(felt == 0.0);
+        if (t == 495) assert_true(felt > 0.05);
+        if (t % 50 != 45) continue;
+        OK(trocar_sim_displacements(sim, u, &why));
+        double lowest = INFINITY;
+        pose placed = {v3(probe.base.position[0], probe.base.position[1], probe.base.position[2]),
+                     {probe.base.orientation[0], probe.base.orientation[1], probe.base.orientation[2], probe.base.orientation[3]}};
+        for (int i = 0; i < nodes; i++) {
+            vec3 ignored, at = v3(x[3 * i] + u[3 * i], x[3 * i + 1] + u[3 * i + 1], x[3 * i + 2] + u[3 * i + 2]);
+            if (x[3 * i + 2] < 1e-9) lowest = fmin(lowest, probe_gap(&shape, placed, at, &ignored));
+        }
+        print_message("t = %.3f s: %2d nodes, %.3f N, smallest gap %.4f mm, needle %.4f %.4f %.4f N, %.4f N of it by the probe\n", 1e-3 * t, probe.contacts, probe.force[2],
+                      1e3 * lowest, out.force[0], out.force[1], out.force[2], felt);
+        if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* what the needle moved since it was solved for */
+        deepest = fmin(deepest, probe.force[2]);
+    }
+    assert_true(deepest < -3.0);
+    assert_int_equal(trocar_sim_probe(sim).contacts, 0);
+    free(u);
+    trocar_sim_free(alone);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+static void saved_and_restored(void **state) {
+    (void)state;
+    trocar_model *model = create_model();
+    trocar_sim *sim, *other;
+    trocar_output out, again;
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_sim_create(model, &other, &why));
+    trocar_pose start = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}}, elsewhere = across(-0.02, 0.003);
+    OK(trocar_sim_reset(sim, 0, &start, &why));
+    for (int t = 0; t < 355; t++) run_tick(sim, t, &out);
+    trocar_pose asked = across(0.006, 0.005);
+    OK(trocar_sim_set_probe(sim, &asked, &why)); /* waits when the state is saved */
+    size_t size = trocar_sim_state_size(sim);
+    void *saved = malloc(size);
+    OK(trocar_sim_save(sim, saved, size, &why));
+    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* the other one has been somewhere else */
+    OK(trocar_sim_reset(other, 0, &start, &why));
+    OK(trocar_sim_step(other, 0, &start, 1e-3, &again, &why));
+    OK(trocar_sim_set_probe(other, &start, &why));
+    OK(trocar_sim_restore(other, saved, size, &why));
+    assert_true(trocar_sim_probe(other).contacts > 0);
+    for (int t = 355; t < 480; t++) {
+        run_tick(sim, t, &out);
+        run_tick(other, t, &again);
+        trocar_probe a = trocar_sim_probe(sim), b = trocar_sim_probe(other);
+        if (memcmp(&out, &again, sizeof out) != 0 || memcmp(&a, &b, sizeof a) != 0) fail_msg("tick %d: %.17g and %.17g N", t, out.force[2], again.force[2]);
+    }
+    free(saved);
+    trocar_sim_free(sim);
+    trocar_sim_free(other);
+    trocar_model_free(model);
+}
+
+/* Ticks and worker as in real time, but one after the other: ends where lockstep does. */
+static void with_a_worker(void **state) {
+    (void)state;
+    trocar_model *model = create_model();
+    trocar_sim *sim, *lockstep;
+    trocar_output out, expected;
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_sim_create(model, &lockstep, &why));
+    trocar_pose base = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}}, pose = across(0, -0.001);
+    OK(trocar_sim_reset(sim, 0, &base, &why));
+    OK(trocar_sim_reset(lockstep, 0, &base, &why));
+    for (int t = 0; t < 700; t++) {
+        base.position[2] = -0.201 + 1e-4 * fmin(t, 400);
+        pose = across(0, -0.001 + 7e-5 * fmax(0, fmin(t - 200, 100)));
+        if (t % 10 == 0) {
+            OK(trocar_sim_set_probe(sim, &pose, &why));
+            OK(trocar_sim_set_probe(lockstep, &pose, &why));
+        }
+        assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
+        for (trocar_work work = {.more = 1}; work.more;) OK(trocar_sim_work(sim, &work, &why));
+        OK(trocar_sim_step(lockstep, 0, &base, 1e-3, &expected, &why));
+    }
+    trocar_probe a = trocar_sim_probe(sim), b = trocar_sim_probe(lockstep);
+    print_message("with a worker: %d nodes, %.5f N, needle %.5f N; lockstep: %d, %.5f N, %.5f N\n", a.contacts, a.force[2], out.force[2], b.contacts,
+                  b.force[2], expected.force[2]);
+    assert_int_equal(a.contacts, b.contacts);
+    assert_true(a.contacts > 3);
+    for (int i = 0; i < 3; i++) {
+        assert_close(a.force[i], b.force[i], 5e-3);
+        assert_close(out.force[i], expected.force[i], 5e-3);
+    }
+    trocar_sim_free(sim);
+    trocar_sim_free(lockstep);
+    trocar_model_free(model);
+}
+
+static void refused(void **state) {
+    (void)state;
+    static const struct { const char *key, *value, *says; } wrong[] = {
+        {"probe.surface", "rectum_wall", "probe.surface: "}, {"probe.tip_radius", "0.02", "probe.tip_radius: 0.02 m exceeds the radius"},
+        {"probe.surface", "fixed", "all nodes of \"fixed\" are fixed"}, {"remeshing", "woodbury", "it needs remeshing: nested or implicit"}};
+    trocar_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim = NULL;
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+        OK(trocar_scene_set(scene, "probe.surface", "skin", &why));
+        OK(trocar_scene_set(scene, wrong[i].key, wrong[i].value, &why));
+        trocar_status status = trocar_model_create(scene, NULL, &model, &why);
+        if (status == TROCAR_OK) status = trocar_sim_create(model, &sim, &why), trocar_model_free(model);
+        assert_int_equal(status, TROCAR_BAD_INPUT);
+        if (!strstr(why.text, wrong[i].says)) fail_msg("%s", why.text);
+        trocar_scene_free(scene);
+    }
+    trocar_pose pose = across(0, 0);
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    OK(trocar_sim_create(model, &sim, &why));
+    assert_int_equal(trocar_sim_set_probe(sim, &pose, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(trocar_sim_probe(sim).placed, 0);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+    model = create_model();
+    OK(trocar_sim_create(model, &sim, &why));
+    pose.position[0] = NAN;
+    assert_int_equal(trocar_sim_set_probe(sim, &pose, &why), TROCAR_BAD_INPUT);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(distance_to_a_rounded_cylinder), cmocka_unit_test(complementarity_among_all_subsets), cmocka_unit_test(contact_against_sweeps),
+        cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
+        cmocka_unit_test(refused),
+    };
+    return cmocka_run_group_tests(tests, create, destroy);
+}

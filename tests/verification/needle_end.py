@@ -1,0 +1,102 @@
+#!/usr/bin/python3
+"""Why a needle along edges of a mesh comes out too stiff sideways: the resolved radius is measured with an endless line.
+usage: needle_end.py [CUBES_PER_10_MM]
+
+A rigid needle, 60 mm at 45 degrees in Kuhn's mesh of the block, as segments of 1 mm on linear tetrahedra (volumetric strain averaged
+over each cube), each in series with a local compliance; no code of the simulator takes part. One needle lies along edges, one within
+elements. Prints for each the resolved radius of an endless line, the sideways force for 1 mm, and the shares of force near the tip.
+Then the needle along edges has that local compliance with which equal forces on all segments move them as far as they do within
+elements, so that it knows where the line ends: its ratio to the endless line's, per 5 mm from the skin, and the force.
+Needs python3-scipy. Takes seconds; for cubes of 5 mm some minutes.
+"""
+import math
+import sys
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+import needle_meshes as nm
+
+RADIUS, POISSON, YOUNG = 0.000635, 0.45, 20000.0
+SHEAR = YOUNG / 2 / (1 + POISSON)
+LAME = 2 * SHEAR * POISSON / (1 - 2 * POISSON)
+LINE = (3 - 4 * POISSON) / (8 * math.pi * SHEAR * (1 - POISSON))
+SEGMENT, SEGMENTS = 0.001, 60
+ALONG, ACROSS = np.array([-1.0, 0.0, -1.0]) / math.sqrt(2), np.array([0.0, 1.0, 0.0])
+SIDEWAYS = np.cross(ACROSS, ALONG)
+
+
+class Block:
+    def __init__(self, cubes):
+        self.nodes, self.tets = nm.structured("Kuhn", (12 * cubes, 12 * cubes, 10 * cubes))
+        corners = self.nodes[self.tets]
+        self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
+        self.low, self.high = corners.min(axis=1) - 1e-9, corners.max(axis=1) + 1e-9
+        self.stiffness = self.assembled(self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets)))
+
+    def assembled(self, gradient, volume):
+        dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
+        blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
+        blocks = SHEAR * volume[:, None, None] * (blocks + np.einsum("taj,tbi->taibj", gradient, gradient)).reshape(-1, 12, 12)
+        deviatoric = sparse.coo_matrix((blocks.ravel(), (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, (1, 12)).ravel())), (size, size))
+        cube = np.arange(len(self.tets)) // 6
+        flux = sparse.coo_matrix(((gradient * volume[:, None, None]).ravel(), (np.repeat(cube, 12), dofs.ravel())), (cube[-1] + 1, size)).tocsr()
+        return (deviatoric.tocsr() + LAME * flux.T @ sparse.diags(1 / np.bincount(cube, volume)) @ flux).tocsc()
+
+    def sideways_at(self, points):
+        """Rows that take the sideways displacement at points from those of the nodes."""
+        rows = sparse.lil_matrix((len(points), len(self.nodes)))
+        for i, point in enumerate(points):
+            near = np.flatnonzero(((point >= self.low) & (point <= self.high)).all(axis=1))
+            weights = self.inverse[near].transpose(0, 2, 1) @ np.append(1.0, point)
+            inside = np.argmax(weights.min(axis=1))
+            rows[i, self.tets[near[inside]]] = weights[inside]
+        return sparse.kron(rows, SIDEWAYS.reshape(1, 3)).tocsc()
+
+    def solve(self, free, right):
+        return splu(self.stiffness[free][:, free]).solve(right)
+
+    def resolved_radius(self, entry):
+        """Of an endless line through the block whose surface moves as in the exact solution."""
+        depth = np.arange(-300, 300) * SEGMENT
+        points = entry + depth[:, None] * ALONG
+        inside = (np.abs(points[:, :2]).max(axis=1) < nm.HALF_WIDTH) & (points[:, 2] > 0) & (points[:, 2] < nm.HEIGHT)
+        rows = self.sideways_at(points[inside])
+        x, y = (self.nodes - entry) @ SIDEWAYS, (self.nodes - entry) @ ACROSS
+        square, c = np.maximum(x * x + y * y, 1e-12), LINE / (3 - 4 * POISSON)
+        exact = (-0.5 * LINE * np.log(square) + c * (x * x / square - 0.5))[:, None] * SIDEWAYS + (c * x * y / square)[:, None] * ACROSS
+        outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
+        free, moved = np.repeat(~outer, 3), np.where(outer[:, None], exact, 0).ravel()
+        moved[free] = self.solve(free, (rows.T @ np.full(rows.shape[0], SEGMENT) - self.stiffness @ moved)[free])
+        along = rows @ moved
+        return math.exp(-along[len(along) // 6 : -(len(along) // 6)].mean() / LINE)
+
+    def compliance(self, entry):
+        """Of the segments, by the mesh alone."""
+        free = np.repeat(self.nodes[:, 2] > 1e-9, 3)
+        rows = self.sideways_at(entry + (np.arange(SEGMENTS) + 0.5)[:, None] * SEGMENT * ALONG)[:, free]
+        return rows @ self.solve(free, rows.T.toarray())
+
+
+def forces(compliance):
+    return np.linalg.solve(compliance, np.full(SEGMENTS, 1e-3))
+
+
+def main():
+    cubes = int(sys.argv[1]) if len(sys.argv) > 1 else 1
+    block, known = Block(cubes), {}
+    for name, beside in (("along edges", (0.0, 0.0, 0.0)), ("within elements", (0.0026 / cubes, 0.0042 / cubes, 0.0))):
+        entry = np.array([0.02, 0.0, nm.HEIGHT]) + beside
+        radius, mesh = block.resolved_radius(entry), block.compliance(entry)
+        local = LINE * math.log(radius / RADIUS) / SEGMENT
+        each = forces(mesh + local * np.eye(SEGMENTS))
+        known[name] = mesh, local
+        print(f"{name}: R = {1e3 * radius:.2f} mm, {each.sum():.4f} N, of it {100 * each[-10:].sum() / each.sum():.0f} % on the last 10 mm")
+    (edge, local), (other, other_local) = known["along edges"], known["within elements"]
+    ends = other.sum(axis=1) + other_local - edge.sum(axis=1)
+    print("with the line's end: ", *(f"{ratio:.2f}" for ratio in (ends / local).reshape(-1, 5).mean(axis=1)), f", {forces(edge + np.diag(ends)).sum():.4f} N")
+
+
+if __name__ == "__main__":
+    main()

@@ -23,7 +23,7 @@ enum {
 };
 
 static const double ORGAN_SPACING = 1e-3; /* m */
-static const double MARGIN = 0.012;       /* m, of the grid around the target */
+static const double MARGIN = 0.02;        /* m, of the grid around the target */
 static const double TOP = 3.0;            /* prescriptions: largest dose of the grid's bytes and of the histograms */
 
 typedef struct {

@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, hold, open, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
 const SIZES = [[1440, 900], [1024, 768], [390, 844]]
@@ -107,8 +107,15 @@ try {
     await shoot('dose')
   })
 
+  await driven('Undo takes the seed and its dose back', page, async () => {
+    await press('u', 'trocar.procedure.seeds.seeds.length === 0')
+    await says('answer', /The last seed is taken back/)
+    await until(page, `/Dose of 0 seeds/.test(${text('dose')})`)
+  })
+
+  await hold(page)
   for (const [width, height] of SIZES)
-    await driven(`layout, ${width} x ${height}`, page, async () => {
+    await check(`layout, ${width} x ${height}`, async () => {
       await page.setViewportSize({ width, height })
       await page.waitForTimeout(300)
       await checkLayout(page, `${width} x ${height}`)
@@ -118,13 +125,6 @@ try {
       await shoot(`${width}-light`)
       await page.evaluate('trocar.setTheme("dark")')
     })
-  await page.setViewportSize({ width: 900, height: 600 })
-
-  await driven('Undo takes the seed and its dose back', page, async () => {
-    if (await page.evaluate('trocar.procedure.seeds.seeds.length > 0')) await page.keyboard.press('u') // else this is repeated
-    await says('answer', /The last seed is taken back/)
-    await until(page, `trocar.procedure.seeds.seeds.length === 0 && /Dose of 0 seeds/.test(${text('dose')})`)
-  })
   assert.deepEqual(faults, [])
 } finally {
   await stop(server)

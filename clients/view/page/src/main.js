@@ -390,7 +390,7 @@ for (const [name, tint] of [['guide', GUIDED], ['track', TRACK]]) document.query
 let remembered = null
 try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
-const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches }
+const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches && !procedure.active }
 small.addEventListener('change', foldLayers)
 foldLayers()
 requestAnimationFrame(frame)

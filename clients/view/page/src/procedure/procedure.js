@@ -1,6 +1,6 @@
 // Procedure mode, for a live scene with a template: axial and sagittal images with the template's holes, seeds, plan and dose, and what to do next.
 import * as THREE from 'three'
-import { Echo, SAGITTAL } from '../ultrasound_view.js'
+import { AXIAL, Echo, SAGITTAL } from '../ultrasound_view.js'
 import { describeDose, shadeSlices } from './dose.js'
 import { MaterialPoint } from './material.js'
 import { Seeds3D } from './seeds3d.js'
@@ -32,6 +32,7 @@ export class Procedure {
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
+    const chosen = this.scene?.path === scene.path ? this.hole : null // the page was disconnected
     this.reset()
     this.seeds = NONE
     this.scene = scene
@@ -47,10 +48,18 @@ export class Procedure {
         slice.load(scene)
       }
       this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
+      this.showTemplate()
       this.sagittal.setPlace(this.echo.view.x)
       element('dose').innerHTML = describeDose(null)
     }
     this.setActive(this.available)
+    if (chosen && this.available) this.choose(chosen)
+  }
+
+  /** Moves the sagittal view so that the template is in it, beside the organs. */
+  showTemplate() {
+    const { probe, spread, view } = this.sagittal, forward = Math.sign(this.template.normal.z) || 1
+    view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
   /** Shows the implant's panes, or the page as for other scenes. */
@@ -62,6 +71,7 @@ export class Procedure {
     set(element('mode'), active ? 'Plots' : 'Implant')
     if (active) this.choosePane('axial')
     if (active) element('layers').open = false
+    this.echo.plane = active ? { ...AXIAL, seen: '' } : AXIAL // the page explains it elsewhere
     this.echo.dirty = true
   }
 
@@ -165,7 +175,7 @@ export class Procedure {
   }
 
   /** Middle of the organs. */
-  middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.view.x) }
+  middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
   /** The deepest planned seed of the hole that has no seed yet: the tip goes to its far end. */
   aimAtPlan() {
@@ -253,7 +263,7 @@ export class Procedure {
     this.noteSeeds(chosen, depth)
     this.listNeedles(status, depths)
     this.showAim(tip)
-    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen) : '')
+    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen) : `${state.title ?? ''}.`)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
@@ -315,6 +325,7 @@ export class Procedure {
   nextStep(tip, depth, chosen) {
     if (!this.hole) return 'Click on a hole in the image across, or type its name, such as C3.5.'
     const name = this.template.name(this.hole)
+    if (!this.drive.steering && depth > 0) return 'The needle is in the tissue. Press “Drive the needle” to take it there.'
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
     if (this.seeds.pending[chosen] > 0) {
       const rest = this.dropped?.depth == null ? this.seedLength : this.seedLength - (this.dropped.depth - depth)

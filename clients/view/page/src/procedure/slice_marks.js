@@ -81,8 +81,7 @@ export class SliceMarks {
       for (let row = 0; row < template.rows; row++) ring(ink, this.pixel(template.place({ column, row })), row % 2 ? 0.9 : 1.4, GRID, 1, true)
     ink.font = `600 ${Math.min(11, 0.45 * pitch / ink.unit + 3) * ink.unit}px system-ui, sans-serif`
     for (let column = 0; column < template.columns; column++)
-      for (const [row, side] of [[0, -0.9], [template.rows - 1, 0.9]])
-        label(ink, columnName(column), ...this.pixel(template.place({ column, row }).addScaledVector(template.up, side * spacing)), GRID)
+      label(ink, columnName(column), ...this.pixel(template.place({ column, row: template.rows - 1 }).addScaledVector(template.up, 0.9 * spacing)), GRID)
     for (let row = 0; row < template.rows; row += 2)
       for (const [column, side] of [[0, -0.9], [template.columns - 1, 0.9]])
         label(ink, `${1 + row / 2}`, ...this.pixel(template.place({ column, row }).addScaledVector(template.along, side * spacing)), GRID)

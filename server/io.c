@@ -87,6 +87,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
     other_server_hear(&o->arbiter.record.other, o->server, received->data, received->data_size, monotonic_ns());
 }
 
+const char *const IO_CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
+static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_status};
+_Static_assert(sizeof IO_CHANNELS / sizeof *IO_CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
+
 /* Raw subscriptions, because LCM's generated ones drop bad messages silently. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
@@ -96,8 +100,9 @@ static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
 trocar_status io_open(io *o) {
     trocar_status status = network_open(o->url, &o->lcm, &o->why);
     if (status != TROCAR_OK) return status;
-    if (subscribe(o, "TROCAR_POSE", on_pose) && subscribe(o, "TROCAR_PROBE", on_probe) && subscribe(o, "TROCAR_COMMAND", on_command) && subscribe(o, "TROCAR_STATUS", on_status))
-        return TROCAR_OK;
+    bool subscribed = true;
+    for (int i = 0; IO_CHANNELS[i]; i++) subscribed = subscribed && subscribe(o, IO_CHANNELS[i], HANDLERS[i]);
+    if (subscribed) return TROCAR_OK;
     return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
 }
 

@@ -9,6 +9,9 @@
 #include "pose_arbiter.h"
 #include "probe_arbiter.h"
 
+/* All channels that it subscribes to, NULL-terminated: nothing else needs to pass the filter of packets. */
+extern const char *const IO_CHANNELS[];
+
 typedef struct {
     exchange *exchange;
     const char *url;             /* of LCM, NULL: its default */

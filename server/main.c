@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "exchange.h"
+#include "io.h"
 #include "lcm_filter.h"
 #include "server.h"
 #include "trocar.h"
@@ -83,8 +84,7 @@ static int complain(trocar_status status, const report *why) {
 
 /* All messages to the server are small, so it drops fragments. */
 static void restrict_packets(void) {
-    static const char *const channels[] = {"TROCAR_POSE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
-    static const packet_wishes wishes = {.channels = channels, .whole_only = true};
+    static const packet_wishes wishes = {.channels = IO_CHANNELS, .whole_only = true};
     lcm_filter_restrict(&wishes);
 }
 

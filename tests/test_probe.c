@@ -295,6 +295,23 @@ static void run_tick(trocar_sim *sim, int t, trocar_output *out) {
     OK(trocar_sim_step(sim, 0, &base, 1e-3, out, &why));
 }
 
+static double smallest_gap(trocar_sim *sim, const trocar_model *model) {
+    static const probe_shape shape = {.radius = 0.012, .tip_radius = 0.006, .length = 0.1};
+    int nodes = trocar_model_node_count(model);
+    const double *x = trocar_model_nodes(model);
+    double *u = malloc(3 * (size_t)nodes * sizeof *u), lowest = INFINITY;
+    trocar_pose base = trocar_sim_probe(sim).base;
+    pose placed = {v3(base.position[0], base.position[1], base.position[2]),
+                   {base.orientation[0], base.orientation[1], base.orientation[2], base.orientation[3]}};
+    OK(trocar_sim_displacements(sim, u, &why));
+    for (int i = 0; i < nodes; i++) {
+        vec3 ignored, at = v3(x[3 * i] + u[3 * i], x[3 * i + 1] + u[3 * i + 1], x[3 * i + 2] + u[3 * i + 2]);
+        if (x[3 * i + 2] < 1e-9) lowest = fmin(lowest, probe_gap(&shape, placed, at, &ignored));
+    }
+    free(u);
+    return lowest;
+}
+
 static void pressed_and_released(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -302,13 +319,10 @@ static void pressed_and_released(void **state) {
     trocar_output out, without;
     OK(trocar_sim_create(model, &sim, &why));
     OK(trocar_sim_create(model, &alone, &why));
-    int nodes = trocar_model_node_count(model);
-    double *u = malloc(3 * (size_t)nodes * sizeof *u), deepest = 0.0;
-    const double *x = trocar_model_nodes(model);
+    double deepest = 0.0;
     trocar_pose start = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, 0, &start, &why));
     OK(trocar_sim_reset(alone, 0, &start, &why));
-    probe_shape shape = {.radius = 0.012, .tip_radius = 0.006, .length = 0.1};
     assert_int_equal(trocar_sim_probe(sim).placed, 0);
     for (int t = 0; t < 600; t++) {
         run_tick(sim, t, &out);
@@ -321,14 +335,7 @@ static void pressed_and_released(void **state) {
         if (t < 200) assert_true(felt == 0.0);
         if (t == 495) assert_true(felt > 0.05);
         if (t % 50 != 45) continue;
-        OK(trocar_sim_displacements(sim, u, &why));
-        double lowest = INFINITY;
-        pose placed = {v3(probe.base.position[0], probe.base.position[1], probe.base.position[2]),
-                     {probe.base.orientation[0], probe.base.orientation[1], probe.base.orientation[2], probe.base.orientation[3]}};
-        for (int i = 0; i < nodes; i++) {
-            vec3 ignored, at = v3(x[3 * i] + u[3 * i], x[3 * i + 1] + u[3 * i + 1], x[3 * i + 2] + u[3 * i + 2]);
-            if (x[3 * i + 2] < 1e-9) lowest = fmin(lowest, probe_gap(&shape, placed, at, &ignored));
-        }
+        double lowest = smallest_gap(sim, model);
         print_message("t = %.3f s: %2d nodes, %.3f N, smallest gap %.4f mm, needle %.4f %.4f %.4f N, %.4f N of it by the probe\n", 1e-3 * t, probe.contacts, probe.force[2],
                       1e3 * lowest, out.force[0], out.force[1], out.force[2], felt);
         if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* what the needle moved since it was solved for */
@@ -336,8 +343,55 @@ static void pressed_and_released(void **state) {
     }
     assert_true(deepest < -3.0);
     assert_int_equal(trocar_sim_probe(sim).contacts, 0);
-    free(u);
     trocar_sim_free(alone);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
+/* The probe goes on pressing where a needle rests, and the other way round; pictures show both. */
+static void beside_a_resting_needle(void **state) {
+    (void)state;
+    trocar_model *model = create_model();
+    trocar_sim *sim;
+    trocar_picture *picture;
+    trocar_output out;
+    trocar_pose start = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}}, deeper = across(0.01, 0.008);
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_picture_create(model, &picture, &why));
+    OK(trocar_sim_reset(sim, 0, &start, &why));
+    for (int t = 0; t < 450; t++) run_tick(sim, t, &out);
+    trocar_probe before = trocar_sim_probe(sim);
+    OK(trocar_sim_leave(sim, 0, &why));
+    OK(trocar_sim_work(sim, NULL, &why));
+    assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
+    trocar_probe left = trocar_sim_probe(sim);
+    double gap_left = smallest_gap(sim, model);
+    OK(trocar_sim_set_probe(sim, &deeper, &why));
+    for (int i = 0; i < 20; i++) OK(trocar_sim_work(sim, NULL, &why));
+    trocar_probe moved = trocar_sim_probe(sim);
+    double gap_moved = smallest_gap(sim, model);
+    print_message("%.3f N, needle left %.3f N, gap %.4f mm; deeper %.3f N, gap %.4f mm\n", before.force[2], left.force[2], 1e3 * gap_left,
+                  moved.force[2], 1e3 * gap_moved);
+    assert_close(left.force[2], before.force[2], 0.3);
+    assert_true(moved.force[2] < left.force[2] - 0.5);
+    assert_close(gap_left, 0.0, 20e-6);
+    assert_close(gap_moved, 0.0, 20e-6);
+    size_t bytes = 3 * (size_t)trocar_model_node_count(model) * sizeof(double);
+    double *u = malloc(bytes), *seen = malloc(bytes);
+    trocar_sim_take_picture(sim, picture);
+    trocar_probe shown = trocar_picture_probe(picture);
+    OK(trocar_sim_displacements(sim, u, &why));
+    OK(trocar_picture_displacements(picture, seen, &why));
+    assert_memory_equal(u, seen, bytes);
+    assert_memory_equal(&shown, &moved, sizeof shown);
+    OK(trocar_sim_take(sim, 0, &why));
+    OK(trocar_sim_work(sim, NULL, &why));
+    trocar_pose base = trocar_sim_base(sim, 0);
+    for (int t = 0; t < 30; t++) OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+    assert_close(smallest_gap(sim, model), 0.0, 20e-6);
+    free(u);
+    free(seen);
+    trocar_picture_free(picture);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
@@ -449,7 +503,7 @@ static void refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distance_to_a_rounded_cylinder), cmocka_unit_test(complementarity_among_all_subsets), cmocka_unit_test(contact_against_sweeps),
-        cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
+        cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(beside_a_resting_needle), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
         cmocka_unit_test(refused),
     };
     return cmocka_run_group_tests(tests, create, destroy);

@@ -111,6 +111,7 @@ try {
     await press('u', 'trocar.procedure.seeds.seeds.length === 0')
     await says('answer', /The last seed is taken back/)
     await until(page, `/Dose of 0 seeds/.test(${text('dose')})`)
+    await says('target', /^C3.5, 86.0 mm/) // again the first planned seed
   })
 
   await hold(page)

@@ -287,8 +287,8 @@ export class Procedure {
     if (seeds.length > this.left) {
       this.dropped = null
       this.say(`Seed ${seeds.length} is in the tissue.`)
-      if (this.hole && this.plan.length) this.aimAtPlan()
     }
+    if (seeds.length !== this.left && this.hole) this.aimAtPlan()
     this.left = seeds.length
     set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
   }

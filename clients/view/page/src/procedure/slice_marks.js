@@ -130,7 +130,7 @@ export class SliceMarks {
         points.forEach((point, k) => ink[k ? 'lineTo' : 'moveTo'](...this.pixel(point)))
         ink.stroke()
       }
-      ring(ink, this.pixel(points.at(-1)), 3.5, HUBS[i], 2, true)
+      ring(ink, this.pixel(points.at(-1)), 3.5, HUBS[i % HUBS.length], 2, true)
     })
   }
 

@@ -181,7 +181,7 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
 }
 
 static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
-    trocar_needle_pose_t p;
+    trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
     return status == TROCAR_OK ? append_pose(r, &p, log, why) : status;
 }
@@ -248,7 +248,7 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
 /* Of all needles: each pose that is later than the last one of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = context;
-    trocar_needle_pose_t p;
+    trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
     if (status != TROCAR_OK) return status;
     const trocar_needle_pose_t *last = NULL;

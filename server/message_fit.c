@@ -35,7 +35,7 @@ bool deformation_fits(const void *data, size_t size, int node_count) {
 }
 
 bool status_fits(const void *data, size_t size) {
-    enum { STRINGS = 4, AFTER_STRINGS = 3 * 4 + 8 };
+    enum { STRINGS = 4, AFTER_STRINGS = 4 * 4 + 8 };
     trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
     size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1) - AFTER_STRINGS; /* empty string: length and zero */
     for (int string = 0; string < STRINGS; string++) {

@@ -82,7 +82,7 @@ static void strings_must_be_terminated(void **unused) {
     size_t size = (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m);
     assert_true(status_fits(bytes, size));
     for (size_t wrong = 0; wrong < 4096; wrong++) assert_true(wrong == size || !status_fits(bytes, wrong));
-    size_t strings_end = size - (3 * 4 + 8);
+    size_t strings_end = size - (4 * 4 + 8);
     bytes[strings_end - 1] = 'x';
     assert_false(status_fits(bytes, size));
     bytes[strings_end - 1] = 0;

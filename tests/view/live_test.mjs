@@ -5,7 +5,7 @@ import { once } from 'node:events'
 import { readFile, writeFile } from 'node:fs/promises'
 import { connect } from 'node:net'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, hold, open, until } from './page.mjs'
+import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
 const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
@@ -104,9 +104,8 @@ try {
     await stop(device)
   })
 
-  await check('a second browser sees the same and cannot take the needle', async () => {
-    second = await open({ width: 700, height: 900 })
-    await hold(first)
+  second = await open({ width: 700, height: 900 })
+  await driven('a second browser sees the same and cannot take the needle', first, async () => {
     await until(second, 'trocar.shown !== null && trocar.status.driven')
     const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
     await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest

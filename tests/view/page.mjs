@@ -25,7 +25,7 @@ const lost = (page) => page.evaluate('trocar.drive.lost')
 export async function until(page, expression) {
   for (const end = Date.now() + PATIENCE; Date.now() < end;) {
     if (await page.evaluate(expression)) return
-    if (page === driver && await lost(page)) assert.fail(`the needle was let go before ${expression}`)
+    if (driver && await lost(driver)) assert.fail(`the needle was let go before ${expression}`)
     await new Promise((done) => setTimeout(done, 50))
   }
   assert.fail(`never: ${expression}; status ${JSON.stringify(await page.evaluate('trocar.status'))}`)

@@ -96,7 +96,7 @@ replay() {
 import struct, sys
 log = open(sys.argv[1], "rb").read()
 channel, size = struct.unpack(">ii", log[20:28])
-needle, needles, _, _ = struct.unpack(">iiiq", log[28 + channel + size - 20:28 + channel + size])  # status_t's last fields
+needle, needles, _, _, _ = struct.unpack(">iiiqi", log[28 + channel + size - 24:28 + channel + size])  # status_t's last fields
 sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
 END
     # the gland is pushed along the needle, pulled back beyond its initial place, and at rest again when the needle is out

@@ -278,7 +278,7 @@ static trocar_status take_any_pose(const reader *r, const event_header *h, void 
     const trocar_needle_pose_t *last = NULL;
     for (int i = log->count - 1; i >= 0 && !last; i--)
         if (log->poses[i].needle == p.needle) last = &log->poses[i];
-    if (last && ((p.session == last->session && p.seq <= last->seq) || p.utime <= last->utime)) {
+    if (last && p.session == last->session && (p.seq <= last->seq || p.utime <= last->utime)) {
         log->skipped_old++;
         return TROCAR_OK;
     }

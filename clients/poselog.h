@@ -28,7 +28,7 @@ typedef struct {
     int count;
     trocar_needle_pose_t *poses;  /* count */
     int command_count;
-    logged_command *commands;     /* command_count, in order: of all needles all, else DROP_SEED and UNDO of the poses' session and needle */
+    logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
     int64_t skipped_commands;     /* number of skipped commands of this kind that came from others, or before the first pose */

@@ -1,6 +1,6 @@
 /* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
-   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every needle
-   of the log is, and the commands that leave, take and remove them. */
+   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every
+   needle in the log is replayed, along with the commands that leave, take and reset needles. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -60,7 +60,8 @@ typedef struct {
     trocar_needle_wrench_t *replayed;  /* one per pose, for --compare; else NULL */
     comparison comparison;
     pvd_series series;
-    int dump_tick;           /* tick whose state --vtu writes */
+    int dump_tick;           /* tick whose state --vtu writes, or the first later one that moves a needle */
+    bool dumped;
     int64_t logged;          /* events in log_file */
     int commands_done, refused; /* of the log's commands, */
     report refusal;          /* and why, of the first one that was refused */
@@ -329,21 +330,26 @@ static trocar_status remove_needle(replay *r, int needle, report *why) {
 
 static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why) {
     int needle = r->options->all ? c->needle : 0;
+    replayed_needle *n = &r->needles[needle];
     trocar_status status;
+    if (r->options->all && n->begun && c->session != n->session)
+        return fail(why, TROCAR_BAD_INPUT, "needle %d: another session holds the needle", needle);
     switch (c->command) {
     case TROCAR_COMMAND_T_DROP_SEED: return trocar_sim_drop_seeds(r->sim, needle, c->seeds, c->spacing, why);
     case TROCAR_COMMAND_T_UNDO: return trocar_sim_undo_seed(r->sim, needle, why);
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
-        return status == TROCAR_OK ? trocar_sim_work(r->sim, NULL, why) : status;
+        if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
+        if (status == TROCAR_OK) n->begun = false; /* nobody holds it */
+        return status;
     case TROCAR_COMMAND_T_TAKE:
         status = trocar_sim_take(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
-        r->needles[needle].taken = status == TROCAR_OK;
+        if (status == TROCAR_OK) n->taken = true;
         return status;
     case TROCAR_COMMAND_T_RESET:
     case TROCAR_COMMAND_T_RELEASE:
-        r->needles[needle].begun = false;
+        n->begun = false;
         return c->command == TROCAR_COMMAND_T_RESET ? remove_needle(r, needle, why) : TROCAR_OK;
     default: return TROCAR_OK;
     }
@@ -373,8 +379,9 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
     return status;
 }
 
-/* As the server's haptic loop. A pose for a needle that rests is skipped: *dt is 0. */
+/* As the server: a pose for a needle that rests, or that another session holds, is skipped: *dt is 0. A session that is silent loses the needle. */
 static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, double *dt, report *why) {
+    static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->poses.poses[tick];
     replayed_needle *n = &r->needles[m->needle];
     pose hand = pose_of_message(m);
@@ -382,6 +389,7 @@ static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, doubl
     double since = same && !n->taken ? 1e-6 * (double)(m->utime - n->utime) : 1.0 / trocar_model_rate(r->model);
     *dt = 0.0;
     if (trocar_sim_needle_state(r->sim, m->needle) != TROCAR_NEEDLE_HELD) return TROCAR_OK;
+    if (n->begun && !same && m->utime - n->utime < SILENCE) return TROCAR_OK;
     *dt = fmin(since, POSE_LOG_GAP);
     r->gaps += since > POSE_LOG_GAP;
     if (n->taken) {
@@ -420,6 +428,11 @@ static trocar_status check_needles(const replay *r, report *why) {
     return TROCAR_OK;
 }
 
+static trocar_status dump(replay *r, report *why) {
+    r->dumped = true;
+    return export_state(r, why);
+}
+
 static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
     double dt = 0.0;
@@ -438,7 +451,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_needle_wrench_t message = message_of_tick(r, tick);
     if (status == TROCAR_OK && r->log_file.file) status = log_tick(r, tick, &message, why);
     if (r->replayed) r->replayed[tick] = message;
-    if (status == TROCAR_OK && r->options->vtu_prefix && tick == r->dump_tick) status = export_state(r, why);
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped && tick >= r->dump_tick) status = dump(r, why);
     return status == TROCAR_OK ? add_to_series(r, pose_log_time(&r->poses, tick), why) : status;
 }
 
@@ -453,6 +466,7 @@ static trocar_status run_all(replay *r, report *why) {
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);

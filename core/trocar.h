@@ -423,6 +423,7 @@ TROCAR_API trocar_probe trocar_sim_probe(const trocar_sim *sim);
 typedef struct trocar_work {
     int32_t answered;        /* 1: it answered a request, 0: there was none */
     int32_t more;            /* 1: it pays to call again at once */
+    int32_t kept;            /* 1: a needle that was to be left finds no equilibrium without the hand: it is held as before (NUMERIC) */
     int64_t latency;         /* ns from that request to its answer, by the simulation's clock; 0 without a clock */
 } trocar_work;
 

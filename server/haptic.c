@@ -85,7 +85,7 @@ static trocar_status handle_seeds(haptic *h, const trocar_command_t *m, trocar_e
     return trocar_sim_drop_seeds(h->sim, m->needle, m->seeds, m->spacing, why);
 }
 
-/* Starts what takes the worker some time; finish_command answers. RT, but for the text of a refusal. */
+/* Starts a command that the worker completes later; finish_command replies. RT, but for the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];

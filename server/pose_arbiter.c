@@ -201,7 +201,7 @@ static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     return COMMAND_SETTLED;
 }
 
-/* What concerns a needle, from one that may. */
+/* A needle's command from a session that is allowed to give it. */
 static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     const trocar_command_t *m = &command->asked;
     arbiter_needle *n = &in->needles[m->needle];

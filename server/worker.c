@@ -16,7 +16,7 @@ static void note_failure(worker *w, const report *why) {
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK) note_failure(w, &why);
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* the client is told of a needle that was kept */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

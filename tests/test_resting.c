@@ -544,6 +544,45 @@ static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     trocar_model_free(model);
 }
 
+/* Of three needles that rest, the middle one is removed, or taken and then reset: the others bear the same then. */
+static void the_others_feel_that_one_was_removed(void **state) {
+    (void)state;
+    trocar_model *model = create_model("figure8.yaml", 3);
+    trocar_contact contacts[2][2][TROCAR_MAX_POINTS], before[TROCAR_MAX_POINTS];
+    double moved = 0.0;
+    int count[2][2];
+    for (int way = 0; way < 2; way++) {
+        trocar_sim *sim;
+        trocar_output out;
+        OK(trocar_sim_create(model, &sim, &why));
+        for (int i = 0; i < 3; i++) {
+            push(sim, i, 0.005 * (i - 1), 0.0, 300, &out);
+            leave(sim, i);
+        }
+        trocar_sim_contacts(sim, 0, before, TROCAR_MAX_POINTS);
+        if (way == 1) {
+            OK(trocar_sim_take(sim, 1, &why));
+            OK(trocar_sim_work(sim, NULL, &why));
+        }
+        trocar_pose away = at(0.1, 0.0, -0.3);
+        OK(trocar_sim_reset(sim, 1, &away, &why));
+        for (int t = 0; t < 30; t++) OK(trocar_sim_step(sim, 1, &away, 1e-3, &out, &why));
+        for (int side = 0; side < 2; side++) count[way][side] = trocar_sim_contacts(sim, 2 * side, contacts[way][side], TROCAR_MAX_POINTS);
+        trocar_sim_free(sim);
+    }
+    for (int side = 0; side < 2; side++) {
+        assert_int_equal(count[0][side], count[1][side]);
+        assert_true(count[0][side] > 2);
+        for (int i = 0; i < count[0][side]; i++)
+            for (int a = 0; a < 3; a++) {
+                assert_true(fabs(contacts[0][side][i].force[a] - contacts[1][side][i].force[a]) < 1e-5);
+                if (side == 0) moved = fmax(moved, fabs(contacts[0][0][i].force[a] - before[i].force[a]));
+            }
+    }
+    assert_true(moved > 1e-4); /* they do feel it */
+    trocar_model_free(model);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(left_and_taken_again),
@@ -553,6 +592,7 @@ int main(void) {
         cmocka_unit_test(what_follows_a_restore_follows_the_save),
         cmocka_unit_test(what_makes_no_sense_is_refused),
         cmocka_unit_test(a_needle_that_is_removed_leaves_the_tissue_as_it_was),
+        cmocka_unit_test(the_others_feel_that_one_was_removed),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -289,10 +289,12 @@ static void receive(view *v) {
     implant_hear(&v->implant, &v->feed);
 }
 
-/* Whether a server is running and this needle is not owned by another client. */
+/* Whether a server is running and this needle neither rests nor is owned by another client. */
 static bool is_free(const view *v, int needle) {
     int64_t owner = v->feed.needles[needle].wrench.session;
-    return subscriber_alive(&v->feed) && (owner == 0 || owner == v->pilot.session);
+    const trocar_status_t *status = v->feed.needles[needle].status;
+    bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD;
+    return subscriber_alive(&v->feed) && held && (owner == 0 || owner == v->pilot.session);
 }
 
 /* Receives pending messages first. */
@@ -362,18 +364,18 @@ static void find_box(view *v) {
 
 /* The scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
 static pose find_home(const view *v, int needle) {
-    static const double aside[TROCAR_MAX_NEEDLES] = {0.0, 0.01, -0.01, 0.02}; /* m */
+    double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2); /* m, to both sides in turn */
     pose start;
     if (find_start(v->scene, NULL, NULL, &start)) {
-        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside[needle], 0, 0)));
+        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0)));
         return start;
     }
     int template = find_template(v->model);
     if (template >= 0) {
         trocar_guide guide = trocar_model_guide(v->model, template);
-        return hole_home(&guide, 0.5 * (guide.columns - 1) + aside[needle] / guide.spacing, 0.5 * (guide.rows - 1), v->needle_length);
+        return hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), v->needle_length);
     }
-    double x = 0.5 * (v->low.x + v->high.x) + aside[needle], y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
+    double x = 0.5 * (v->low.x + v->high.x) + aside, y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
     const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
     double skin[3] = {x, y, v->low.z};
     trocar_model_entry(v->model, from, to, skin);

@@ -163,9 +163,13 @@ const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64
 /* Goes on with a needle that the worker has handed over. Ticking thread. RT */
 void adopt_needle(trocar_sim *sim, needle_track *needle);
 
-/* The worker's side: whatever is asked for of needles, to be left, to be taken or gone. *done: something was. On an error the needle stays
-   where it was. */
-trocar_status change_resting(trocar_sim *sim, bool *done, report *why);
+typedef struct {
+    bool any;                /* request was carried out, or failed */
+    bool kept;               /* a needle that was to be left finds no equilibrium without the hand: it is held as before */
+} resting_change;
+
+/* The worker's side: carries out pending requests to leave, take or remove needles. On an error the needle stays where it was. */
+trocar_status change_resting(trocar_sim *sim, resting_change *change, report *why);
 
 /* The worker's side: forces of held needles have changed. Not `all`: slip_some does the rest. */
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why);

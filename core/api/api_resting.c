@@ -16,7 +16,7 @@ static const double LARGEST_STEP = 16.0; /* times that without sliding */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
 enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
-enum { SERIALS_APART = 1 << 20 };      /* so far from those that the worker goes on with are the serials that a reset goes on with */
+enum { SERIALS_APART = 1 << 20 };      /* keeps serials issued after a reset apart from the worker's */
 
 /* ---- the ticking thread ------------------------------------------------------------------------------------------------- */
 
@@ -238,6 +238,7 @@ static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
         report ignored;
         n->attached = false;
         if (state) hold_loads(sim, triple_buffer_read(&n->left, NULL), false, &n->held);
+        respond_to_loads(sim, true, &ignored);
         attach_again(sim, &ignored);
         atomic_fetch_sub(&sim->resting_count, 1);
     }
@@ -247,12 +248,18 @@ static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
     return status;
 }
 
+/* What the needle does to the tissue, as loads that are not attached to it. */
+static void hold_resting_loads(const trocar_sim *sim, needle_track *n) {
+    resting_loads(n->resting, &n->held);
+    insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+}
+
 static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
     needle_track *n = &sim->needles[index];
     trocar_status status = respond_to_loads(sim, true, why);
+    triple_buffer_read(&n->requests, NULL); /* one from before it was left would be answered after this */
     show(sim, n);
-    resting_loads(n->resting, &n->held);
-    insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    hold_resting_loads(sim, n);
     n->attached = false;
     atomic_fetch_sub(&sim->resting_count, 1);
     trocar_status attached = attach_again(sim, why);
@@ -267,17 +274,24 @@ static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
     return status == TROCAR_OK ? attached : status;
 }
 
-/* It has been reset. */
+/* It has been reset: first it is detached, which changes nothing, then its forces vanish. */
 static trocar_status drop_needle(trocar_sim *sim, needle_track *n, report *why) {
+    trocar_status status = respond_to_loads(sim, true, why);
+    hold_resting_loads(sim, n);
     n->attached = false;
-    n->held.count = 0;
     atomic_fetch_sub(&sim->resting_count, 1);
-    return attach_again(sim, why);
+    trocar_status attached = attach_again(sim, why);
+    const tissue_loads *now = triple_buffer_read(&n->loads_out, NULL); /* it may have been pushed in again */
+    n->held.count = now->count;
+    memcpy(n->held.loads, now->loads, (size_t)now->count * sizeof *now->loads);
+    mark_stale(sim, NULL);
+    if (attached == TROCAR_OK) attached = respond_to_loads(sim, true, why);
+    return status == TROCAR_OK ? attached : status;
 }
 
-trocar_status change_resting(trocar_sim *sim, bool *done, report *why) {
+trocar_status change_resting(trocar_sim *sim, resting_change *change, report *why) {
     trocar_status status = TROCAR_OK;
-    *done = false;
+    *change = (resting_change){.any = false};
     for (int i = 0; i < sim->needle_count; i++) {
         needle_track *n = &sim->needles[i];
         needle_phase phase = phase_of(n);
@@ -285,10 +299,13 @@ trocar_status change_resting(trocar_sim *sim, bool *done, report *why) {
         if (!dropped && phase != PHASE_LEAVING && phase != PHASE_TAKING) continue;
         floating_mode before = flush_denormals();
         trocar_status one = dropped ? drop_needle(sim, n, why) : TROCAR_OK;
-        if (one == TROCAR_OK && phase == PHASE_LEAVING) one = leave_needle(sim, i, why);
+        if (one == TROCAR_OK && phase == PHASE_LEAVING) {
+            one = leave_needle(sim, i, why);
+            change->kept |= one == TROCAR_NUMERIC;
+        }
         if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, why);
         restore_floating_mode(before);
-        *done = true;
+        change->any = true;
         if (one != TROCAR_OK) status = one;
     }
     return status;

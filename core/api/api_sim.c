@@ -309,11 +309,11 @@ static trocar_status answer_and_publish(trocar_sim *sim, int index, report *why)
 
 /* Lockstep: what others and what rests do to the tissue is known at once. */
 static trocar_status catch_up(trocar_sim *sim, int index, report *why) {
-    bool done;
+    resting_change change;
     for (int i = 0; i < sim->needle_count; i++)
         if (phase_of(&sim->needles[i]) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
     bool moved = take_probe_pose(sim);
-    trocar_status status = change_resting(sim, &done, why);
+    trocar_status status = change_resting(sim, &change, why);
     if (status == TROCAR_OK && moved) status = press_probe(sim, why);
     needle_track *needle = &sim->needles[index];
     adopt_needle(sim, needle);
@@ -405,9 +405,11 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     ssize_t taken = read(sim->work_wake, &count, sizeof count);
     (void)taken;
     trocar_work work = {0};
-    bool changed, news = take_loads(sim), moved = take_probe_pose(sim);
-    trocar_status status = change_resting(sim, &changed, why);
-    work.more = changed;
+    resting_change change;
+    bool news = take_loads(sim), moved = take_probe_pose(sim);
+    trocar_status status = change_resting(sim, &change, why);
+    work.more = change.any;
+    work.kept = change.kept;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
         int index = sim->next_served;
         sim->next_served = (sim->next_served + 1) % sim->needle_count;

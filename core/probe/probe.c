@@ -281,7 +281,7 @@ static void tell(probe *p) {
     }
 }
 
-/* Takes off the forces what the attached nodes respond to the needles that are held. */
+/* Subtracts from the forces the attached nodes' response to the held needles. */
 static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
     trocar_status status = inverse_attached_response(p->inverse, loads, response, p->scratch->none, why);
@@ -310,7 +310,7 @@ static trocar_status press(probe *p, pose base, const other_loads *others, bool 
     nodal_forces loads;
     if (beneath_changed) p->compliance_known = false;
     trocar_status status = collect_loads(p, others, &loads, why);
-    int steps = p->state.placed ? 1 + (int)(probe_way(&p->shape, p->state.base, base) / (STEP * p->shape.radius)) : 1;
+    int steps = p->state.placed ? 1 + (int)fmin(probe_way(&p->shape, p->state.base, base) / (STEP * p->shape.radius), MOST_STEPS) : 1;
     if (steps > MOST_STEPS) p->state.count = 0, steps = 1; /* put in anew; what is attached is found to have changed below */
     pose from = p->state.base;
     bool changed = beneath_changed || p->now.count != p->state.count;

@@ -12,7 +12,7 @@ typedef struct { vec3 shift, turn; } base_motion; /* m, rad about the base, worl
 
 /* Plain data. Forces are unknowns of the contact problem, in its order: on tissue and guides, in the needle's frame. */
 typedef struct {
-    uint64_t id;             /* another one each time that a needle is left */
+    uint64_t id;             /* a new one each time the needle is left */
     insertion_state anchor;  /* the equilibrium in which it was left */
     int point_count, unknown_count, axial_count;
     bool tip;                /* the last point is the tip */
@@ -27,7 +27,7 @@ typedef struct {
     double beside[MAX_UNKNOWNS];                   /* N, of loads on the tissue that are no force of the needle: what relaxing tissue remembers */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motion if no needle were held, */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* and as they are */
-    double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, of the shaft forward past the tissue since the anchor; and the length of that way */
+    double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, of the shaft forward past the tissue since the anchor; and the total distance slid */
 } resting_needle;
 
 /* What linearising takes beside a tick's context: of the worker. */

@@ -93,7 +93,11 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
         for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k];
     }
     if (status == TROCAR_OK) take_load(s);
-    else s->count = 0;
+    else {
+        report ignored;
+        s->count = 0;
+        inverse_attach(s->inverse, 0, NULL, &ignored);
+    }
     return status;
 }
 
@@ -157,7 +161,7 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
     const double *w[MAX_AXIAL];
     double slip[MAX_AXIAL];
-    if (!find_columns(s, index)) return s->columns[index] != NULL; /* next time; for want of memory it sticks */
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* next time; out of memory: the needle keeps sticking */
     const double *columns = s->columns[index];
     for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
     find_slips(model, r, w, slip);

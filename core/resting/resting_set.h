@@ -28,7 +28,7 @@ void resting_set_free(resting_set *s); /* not the needles, nor the inverse */
    is empty. Allocates. */
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why);
 
-/* The same, but they take up what they hold: after a restore. */
+/* The same, but continues from the forces that the needles hold: after a restore. */
 trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why);
 
 /* Their forces and motions under these loads. */

@@ -330,7 +330,7 @@ class Compare(Case):
         figure8 = trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"), mesh_only=True)
         for text, words, model in ((good.replace("hole", "hull"), ":1: not a table of seeds", MODEL), (good.replace("1e-3", "x"), ":2: could not convert", MODEL),
                                    (good.replace("1e-3", "nan"), ":2: a number is not finite", MODEL), (good.replace(",2e-3", ""), ":2: 14 columns, not 15", MODEL),
-                                   (good.replace("0.8,0,0.6", "0.8,1,0.6"), ":2: along_x, along_y and along_z are no unit vector", MODEL),
+                                   (good.replace("0.8,0,0.6", "0.8,1,0.6"), ":2: along_x, along_y and along_z are not a unit vector", MODEL),
                                    ("", ":1: not a table", MODEL), (good.replace("[m]", "[mm]"), ":1: in the patient's coordinates", figure8)):
             self.refused(words, plans.read_seeds, self.write(text), model)
 

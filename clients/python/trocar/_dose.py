@@ -162,6 +162,7 @@ class Structure:
         self.points: npt.NDArray[np.float64] = np.frombuffer(ffi.buffer(lib.trocar_structure_points(self._handle), 24 * count)).reshape(-1, 3).copy()
         self.points.flags.writeable = False
         self.voxel: float = lib.trocar_structure_voxel(self._handle)
+        self._nodes: int | None = None  # of the model's mesh
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:
@@ -180,7 +181,9 @@ class Structure:
             raise ValueError('no region "%s" of tetrahedra: there are %s' % (region, ", ".join(model.groups)))
         mesh = ffi.new("trocar_mesh *", {"node_count": len(nodes), "nodes": lib.trocar_model_nodes(model._handle), "tet_count": len(tets),
                                          "tets": lib.trocar_model_tets(model._handle), "tet_region": _inputs(regions, "int32_t[]")})
-        return cls._made(lib.trocar_structure_from_region, mesh, index, spacing)
+        made = cls._made(lib.trocar_structure_from_region, mesh, index, spacing)
+        made._nodes = len(nodes)
+        return made
 
     @classmethod
     def _made(cls, make: Any, mesh: Any, index: int, spacing: float) -> Structure:
@@ -190,8 +193,11 @@ class Structure:
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """(n, 3) m at the points, from those of the mesh's nodes as `Sim.displacements` gives them. Only of a region."""
+        nodal = _vectors(nodal, "displacements")
+        if self._nodes is not None and len(nodal) != self._nodes:
+            raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))
         why, moved = ffi.new("trocar_error *"), np.empty_like(self.points)
-        _check(lib.trocar_structure_displacements(self._handle, _inputs(_vectors(nodal, "displacements")), _outputs(moved), why), why)
+        _check(lib.trocar_structure_displacements(self._handle, _inputs(nodal), _outputs(moved), why), why)
         return moved
 
 

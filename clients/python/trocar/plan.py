@@ -400,7 +400,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
         if not np.isfinite([position, direction]).all():
             raise BadPlan(f"{name}:{line}: a number is not finite")
         if abs(np.linalg.norm(direction) - 1) > 1e-3:
-            raise BadPlan(f"{name}:{line}: along_x, along_y and along_z are no unit vector")
+            raise BadPlan(f"{name}:{line}: along_x, along_y and along_z are not a unit vector")
         if unit == "mm":
             position, ahead = frame.to_mesh([position, position + direction])
             direction = 1e3 * (ahead - position)

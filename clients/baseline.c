@@ -23,3 +23,5 @@ void baseline_measure(histogram *time) {
         histogram_add(time, monotonic_ns() - start);
     }
 }
+
+double per_baseline(const histogram *baseline, const histogram *time) { return histogram_quantile(time, 0.5) / histogram_quantile(baseline, 0.5); }

@@ -10,4 +10,7 @@ enum { BASELINE_ORDER = 256 };
    the whole process. */
 void baseline_measure(histogram *time);
 
+/* Ratio of the medians. */
+double per_baseline(const histogram *baseline, const histogram *time);
+
 #endif

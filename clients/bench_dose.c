@@ -2,7 +2,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <time.h>
 
 #include "baseline.h"
 #include "json.h"
@@ -69,13 +68,7 @@ static trocar_status prepare(bench *b, report *why) {
     return b->plain ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %lld doubles", (long long)b->voxels);
 }
 
-/* ns of the processor: a seed takes longer than the scheduler's slices on a busy machine. */
-static int64_t processor_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
-}
-
+/* In processor time: a seed takes longer than the scheduler's slices on a busy machine. */
 static void measure_pass(bench *b) {
     for (int repeat = 0; repeat < 100; repeat++) {
         int64_t start = processor_ns();
@@ -112,11 +105,9 @@ static trocar_status measure(bench *b, report *why) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-static double per_baseline(const bench *b, const histogram *time) { return histogram_quantile(time, 0.5) / histogram_quantile(&b->baseline, 0.5); }
-
 static void print_row(const bench *b, const char *what, const histogram *time, FILE *out) {
     fprintf(out, "%-16s %8.2f  %8.2f  %8.2f  %13.2f\n", what, 1e3 * histogram_quantile(time, 0.5), 1e3 * histogram_quantile(time, 0.99), 1e3 * histogram_max(time),
-            per_baseline(b, time));
+            per_baseline(&b->baseline, time));
 }
 
 static void print_table(const bench *b, FILE *out) {
@@ -132,7 +123,7 @@ static void print_table(const bench *b, FILE *out) {
 static void json_row(json *j, const bench *b, const char *name, const histogram *time) {
     json_line(j), json_open(j, name, '{');
     json_time(j, time);
-    json_number(j, "p50_per_baseline", per_baseline(b, time));
+    json_number(j, "p50_per_baseline", per_baseline(&b->baseline, time));
     json_close(j, '}');
 }
 

@@ -1,6 +1,5 @@
 #include "bench_tick.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,11 +55,7 @@ static void parse_counts(const struct argp_state *state, const char *text, optio
     for (const char *c = text; *c; c++) o->count_count += *c == ',';
     if (o->count_count > MAX_COUNTS) argp_error(state, "--contacts: more than %d numbers", MAX_COUNTS);
     parse_numbers(state, "contacts", text, o->count_count, numbers);
-    for (int i = 0; i < o->count_count; i++) {
-        if (numbers[i] < 1 || numbers[i] > TROCAR_MAX_CONTACTS || numbers[i] != floor(numbers[i]))
-            argp_error(state, "--contacts: %g: must be a whole number between 1 and %d", numbers[i], TROCAR_MAX_CONTACTS);
-        o->counts[i] = (int)numbers[i];
-    }
+    for (int i = 0; i < o->count_count; i++) o->counts[i] = whole_number(state, "contacts", numbers[i], 1, TROCAR_MAX_CONTACTS);
 }
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {
@@ -128,14 +123,10 @@ static trocar_status measure(bench *b, report *why) {
 
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
-static double per_baseline(const bench *b, const histogram *time) {
-    return histogram_quantile(time, 0.5) / histogram_quantile(&b->baseline, 0.5);
-}
-
 static void print_row(const bench *b, timed_motion motion, const tick_timing *row, FILE *out) {
     fprintf(out, "%8d  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f", row->contacts, timed_motion_name(motion),
             1e6 * histogram_quantile(&row->time, 0.5), 1e6 * histogram_quantile(&row->time, 0.99),
-            1e6 * histogram_max(&row->time), per_baseline(b, &row->time), row->passes, row->switches);
+            1e6 * histogram_max(&row->time), per_baseline(&b->baseline, &row->time), row->passes, row->switches);
     if (row->unstable) fprintf(out, "  (%d ticks without equilibrium)", row->unstable);
     fprintf(out, "\n");
 }
@@ -158,7 +149,7 @@ static void json_row(json *j, const bench *b, int index, timed_motion motion) {
     json_text(j, "motion", timed_motion_name(motion));
     json_integer(j, "timed_contacts", row->contacts);
     json_time(j, &row->time);
-    json_number(j, "p50_per_baseline", per_baseline(b, &row->time));
+    json_number(j, "p50_per_baseline", per_baseline(&b->baseline, &row->time));
     json_number(j, "passes", row->passes);
     json_number(j, "switches", row->switches);
     json_integer(j, "unstable", row->unstable);

@@ -29,3 +29,9 @@ int parse_index(const struct argp_state *state, const char *option, const char *
     if (number != floor(number)) argp_error(state, "--%s: %s: must be a whole number", option, text);
     return (int)number;
 }
+
+int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest) {
+    if (number < least || number > greatest || number != floor(number))
+        argp_error(state, "--%s: %g: must be a whole number between %d and %d", option, number, least, greatest);
+    return (int)number;
+}

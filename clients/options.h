@@ -15,4 +15,7 @@ int parse_index(const struct argp_state *state, const char *option, const char *
 /* One finite number in [least, greatest]. */
 double parse_number(const struct argp_state *state, const char *option, const char *text, double least, double greatest);
 
+/* A number that was read, if it is whole and in [least, greatest]. */
+int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest);
+
 #endif

@@ -1,5 +1,7 @@
 #include "patient.h"
 
+#include "messages.h"
+
 /* Each row is a multiple of the unit quaternion (times its own component); the one with the largest diagonal is the most accurate. */
 static quat quaternion_of(const mat3 *turn) {
     const double (*m)[3] = turn->m;
@@ -46,8 +48,7 @@ const char *patient_unit(const patient_frame *frame) { return frame ? "mm" : "m"
 bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start) {
     trocar_pose p;
     bool known = trocar_scene_start(scene, &p);
-    if (known)
-        *start = (pose){v3(p.position[0], p.position[1], p.position[2]), {p.orientation[0], p.orientation[1], p.orientation[2], p.orientation[3]}};
+    if (known) *start = load_pose(p.position, p.orientation);
     if (given) start->position = patient_to_mesh(frame, *given);
     return known || given;
 }

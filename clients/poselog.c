@@ -10,6 +10,7 @@
 
 #include "safety_limits.h"
 #include "message_fit.h"
+#include "messages.h"
 
 /* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log
    would look like a shorter one. The format is simple enough to read with checks. An event on disk, big-endian: magic, event number
@@ -87,11 +88,6 @@ static trocar_status skip_event(reader *r, const event_header *h, report *why) {
     return fseeko(r->file, r->offset, SEEK_SET) == 0 ? TROCAR_OK : bad_event(r, strerror(errno), why);
 }
 
-static pose raw_pose(const trocar_needle_pose_t *message) {
-    const double *x = message->position, *q = message->orientation;
-    return (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
-}
-
 static trocar_status read_data(const reader *r, const event_header *h, unsigned char *data, int64_t room, report *why) {
     size_t length = (size_t)(h->data_length < room ? h->data_length : room);
     return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
@@ -126,7 +122,7 @@ static trocar_status read_pose(const reader *r, const event_header *h, trocar_ne
     if (length != trocar_needle_pose_t_decode(data, 0, DATA_MAX, p))
         return bad_event(r, "not the length of a trocar.needle_pose_t: the log is damaged", why);
     if (p->needle < 0 || p->needle >= TROCAR_MAX_NEEDLES) return bad_event(r, "pose of a needle that no scene has: the log is damaged", why);
-    pose base = raw_pose(p);
+    pose base = load_pose(p->position, p->orientation);
     pose_verdict verdict = safety_check_pose(&base);
     if (verdict == POSE_NOT_FINITE) return bad_event(r, "pose is not finite", why);
     return verdict == POSE_ACCEPTED ? TROCAR_OK : bad_event(r, "orientation is not a unit quaternion", why);
@@ -158,6 +154,14 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
+static trocar_status add_pose(const trocar_needle_pose_t *p, pose_log *log, report *why) {
+    void *poses = log->poses;
+    trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
+    log->poses = poses;
+    if (status == TROCAR_OK) log->poses[log->count++] = *p;
+    return status;
+}
+
 /* Accepts poses like the server: of one needle and session, none repeated or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
     const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
@@ -173,11 +177,7 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     if (last && p->utime <= last->utime)
         return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": time does not advance: utime %" PRId64 " after %" PRId64,
                     r->path, r->event, p->utime, last->utime);
-    void *poses = log->poses;
-    trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
-    log->poses = poses;
-    if (status == TROCAR_OK) log->poses[log->count++] = *p;
-    return status;
+    return add_pose(p, log, why);
 }
 
 static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
@@ -202,12 +202,17 @@ static trocar_status take_wrench(const reader *r, const event_header *h, void *c
     return status;
 }
 
-static trocar_status append_command(const trocar_command_t *m, pose_log *log, report *why) {
+static trocar_status add_command(const trocar_command_t *m, pose_log *log, report *why) {
     void *commands = log->commands;
     trocar_status status = make_room(&commands, log->command_count, sizeof *log->commands, why);
     log->commands = commands;
     if (status == TROCAR_OK) log->commands[log->command_count++] = (logged_command){.next_pose = log->count, .command = *m};
     return status;
+}
+
+static trocar_status decode_command(const reader *r, const event_header *h, const unsigned char data[DATA_MAX], trocar_command_t *m, report *why) {
+    if (h->data_length == trocar_command_t_decode(data, 0, DATA_MAX, m)) return TROCAR_OK;
+    return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
 /* Notes a command that concerns seeds; one of another version, which has none, is ignored. */
@@ -217,13 +222,14 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     trocar_command_t m;
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || big_endian_64(data) != __trocar_command_t_get_hash()) return status;
-    if (h->data_length != trocar_command_t_decode(data, 0, DATA_MAX, &m)) return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
+    status = decode_command(r, h, data, &m, why);
+    if (status != TROCAR_OK) return status;
     if (m.command != TROCAR_COMMAND_T_DROP_SEED && m.command != TROCAR_COMMAND_T_UNDO) return TROCAR_OK;
     if (log->count == 0 || m.needle != log->needle || m.session != log->poses[0].session) {
         log->skipped_commands++;
         return TROCAR_OK;
     }
-    return append_command(&m, log, why);
+    return add_command(&m, log, why);
 }
 
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
@@ -282,11 +288,7 @@ static trocar_status take_any_pose(const reader *r, const event_header *h, void 
         log->skipped_old++;
         return TROCAR_OK;
     }
-    void *poses = log->poses;
-    status = make_room(&poses, log->count, sizeof *log->poses, why);
-    log->poses = poses;
-    if (status == TROCAR_OK) log->poses[log->count++] = p;
-    return status;
+    return add_pose(&p, log, why);
 }
 
 static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
@@ -295,11 +297,10 @@ static trocar_status take_command(const reader *r, const event_header *h, void *
     trocar_command_t m;
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status == TROCAR_OK) status = check_type(r, data, "command_t", __trocar_command_t_get_hash(), why);
+    if (status == TROCAR_OK) status = decode_command(r, h, data, &m, why);
     if (status != TROCAR_OK) return status;
-    if (h->data_length != trocar_command_t_decode(data, 0, DATA_MAX, &m))
-        return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
     if (m.needle < 0 || m.needle >= TROCAR_MAX_NEEDLES) return bad_event(r, "command for a needle that no scene has: the log is damaged", why);
-    return append_command(&m, log, why);
+    return add_command(&m, log, why);
 }
 
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
@@ -357,7 +358,7 @@ double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps) 
 }
 
 pose pose_of_message(const trocar_needle_pose_t *message) {
-    pose p = raw_pose(message);
+    pose p = load_pose(message->position, message->orientation);
     p.orientation = q_unit(p.orientation);
     return p;
 }

@@ -10,6 +10,7 @@
 
 #include "comparison.h"
 #include "events.h"
+#include "handover.h"
 #include "messages.h"
 #include "options.h"
 #include "output.h"
@@ -39,8 +40,7 @@ typedef struct {
     bool begun;              /* it has been reset at a pose of `session` */
     bool taken;              /* the next pose goes on from where it rested */
     int64_t session, utime;  /* of its last pose */
-    bool clutched;           /* poses count from the first one after it was taken, `from`, */
-    pose from, to;           /* where its base was `to` */
+    hand_clutch clutch;      /* of the hand that has taken it */
 } replayed_needle;
 
 typedef struct {
@@ -269,8 +269,6 @@ static trocar_status log_origin(replay *r, report *why) {
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
-static vec3 vector_of(const double v[3]) { return v3(v[0], v[1], v[2]); }
-
 /* Of the simulation. */
 static int needle_of(const replay *r, int tick) { return r->options->all ? r->poses.poses[tick].needle : 0; }
 
@@ -283,10 +281,10 @@ static void csv_tick(const replay *r, int tick) {
     events_text(w->events, membrane, events, sizeof events);
     double joints[TROCAR_MAX_JOINTS][3];
     int count = trocar_sim_centreline(r->sim, needle, joints[0], TROCAR_MAX_JOINTS);
-    vec3 force = axes_to_patient(r->patient, vector_of(w->force));
-    vec3 torque = axes_to_patient(r->patient, vector_of(w->torque));
-    vec3 base = mesh_to_patient(r->patient, vector_of(trocar_sim_base(r->sim, needle).position));
-    vec3 tip = mesh_to_patient(r->patient, vector_of(joints[count - 1]));
+    vec3 force = axes_to_patient(r->patient, load_vec3(w->force));
+    vec3 torque = axes_to_patient(r->patient, load_vec3(w->torque));
+    vec3 base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position));
+    vec3 tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1]));
     fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n",
             pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
             r->poses.poses[tick].needle, trocar_sim_tip_lead(r->sim, needle), base.x, base.y, base.z, tip.x, tip.y, tip.z);
@@ -319,15 +317,6 @@ static trocar_status add_to_series(replay *r, double time, report *why) {
 
 /* ---- all needles ------------------------------------------------------------------------------------------------- */
 
-/* A resting needle is taken out of the tissue, and far away. */
-static trocar_status remove_needle(replay *r, int needle, report *why) {
-    if (trocar_sim_needle_state(r->sim, needle) != TROCAR_NEEDLE_RESTING) return TROCAR_OK;
-    trocar_pose base = trocar_sim_base(r->sim, needle);
-    vec3 axis = q_axis((quat){base.orientation[0], base.orientation[1], base.orientation[2], base.orientation[3]});
-    store_vec3(v3_axpy(-10.0, axis, vector_of(base.position)), base.position);
-    return trocar_sim_reset(r->sim, needle, &base, why);
-}
-
 static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why) {
     int needle = r->options->all ? c->needle : 0;
     replayed_needle *n = &r->needles[needle];
@@ -350,7 +339,8 @@ static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why
     case TROCAR_COMMAND_T_RESET:
     case TROCAR_COMMAND_T_RELEASE:
         n->begun = false;
-        return c->command == TROCAR_COMMAND_T_RESET ? remove_needle(r, needle, why) : TROCAR_OK;
+        if (c->command == TROCAR_COMMAND_T_RELEASE || trocar_sim_needle_state(r->sim, needle) != TROCAR_NEEDLE_RESTING) return TROCAR_OK;
+        return remove_needle(r->sim, needle, why);
     default: return TROCAR_OK;
     }
 }
@@ -392,22 +382,15 @@ static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, doubl
     if (n->begun && !same && m->utime - n->utime < SILENCE) return TROCAR_OK;
     *dt = fmin(since, POSE_LOG_GAP);
     r->gaps += since > POSE_LOG_GAP;
-    if (n->taken) {
-        trocar_pose at = trocar_sim_base(r->sim, m->needle);
-        n->from = hand;
-        n->to = (pose){vector_of(at.position), {at.orientation[0], at.orientation[1], at.orientation[2], at.orientation[3]}};
-    }
-    n->clutched = n->taken || (same && n->clutched);
+    trocar_pose at = trocar_sim_base(r->sim, m->needle);
+    if (n->taken) n->clutch = clutch_engage(hand, &at);
+    else if (!same) n->clutch.engaged = false;
     bool anew = !n->taken && !same;
     n->begun = true;
     n->taken = false;
     n->session = m->session;
     n->utime = m->utime;
-    if (n->clutched) {
-        quat turn = q_multiply(n->to.orientation, q_conjugate(n->from.orientation));
-        hand = (pose){v3_add(n->to.position, v3_sub(hand.position, n->from.position)), q_unit(q_multiply(turn, hand.orientation))};
-    }
-    *base = library_pose(hand);
+    *base = library_pose(clutch_follow(&n->clutch, hand));
     return anew ? trocar_sim_reset(r->sim, m->needle, base, why) : TROCAR_OK;
 }
 

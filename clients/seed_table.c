@@ -1,5 +1,7 @@
 #include "seed_table.h"
 
+#include "messages.h"
+
 #include <stdlib.h>
 
 void hole_name(const trocar_guide *guide, int hole, char name[16]) {
@@ -9,10 +11,8 @@ void hole_name(const trocar_guide *guide, int hole, char name[16]) {
     snprintf(name, 16, "%s%d%s", letters, 1 + row / 2, row % 2 ? ".5" : "");
 }
 
-static vec3 vector_of(const double v[3]) { return v3(v[0], v[1], v[2]); }
-
 static void write_place(FILE *file, const patient_frame *frame, const double position[3], const double direction[3]) {
-    vec3 at = mesh_to_patient(frame, vector_of(position)), along = axes_to_patient(frame, vector_of(direction));
+    vec3 at = mesh_to_patient(frame, load_vec3(position)), along = axes_to_patient(frame, load_vec3(direction));
     fprintf(file, ",%.9g,%.9g,%.9g,%.9g,%.9g,%.9g", at.x, at.y, at.z, along.x, along.y, along.z);
 }
 

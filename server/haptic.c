@@ -43,21 +43,15 @@ static void engage_needle(haptic *h, int needle) {
     n->taken = n->rests = false;
 }
 
-/* A hand that takes a needle is elsewhere: from then on the needle moves as the hand does, from where it lay. RT */
+/* The hand, or where it moves a needle that it has taken. RT */
 static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
     haptic_needle *n = &h->needles[needle];
     pose_sample hand = *newest;
     if (newest->held && newest->engagement != n->safety.engagement) {
-        n->clutched = n->taken;
         trocar_pose base = trocar_sim_base(h->sim, needle);
-        const double *q = base.orientation;
-        n->from = newest->base;
-        n->to = (pose){load_vec3(base.position), {q[0], q[1], q[2], q[3]}};
+        n->clutch = n->taken ? clutch_engage(newest->base, &base) : (hand_clutch){.engaged = false};
     }
-    if (!n->clutched) return hand;
-    quat turn = q_multiply(n->to.orientation, q_conjugate(n->from.orientation));
-    hand.base.position = v3_add(n->to.position, v3_sub(newest->base.position, n->from.position));
-    hand.base.orientation = q_unit(q_multiply(turn, newest->base.orientation));
+    hand.base = clutch_follow(&n->clutch, newest->base);
     return hand;
 }
 
@@ -67,15 +61,6 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
     spsc_ring_push(&h->exchange->replies, c);
     wake(h->exchange->io_wake);
-}
-
-/* Out of the tissue, and far away from it. RT */
-static trocar_status remove_needle(haptic *h, int needle, trocar_error *why) {
-    static const double AWAY = 10.0; /* m */
-    trocar_pose base = trocar_sim_base(h->sim, needle);
-    const double *q = base.orientation;
-    store_vec3(v3_axpy(-AWAY, q_axis((quat){q[0], q[1], q[2], q[3]}), load_vec3(base.position)), base.position);
-    return trocar_sim_reset(h->sim, needle, &base, why);
 }
 
 /* Seeds of a needle that has been held: before that, the simulation has put it anywhere. RT, but for the text of a refusal. */
@@ -94,7 +79,7 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     switch (c->asked.command) {
     case TROCAR_COMMAND_T_LEAVE: status = trocar_sim_leave(h->sim, needle, why); break;
     case TROCAR_COMMAND_T_TAKE: status = trocar_sim_take(h->sim, needle, why); break;
-    default: status = remove_needle(h, needle, why);
+    default: status = remove_needle(h->sim, needle, why);
     }
     if (status != TROCAR_OK) return status;
     n->rests = n->pending = true;
@@ -196,12 +181,14 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
+/* Is this tick one of so many a second? RT */
+static bool is_due(const haptic *h, int64_t tick, int hz) { return tick % (int64_t)fmax(1.0, 1.0 / (hz * h->period)) == 0; }
+
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
-    int64_t ticks_per_view = (int64_t)fmax(1.0, 1.0 / (VIEWS_HZ * h->period));
     bool engaged = h->probe.placed != 0;
     for (int i = 0; i < h->needle_count; i++) engaged |= h->needles[i].safety.engagement != 0;
-    if (!engaged || wake->tick % ticks_per_view != 0) return;
+    if (!engaged || !is_due(h, wake->tick, VIEWS_HZ)) return;
     view_sample *view = triple_buffer_slot(&h->exchange->views);
     view->tick = wake->tick;
     view->wrench_dropped = h->wrench_dropped;
@@ -237,9 +224,6 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     note_stages(h, decision != SAFETY_IDLE, began, asked, answered);
     return !(wind_down && safety_at_rest(&n->safety));
 }
-
-/* Is this tick one of so many a second? RT */
-static bool is_due(const haptic *h, int64_t tick, int hz) { return tick % (int64_t)fmax(1.0, 1.0 / (hz * h->period)) == 0; }
 
 static void send_probe(haptic *h, int64_t tick) {
     const trocar_probe *now = &h->probe;

@@ -3,6 +3,7 @@
 #define TROCAR_HAPTIC_H
 
 #include "exchange.h"
+#include "handover.h"
 #include "safety_limits.h"
 #include "loop.h"
 #include "virtual_coupling.h"
@@ -16,8 +17,7 @@ typedef struct {
     bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
     bool pending;                /* `command` is being carried out */
     needle_command command;
-    pose from, to;               /* of a hand that has taken it: where that was then, and the needle's base. Poses count from there */
-    bool clutched;               /* by these */
+    hand_clutch clutch;          /* of a hand that has taken it */
 } haptic_needle;
 
 typedef struct {

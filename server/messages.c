@@ -10,6 +10,11 @@ void store_vec3(vec3 v, double out[3]) {
 
 vec3 load_vec3(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
+pose load_pose(const double position[3], const double orientation[4]) {
+    const double *q = orientation;
+    return (pose){load_vec3(position), {q[0], q[1], q[2], q[3]}};
+}
+
 trocar_pose library_pose(pose p) {
     const vec3 x = p.position;
     const quat q = p.orientation;

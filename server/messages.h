@@ -12,6 +12,7 @@ trocar_needle_wrench_t wrench_message(const trocar_output *output);
 
 void store_vec3(vec3 v, double out[3]); /* RT */
 vec3 load_vec3(const double v[3]);      /* RT */
+pose load_pose(const double position[3], const double orientation[4]); /* m; w x y z, as it is. RT */
 trocar_pose library_pose(pose p);       /* converts to the type of trocar.h. RT */
 
 #endif

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "messages.h"
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */
@@ -33,11 +34,6 @@ static bool decode_pose(const void *data, size_t size, trocar_needle_pose_t *m) 
 static bool decode_command(const void *data, size_t size, trocar_command_t *m) {
     return size == (size_t)trocar_command_t_encoded_size(m)
         && trocar_command_t_decode(data, 0, (int)size, m) == (int)size;
-}
-
-static pose pose_of(const trocar_needle_pose_t *m) {
-    const double *x = m->position, *q = m->orientation;
-    return (pose){{x[0], x[1], x[2]}, {q[0], q[1], q[2], q[3]}};
 }
 
 static bool has_needle(const pose_arbiter *in, int needle) { return needle >= 0 && needle < in->needle_count; }
@@ -153,7 +149,7 @@ static pose_verdict judge_motion(pose_arbiter *in, const trocar_needle_pose_t *m
 
 static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
     count_lost(in, m);
-    pose p = pose_of(m);
+    pose p = load_pose(m->position, m->orientation);
     pose_verdict verdict = judge_numbers(in, m, &p);
     if (verdict == POSE_ACCEPTED) verdict = judge_sender(in, m, now);
     if (verdict != POSE_ACCEPTED) return verdict;

@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
+#include "messages.h"
 #include "trocar_probe_pose_t.h"
 
 static const int64_t OWNER_SILENCE = 2000000000; /* ns after which another session may take over */
@@ -32,8 +33,7 @@ bool probe_arbiter_pose(probe_arbiter *in, const void *data, size_t size, int64_
         snprintf(message, room, "probe's pose of %zu bytes refused: not a trocar.probe_pose_t of this version", size);
         return false;
     }
-    const double *x = m.position, *q = m.orientation;
-    pose base = {{x[0], x[1], x[2]}, {q[0], q[1], q[2], q[3]}};
+    pose base = load_pose(m.position, m.orientation);
     const char *fault = fault_of(in, &m, &base, now);
     if (fault) {
         in->refused++;

@@ -67,6 +67,7 @@ static int64_t nanoseconds_of(clockid_t clock) {
 }
 
 int64_t monotonic_ns(void) { return nanoseconds_of(CLOCK_MONOTONIC); }
+int64_t processor_ns(void) { return nanoseconds_of(CLOCK_THREAD_CPUTIME_ID); }
 int64_t wall_us(void) { return nanoseconds_of(CLOCK_REALTIME) / 1000; }
 
 void sleep_until(int64_t monotonic) {

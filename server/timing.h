@@ -26,6 +26,7 @@ enum { HISTOGRAM_BINS = 32 };
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]);
 
 int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: for all control. RT */
+int64_t processor_ns(void);               /* of the calling thread: for what the scheduler may interrupt. RT */
 int64_t wall_us(void);                    /* CLOCK_REALTIME: for the utime of messages, never for control. RT */
 void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
 

@@ -8,6 +8,7 @@ Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, not those to the
 import json
 import os
 import sys
+from pathlib import Path
 
 MOTIONS = ("advance", "sweep")
 MOST_GROWTH = 16            # from n to 2 n contacts: a cubic solve, and a second Newton pass
@@ -16,7 +17,7 @@ MOST_PER_BASELINE = 0.5     # 10 contacts against a product of order 256; about 
 
 def check(holds, what):
     if not holds:
-        sys.exit(f"check_bench: {what}")
+        sys.exit(f"{Path(sys.argv[0]).stem}: {what}")
 
 
 def check_quantiles(times, where):

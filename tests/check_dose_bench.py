@@ -7,12 +7,9 @@ import json
 import os
 import sys
 
+from check_bench import check, check_quantiles
+
 MOST_PER_VOXEL = 2e-4       # of a seed, against a product of order 256; about 2.5e-5 on an idle machine
-
-
-def check(holds, what):
-    if not holds:
-        sys.exit(f"check_dose_bench: {what}")
 
 
 def main():
@@ -21,7 +18,7 @@ def main():
     check((bench["benchmark"], bench["voxels"], bench["seeds"]) == ("dose", int(sys.argv[2]), int(sys.argv[3])), "head")
     for name in ("baseline", "pass", "add", "remove"):
         row = bench[name]
-        check(0 < row["p50_s"] <= row["p99_s"] <= row["max_s"] < 60, f"{name}: not 0 < p50 <= p99 <= max: {row}")
+        check_quantiles(row, name)
         ratio = row["p50_s"] / bench["baseline"]["p50_s"]
         check(abs(row["p50_per_baseline"] / ratio - 1) < 1e-4, f"{name}: ratio {row['p50_per_baseline']}, not {ratio}")
         check(os.environ.get("TROCAR_CHECK_TIMING") == "no" or name == "baseline" or ratio <= MOST_PER_VOXEL * bench["voxels"], f"{name}: {ratio:.1f} times the baseline")

@@ -9,13 +9,10 @@ import json
 import os
 import sys
 
+from check_bench import check, check_quantiles
+
 METHODS = ("nested", "implicit", "woodbury", "woodbury-general", "bcs", "bcs-blocked")
 LEAST_RATIOS = (("woodbury", "nested", 30), ("bcs", "nested", 150), ("bcs", "woodbury", 2))
-
-
-def check(holds, what):
-    if not holds:
-        sys.exit(f"check_remesh_bench: {what}")
 
 
 def main():
@@ -28,7 +25,7 @@ def main():
     for row in scene["rows"]:
         where = f"{row['method']}, {row['change']}"
         for times in (row["add"], row["remove"]):
-            check(0 < times["p50_s"] <= times["p99_s"] <= times["max_s"] < 60, f"{where}: not 0 < p50 <= p99 <= max: {times}")
+            check_quantiles(times, where)
         check(row["samples"] >= 1, f"{where}: no samples")
         check(row["touched_nodes"] == {"inside": 5, "face": 6}.get(row["change"], row["touched_nodes"]), f"{where}: nodes touched")
         added.setdefault((row["method"], row["change"]), row["add"]["p50_s"])

@@ -37,7 +37,6 @@ static void write_plan(json *j, const void *what) {
 static void write_reply(json *j, const void *what) {
     const trocar_command_reply_t *reply = what;
     json_open(j, NULL, '{');
-    json_integer(j, "seq", reply->seq);
     json_integer(j, "needle", reply->needle);
     json_text(j, "command", reply->command == TROCAR_COMMAND_T_DROP_SEED ? "drop" : reply->command == TROCAR_COMMAND_T_UNDO ? "undo" : "other");
     json_bool(j, "done", reply->status == TROCAR_COMMAND_REPLY_T_DONE);

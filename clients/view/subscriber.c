@@ -4,6 +4,7 @@
 
 #include "lcm_filter.h"
 #include "message_fit.h"
+#include "messages.h"
 #include "timing.h"
 #include "trocar_deformation_t.h"
 
@@ -232,7 +233,6 @@ bool subscriber_shows(const subscriber *f) {
 bool subscriber_base(const subscriber *f, int needle, pose *base) {
     const trocar_contacts_t *contacts = f->needles[needle].contacts;
     if (!subscriber_alive(f) || !contacts) return false;
-    const double *x = contacts->centreline[0], *q = contacts->orientation;
-    *base = (pose){v3(x[0], x[1], x[2]), {q[0], q[1], q[2], q[3]}};
+    *base = load_pose(contacts->centreline[0], contacts->orientation);
     return true;
 }

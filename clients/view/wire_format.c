@@ -116,15 +116,11 @@ static void write_homes(json *j, const pose *homes, int needles) {
     json_close(j, ']');
 }
 
-static void write_guides(json *j, const trocar_scene *s, const trocar_model *m) {
+static void write_guides(json *j, const trocar_model *m) {
     json_open(j, "guides", '[');
     for (int i = 0; i < trocar_model_guide_count(m); i++) {
         trocar_guide g = trocar_model_guide(m, i);
-        char key[64], name[64] = "";
-        snprintf(key, sizeof key, "guides[%d].name", i);
-        trocar_scene_get(s, key, name, sizeof name, NULL);
         json_open(j, NULL, '{');
-        json_text(j, "name", name);
         json_numbers(j, "origin", g.origin, 3);
         json_numbers(j, "normal", g.normal, 3);
         json_numbers(j, "alongColumns", g.across[0], 3);
@@ -168,7 +164,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     json_number(&j, "seedLength", trocar_model_seed_size(m).length);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
-    write_guides(&j, s, m);
+    write_guides(&j, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');

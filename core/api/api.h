@@ -130,6 +130,12 @@ static inline void put(vec3 v, double out[3]) {
 int start_out(pose start, trocar_pose *out);
 int transform_out(const double matrix[16], double out[16]);
 
+/* Only those in use: there is room for many. RT */
+static inline void copy_loads(const tissue_loads *from, tissue_loads *to) {
+    to->count = from->count;
+    memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
+}
+
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
 
 /* What trocar_sim_contacts and the like say of a state. RT */

@@ -50,7 +50,7 @@ void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
         picture->stamps[i] = stamp;
         if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
     }
-    memcpy(&picture->seeds, &sim->seeds, sizeof picture->seeds);
+    seeds_copy(&sim->seeds, sim->needle_count, &picture->seeds);
     const shown_probe *probe = probe_shown(sim);
     if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
 }
@@ -61,7 +61,7 @@ void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
         to->states[i] = from->states[i];
         to->stamps[i] = from->stamps[i];
     }
-    memcpy(&to->seeds, &from->seeds, sizeof to->seeds);
+    seeds_copy(&from->seeds, from->model->parts.config.needle_count, &to->seeds);
     if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
 

@@ -138,25 +138,36 @@ static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, 
 
 /* ---- the worker: what rests -------------------------------------------------------------------------------------------------- */
 
+static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES]) {
+    int count = 0;
+    for (int i = 0; i < sim->needle_count; i++)
+        if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
+    return count;
+}
+
 /* Attaches what rests, after something has come or gone. */
 static trocar_status attach_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
-    int count = 0;
-    for (int i = 0; i < sim->needle_count; i++)
-        if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
+    int count = list_attached(sim, list);
     list_others(sim, BESIDE_RESTING, &held);
     mark_stale(sim, NULL);
     trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-static void show(trocar_sim *sim, needle_track *n) {
+/* The needle as it is, in the slot that is published next. */
+static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = triple_buffer_slot(&n->shown);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
     slot->stamp = next_stamp();
-    triple_buffer_publish(&n->shown);
     memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
+    return slot;
+}
+
+static void show(trocar_sim *sim, needle_track *n) {
+    find_shown(sim, n);
+    triple_buffer_publish(&n->shown);
 }
 
 /* Those whose forces differ by more than this from what is shown, at most so many. */
@@ -195,9 +206,7 @@ trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
 
 trocar_status rest_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
-    int count = 0;
-    for (int i = 0; i < sim->needle_count; i++)
-        if (sim->needles[i].attached) list[count++] = sim->needles[i].resting;
+    int count = list_attached(sim, list);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
@@ -248,45 +257,36 @@ static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
     return status;
 }
 
-/* What the needle does to the tissue, as loads that are not attached to it. */
-static void hold_resting_loads(const trocar_sim *sim, needle_track *n) {
+/* Goes on with what the needle does to the tissue as loads that are not attached to it, which changes nothing. */
+static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
+    trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
     insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    n->attached = false;
+    atomic_fetch_sub(&sim->resting_count, 1);
+    trocar_status attached = attach_again(sim, why);
+    return status == TROCAR_OK ? attached : status;
 }
 
 static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
     needle_track *n = &sim->needles[index];
-    trocar_status status = respond_to_loads(sim, true, why);
     triple_buffer_read(&n->requests, NULL); /* one from before it was left would be answered after this */
-    show(sim, n);
-    hold_resting_loads(sim, n);
-    n->attached = false;
-    atomic_fetch_sub(&sim->resting_count, 1);
-    trocar_status attached = attach_again(sim, why);
-    shown_needle *slot = triple_buffer_slot(&n->shown);
-    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
-    slot->stamp = next_stamp();
-    if (attached == TROCAR_OK) attached = answer_fully(sim, index, &slot->state.request, why);
-    if (attached == TROCAR_OK) triple_buffer_publish(&n->snapshots);
+    trocar_status status = detach(sim, n, why);
+    const shown_needle *shown = find_shown(sim, n);
+    if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
+    if (status == TROCAR_OK) triple_buffer_publish(&n->snapshots);
     triple_buffer_publish(&n->shown);
     int taking = PHASE_TAKING;
     atomic_compare_exchange_strong(&n->phase, &taking, PHASE_TAKEN);
-    return status == TROCAR_OK ? attached : status;
+    return status;
 }
 
-/* It has been reset: first it is detached, which changes nothing, then its forces vanish. */
+/* It has been reset: its forces vanish. */
 static trocar_status drop_needle(trocar_sim *sim, needle_track *n, report *why) {
-    trocar_status status = respond_to_loads(sim, true, why);
-    hold_resting_loads(sim, n);
-    n->attached = false;
-    atomic_fetch_sub(&sim->resting_count, 1);
-    trocar_status attached = attach_again(sim, why);
-    const tissue_loads *now = triple_buffer_read(&n->loads_out, NULL); /* it may have been pushed in again */
-    n->held.count = now->count;
-    memcpy(n->held.loads, now->loads, (size_t)now->count * sizeof *now->loads);
+    trocar_status status = detach(sim, n, why);
+    copy_loads(triple_buffer_read(&n->loads_out, NULL), &n->held); /* it may have been pushed in again */
     mark_stale(sim, NULL);
-    if (attached == TROCAR_OK) attached = respond_to_loads(sim, true, why);
-    return status == TROCAR_OK ? attached : status;
+    return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }
 
 trocar_status change_resting(trocar_sim *sim, resting_change *change, report *why) {

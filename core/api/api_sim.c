@@ -163,12 +163,6 @@ static void answer(const tick_output *wrench, trocar_output *output) {
                               .switches = wrench->switches};
 }
 
-/* RT */
-static void copy_loads(const tissue_loads *from, tissue_loads *to) {
-    to->count = from->count;
-    memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
-}
-
 /* Have the needle's forces changed enough for the others to feel it? RT */
 static bool loads_changed(const needle_track *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
@@ -211,6 +205,9 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     wake_worker(sim);
 }
 
+/* Does anything but the needle itself feel its forces? RT */
+static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
+
 /* One tick with what `snapshot` knows of the tissue. A number that is not finite would stay in the state: then the insertion starts
    over, and the answer is NUMERIC. RT */
 static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
@@ -232,7 +229,7 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
         seeds_keep(index, &sim->seeds);
     }
     needle->loads.count = 0;
-    insertion_add_loads(model, &needle->state, &needle->loads);
+    if (is_felt(sim)) insertion_add_loads(model, &needle->state, &needle->loads);
     needle->stamp = next_stamp();
     restore_floating_mode(before);
     needle->answered = snapshot->serial;

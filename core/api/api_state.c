@@ -72,8 +72,9 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     atomic_fetch_add(&sim->resting_count, phase != PHASE_HELD);
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
-        needle->held = needle->posted_loads = needle->loads;
-        memcpy(triple_buffer_slot(&needle->loads_out), &needle->loads, sizeof needle->loads); /* in place of what was posted before */
+        copy_loads(&needle->loads, &needle->held);
+        copy_loads(&needle->loads, &needle->posted_loads);
+        copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out)); /* in place of what was posted before */
         triple_buffer_publish(&needle->loads_out);
         return TROCAR_OK;
     }

@@ -2,6 +2,8 @@
 #ifndef TROCAR_SEEDS_H
 #define TROCAR_SEEDS_H
 
+#include <string.h>
+
 #include "insertion/insertion_model.h"
 #include "insertion/insertion_state.h"
 #include "remesh/snapshot.h"
@@ -37,6 +39,13 @@ typedef struct {
     seed seeds[MAX_SEEDS];       /* in the order in which they were placed */
     seed_drop drops[MAX_NEEDLES]; /* of each needle, the last one */
 } seed_list;
+
+/* Only those in use: there is room for many. RT */
+static inline void seeds_copy(const seed_list *from, int needle_count, seed_list *to) {
+    to->count = from->count;
+    memcpy(to->seeds, from->seeds, (size_t)from->count * sizeof *from->seeds);
+    memcpy(to->drops, from->drops, (size_t)needle_count * sizeof *from->drops);
+}
 
 /* Why a seed cannot be dropped, or taken back. */
 typedef enum {

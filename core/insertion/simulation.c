@@ -152,8 +152,6 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
                                    : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
 }
 
-static int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
-
 /* The nodes that a probe can press belong to the region of interest, if there is one. */
 static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *count, report *why) {
     if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;

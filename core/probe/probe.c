@@ -26,8 +26,6 @@ typedef struct probe_scratch {
 
 static const mesh *mesh_of(const probe *p) { return inverse_tissue(p->beneath)->mesh; }
 
-static int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
-
 /* ---- creation ------------------------------------------------------------------------------------------------------------- */
 
 static trocar_status take_surface(probe *p, int surface, report *why) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "insertion/creep.h"
+#include "insertion/guides.h"
 #include "insertion/insertion.h"
 
 static const double STEP_SHIFT = 0.3e-3, STEP_TURN = 3e-3; /* m, rad: the base moves by at most so much in one step to where it rests */
@@ -103,9 +104,7 @@ static void uncouple(resting_needle *r, int u) {
 }
 
 static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
-    int point = point_of(r, u);
-    const contact_point *p = &r->points[point];
-    if (p->kind == POINT_GUIDE && !tick->scratch->edges[point].touched) return true;
+    if (guides_is_open(tick->scratch, point_of(r, u))) return true;
     int axial = u - 2 * r->point_count;
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }

@@ -111,4 +111,7 @@ int mesh_locate(const mesh *m, vec3 x, int start);
    slightly outside a face is treated as on it. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
+/* For qsort and bsearch over node numbers. */
+static inline int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
+
 #endif

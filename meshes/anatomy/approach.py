@@ -77,12 +77,16 @@ def middle_of(surfaces):
     return grid[np.argmin(shells.distances(largest, grid))]
 
 
+def is_free(locators, start, end):
+    return all(hit_in(locator, start, end) is None for locator in locators)
+
+
 def nearest_free(target, places, bones):
     """The nearest of some places on the skin from which the way to the target meets no bone, or None."""
     order = np.argsort(np.linalg.norm(places - target, axis=1))
     locators = [locator_of(bone) for bone in bones]
     for k in order[::1 + len(order) // CANDIDATES]:
-        if all(hit_in(locator, places[k], target) is None for locator in locators):
+        if is_free(locators, places[k], target):
             return places[k]
     return None
 
@@ -106,8 +110,7 @@ def through_template(template, target, bones):
     targets = holes + ahead[:, None] * template.normal
     locators = [locator_of(bone) for bone in bones]
     order = np.argsort(np.linalg.norm(targets - target, axis=1), kind="stable")
-    free = [k for k in order if all(hit_in(locator, holes[k], targets[k]) is None for locator in locators)]
-    chosen = free[0] if free else order[0]
+    chosen = next((k for k in order if is_free(locators, holes[k], targets[k])), order[0])
     aside = np.linalg.norm(targets[chosen] - target)
     if aside > HOLES * HOLE_SPACING:
         raise Unusable("needle", f"the template's nearest hole passes the target {aside:.0f} mm aside: move --template")

@@ -4,70 +4,20 @@
    usage: bench_probe [SCENE]     by default meshes/implant.yaml; its surface "skin" is pressed */
 #include <math.h>
 #include <pthread.h>
-#include <stdatomic.h>
-#include <stdbool.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <time.h>
-#include <poll.h>
 #include <sched.h>
 
+#include "live_sim.h"
 #include "trocar.h"
 
-enum { DEPTH_TICKS = 700, ROUNDS = 5, ANSWERS = 100000 };
+enum { DEPTH_TICKS = 700, ROUNDS = 5 };
 
 static trocar_error why;
-
-static void check(trocar_status status, const char *what) {
-    if (status == TROCAR_OK) return;
-    fprintf(stderr, "bench_probe: %s: %s\n", what, why.text);
-    exit(1);
-}
-#define OK(call) check(call, #call)
-
-static int64_t now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return 1000000000 * (int64_t)t.tv_sec + t.tv_nsec;
-}
-
-static int by_size(const void *a, const void *b) {
-    double d = *(const double *)a - *(const double *)b;
-    return (d > 0.0) - (d < 0.0);
-}
-
-static double quantile(double *sorted, int count, double q) { return count ? sorted[(int)(q * (count - 1))] : 0.0; }
-
-/* ---- the worker ----------------------------------------------------------------------------------------------------------- */
+#define OK(call) must(call, "bench_probe: " #call, &why)
 
 typedef struct {
-    trocar_sim *sim;
-    atomic_bool stop;
-    int count;
-    double latency[ANSWERS]; /* s */
-} worker;
-
-static void *run_worker(void *context) {
-    worker *w = context;
-    trocar_error failed;
-    while (!atomic_load(&w->stop)) {
-        struct pollfd wake = {.fd = trocar_sim_work_descriptor(w->sim), .events = POLLIN};
-        trocar_work work = {.more = 1};
-        poll(&wake, 1, 10);
-        while (work.more && !atomic_load(&w->stop)) {
-            if (trocar_sim_work(w->sim, &work, &failed) != TROCAR_OK) fprintf(stderr, "worker: %s\n", failed.text);
-            if (work.answered && w->count < ANSWERS) w->latency[w->count++] = 1e-9 * (double)work.latency;
-        }
-    }
-    return NULL;
-}
-
-/* ---- measurement ------------------------------------------------------------------------------------------------------------- */
-
-typedef struct {
-    int count, answers, moves;
-    double ticks[ROUNDS * DEPTH_TICKS], latency[ANSWERS], between[ROUNDS * DEPTH_TICKS]; /* s; between: two solutions for the probe */
+    histogram ticks, latency, between; /* the last: two solutions for the probe */
 } measured;
 
 /* Along x, 12 mm beside the needle, 3 mm deep, its tip going back and forth by 20 mm at 50 mm/s. */
@@ -91,64 +41,56 @@ static void push_timed(trocar_sim *sim, bool probing, measured *m) {
     trocar_output out;
     OK(trocar_sim_set_probe(sim, &away, &why));
     OK(trocar_sim_reset(sim, 0, &base, &why));
-    int64_t next = now(), solved = 0;
+    int64_t next = monotonic_ns(), solved = 0;
     for (int t = 0; t < DEPTH_TICKS; t++) {
         base.position[2] += 1e-4;
         trocar_pose at = across(1e-3 * t);
         if (probing && t % 10 == 0) OK(trocar_sim_set_probe(sim, &at, &why));
-        int64_t began = now();
+        int64_t began = monotonic_ns();
         if (trocar_sim_tick(sim, 0, &base, 1e-3, &out) != TROCAR_OK) fprintf(stderr, "a tick failed\n");
-        int64_t ended = now();
-        if (out.depth > 0.01) m->ticks[m->count++] = 1e-9 * (double)(ended - began);
+        int64_t ended = monotonic_ns();
+        if (out.depth > 0.01) histogram_add(&m->ticks, ended - began);
         trocar_probe shown = trocar_sim_probe(sim);
         if (probing && memcmp(&shown.base, &last, sizeof last) != 0) {
-            if (solved > 0) m->between[m->moves++] = 1e-9 * (double)(ended - solved);
+            if (solved > 0) histogram_add(&m->between, ended - solved);
             solved = ended;
             last = shown.base;
         }
-        next += 1000000;
-        struct timespec until = {next / 1000000000, next % 1000000000};
-        clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
+        sleep_until(next += 1000000);
     }
 }
 
 int main(int argc, char **argv) {
     static measured results[2];
-    static worker w;
+    static live_worker w;
     const char *path = argc > 1 ? argv[1] : "meshes/implant.yaml";
     trocar_scene *scene;
     trocar_model *model;
+    trocar_sim *sim;
     OK(trocar_scene_load(path, &scene, &why));
     OK(trocar_scene_set(scene, "probe.surface", "skin", &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
-    OK(trocar_sim_create(model, &w.sim, &why));
-    trocar_sim_set_clock(w.sim, now);
-    pthread_t thread;
+    OK(trocar_sim_create(model, &sim, &why));
+    trocar_sim_set_clock(sim, monotonic_ns);
     for (int round = 0; round < 2 * ROUNDS; round++) {
         measured *m = &results[round % 2];
-        w.count = 0;
-        atomic_store(&w.stop, false);
-        pthread_create(&thread, NULL, run_worker, &w);
+        live_worker_start(&w, sim);
         be_real_time(true);
-        push_timed(w.sim, round % 2, m);
+        push_timed(sim, round % 2, m);
         be_real_time(false);
-        atomic_store(&w.stop, true);
-        pthread_join(thread, NULL);
-        for (int i = 0; i < w.count && m->answers < ANSWERS; i++) m->latency[m->answers++] = w.latency[i];
+        live_worker_stop(&w, &m->latency);
     }
-    printf("%s, inverse %s\nprobe   tick p50 [us]  p99    max   answers  p50 [ms]   p99    max   solutions apart p50 [ms]  p99\n", path, trocar_model_inverse(model));
+    printf("%s, inverse %s\nprobe   p50 [us]   p99      max   answers  p50 [ms]   p99      max   solutions apart p50 [ms]  p99\n", path, trocar_model_inverse(model));
     for (int i = 0; i < 2; i++) {
-        measured *m = &results[i];
-        qsort(m->ticks, (size_t)m->count, sizeof *m->ticks, by_size);
-        qsort(m->latency, (size_t)m->answers, sizeof *m->latency, by_size);
-        qsort(m->between, (size_t)m->moves, sizeof *m->between, by_size);
-        printf("%-7s %8.1f  %10.1f %6.1f  %7d  %8.3f %6.3f %6.3f %14.1f %6.1f\n", i ? "moving" : "away", 1e6 * quantile(m->ticks, m->count, 0.5),
-               1e6 * quantile(m->ticks, m->count, 0.99), 1e6 * quantile(m->ticks, m->count, 1.0), m->answers, 1e3 * quantile(m->latency, m->answers, 0.5),
-               1e3 * quantile(m->latency, m->answers, 0.99), 1e3 * quantile(m->latency, m->answers, 1.0), 1e3 * quantile(m->between, m->moves, 0.5),
-               1e3 * quantile(m->between, m->moves, 0.99));
+        const measured *m = &results[i];
+        printf("%-7s", i ? "moving" : "away");
+        print_times(&m->ticks, 1e6, 8, 1);
+        printf("  %7lld ", (long long)m->latency.count);
+        print_times(&m->latency, 1e3, 8, 3);
+        printf(" %14.1f %6.1f\n", 1e3 * histogram_quantile(&m->between, 0.5), 1e3 * histogram_quantile(&m->between, 0.99));
     }
-    printf("tick p99, ratio %.2f\n", quantile(results[1].ticks, results[1].count, 0.99) / quantile(results[0].ticks, results[0].count, 0.99));
-    trocar_sim_free(w.sim);
+    printf("tick p99, ratio %.2f\n", histogram_quantile(&results[1].ticks, 0.99) / histogram_quantile(&results[0].ticks, 0.99));
+    trocar_sim_free(sim);
     trocar_model_free(model);
     trocar_scene_free(scene);
     return 0;

@@ -33,12 +33,6 @@ typedef struct {
     scale_timing *result;
 } scale_run;
 
-int64_t processor_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
-}
-
 /* Idle time since the last answer is spent on slices of looking ahead; a slice that takes longer than the elapsed time delays the
    next one. */
 static void look_ahead(scale_run *run) {

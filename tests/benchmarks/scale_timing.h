@@ -40,6 +40,4 @@ trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, sc
 /* Overrides the scene's least distance between contact nodes, m. */
 void scale_timing_set_spacing(trocar_model *model, double spacing);
 
-int64_t processor_ns(void);  /* of this thread */
-
 #endif

@@ -2,6 +2,7 @@
 
 Arrays: nodes (n, 3) m; tets (t, 4); forces and displacements (n, 3), N and m. A material is a pair (E in Pa, nu).
 """
+import os
 import shutil
 import subprocess
 import sys
@@ -42,6 +43,28 @@ def start_gmsh():
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+
+
+def finish_mesh(path, size, volumes, surfaces, optimize=False):
+    """Meshes the shape with named groups, tags of entities by name (no group where there are none), in elements of this size, writes and reads it."""
+    for dimension, groups, first in ((3, volumes, 1), (2, surfaces, 8)):
+        for number, (name, tags) in enumerate(groups.items(), first):
+            if tags:
+                gmsh.model.addPhysicalGroup(dimension, tags, number)
+                gmsh.model.setPhysicalName(dimension, number, name)
+    for option in ("MeshSizeMin", "MeshSizeMax"):
+        gmsh.option.setNumber("Mesh." + option, size)
+    gmsh.model.mesh.generate(3)
+    if optimize:
+        gmsh.model.mesh.optimize("")
+    gmsh.write(str(path))
+    gmsh.finalize()
+    return read_mesh(path)
+
+
+def faces_at(height):
+    """Tags of the shape's faces whose middle is at this height."""
+    return [tag for _, tag in gmsh.model.getEntities(2) if abs(gmsh.model.occ.getCenterOfMass(2, tag)[2] - height) < 1e-9]
 
 
 def elements(dimension, kind, name_of):
@@ -215,10 +238,20 @@ def deck(nodes, tets, kind, regions, materials, fixed, cases):
         yield "*NODE PRINT, NSET=ALL\nU\n*END STEP"
 
 
-def read_displacements(path, count):
+def run_calculix(lines):
+    """What CalculiX prints to its .dat file for an input deck."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "model.inp").write_text("\n".join(lines) + "\n")
+        done = subprocess.run(["ccx", "model"], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        if done.returncode or "*ERROR" in done.stdout:
+            sys.exit(f"ccx: status {done.returncode}: {done.stdout[-2000:]}{done.stderr}")
+        return Path(folder, "model.dat").read_text()
+
+
+def read_displacements(text, count):
     """All steps of a .dat file."""
     steps = []
-    for line in open(path):
+    for line in text.splitlines():
         if line.lstrip().startswith("displacements"):
             steps.append(np.full((count, 3), np.nan))
         elif steps and line.strip():
@@ -234,9 +267,4 @@ def solve_calculix(model, materials, fixed, cases, middle=None):
     if middle:
         held, nodes, tets, kind = np.concatenate([triangles, middle.middles(triangles)]), middle.nodes, middle.tets, "C3D10"
     lines = deck(nodes, tets, kind, model.regions, materials, np.unique(held), cases)
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "model.inp").write_text("\n".join(lines) + "\n")
-        done = subprocess.run(["ccx", "model"], cwd=folder, capture_output=True, text=True)
-        if done.returncode or "*ERROR" in done.stdout:
-            sys.exit(f"ccx: status {done.returncode}: {done.stdout[-2000:]}{done.stderr}")
-        return read_displacements(Path(folder, "model.dat"), len(nodes))
+    return read_displacements(run_calculix(lines), len(nodes))

@@ -6,10 +6,7 @@ by the depth, small strains. Both integrate the volumetric strain by element. Pe
 """
 import os
 import re
-import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
@@ -35,19 +32,8 @@ def block(path, size):
     occ.fragment([(3, box)], [(3, ball)])
     occ.synchronize()
     volumes = sorted((occ.getMass(3, tag), tag) for _, tag in tm.gmsh.model.getEntities(3))
-    for number, ((_, tag), name) in enumerate(zip(volumes, ("gland", "surrounding")), 1):
-        tm.gmsh.model.addPhysicalGroup(3, [tag], number)
-        tm.gmsh.model.setPhysicalName(3, number, name)
-    for number, (name, height) in enumerate((("fixed", 0.0), ("wall", WALL)), 8):
-        faces = [tag for _, tag in tm.gmsh.model.getEntities(2) if abs(occ.getCenterOfMass(2, tag)[2] - height) < 1e-9]
-        tm.gmsh.model.addPhysicalGroup(2, faces, number)
-        tm.gmsh.model.setPhysicalName(2, number, name)
-    for option in ("MeshSizeMin", "MeshSizeMax"):
-        tm.gmsh.option.setNumber("Mesh." + option, size)
-    tm.gmsh.model.mesh.generate(3)
-    tm.gmsh.write(str(path))
-    tm.gmsh.finalize()
-    return tm.read_mesh(path)
+    return tm.finish_mesh(path, size, {name: [tag] for (_, tag), name in zip(volumes, ("gland", "surrounding"))},
+                          {"fixed": tm.faces_at(0.0), "wall": tm.faces_at(WALL)})
 
 
 def cylinder():
@@ -106,16 +92,11 @@ def deck(model, nodes, triangles):
 
 def solve_calculix(model):
     nodes, triangles = cylinder()
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "probe.inp").write_text("\n".join(deck(model, nodes, triangles)) + "\n")
-        done = subprocess.run(["ccx", "probe"], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
-        if done.returncode or "*ERROR" in done.stdout:
-            sys.exit(f"ccx: status {done.returncode}: {done.stdout[-2000:]}{done.stderr}")
-        text = Path(folder, "probe.dat").read_text()
-        total = re.findall(r"total force.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)[-1]
-        body = text[text.rindex("displacements (vx,vy,vz)"):]
-        rows = [line.split() for line in body.splitlines()[1:] if re.match(r"\s+\d+\s+\S+\s+\S+\s+\S+$", line)][:len(model.nodes)]
-        return np.array([row[1:] for row in rows], float), np.array(total, float)
+    text = tm.run_calculix(deck(model, nodes, triangles))
+    total = re.findall(r"total force.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)[-1]
+    body = text[text.rindex("displacements (vx,vy,vz)"):]
+    rows = [line.split() for line in body.splitlines()[1:] if re.match(r"\s+\d+\s+\S+\s+\S+\s+\S+$", line)][:len(model.nodes)]
+    return np.array([row[1:] for row in rows], float), np.array(total, float)
 
 
 def solve_trocar(rows, model):

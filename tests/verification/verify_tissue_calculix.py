@@ -29,18 +29,7 @@ def layered_block(path, size):
     occ.synchronize()
     volumes = [tag for _, tag in tm.gmsh.model.getEntities(3)]
     volumes.sort(key=lambda tag: occ.getCenterOfMass(3, tag)[2])
-    for number, (tag, name) in enumerate(zip(volumes, ("bottom", "middle", "top")), 1):
-        tm.gmsh.model.addPhysicalGroup(3, [tag], number)
-        tm.gmsh.model.setPhysicalName(3, number, name)
-    floor = [tag for _, tag in tm.gmsh.model.getEntities(2) if abs(occ.getCenterOfMass(2, tag)[2]) < 1e-9]
-    tm.gmsh.model.addPhysicalGroup(2, floor, 9)
-    tm.gmsh.model.setPhysicalName(2, 9, "fixed")
-    for option in ("MeshSizeMin", "MeshSizeMax"):
-        tm.gmsh.option.setNumber("Mesh." + option, size)
-    tm.gmsh.model.mesh.generate(3)
-    tm.gmsh.write(str(path))
-    tm.gmsh.finalize()
-    return tm.read_mesh(path)
+    return tm.finish_mesh(path, size, {name: [tag] for tag, name in zip(volumes, ("bottom", "middle", "top"))}, {"fixed": tm.faces_at(0.0)})
 
 
 def load_cases(model):

@@ -37,18 +37,7 @@ def cube(path, size, fixed_faces):
     occ.synchronize()
     faces = {tag: occ.getCenterOfMass(2, tag) for _, tag in tm.gmsh.model.getEntities(2)}
     fixed = [tag for tag, centre in faces.items() if fixed_faces(centre)]
-    groups = [(3, [block], "tissue"), (2, fixed, "fixed"), (2, [tag for tag in faces if tag not in fixed], "free")]
-    for number, (dimension, tags, name) in enumerate(groups, 1):
-        if tags:
-            tm.gmsh.model.addPhysicalGroup(dimension, tags, number)
-            tm.gmsh.model.setPhysicalName(dimension, number, name)
-    for option in ("MeshSizeMin", "MeshSizeMax"):
-        tm.gmsh.option.setNumber("Mesh." + option, size)
-    tm.gmsh.model.mesh.generate(3)
-    tm.gmsh.model.mesh.optimize("")
-    tm.gmsh.write(str(path))
-    tm.gmsh.finalize()
-    return tm.read_mesh(path)
+    return tm.finish_mesh(path, size, {"tissue": [block]}, {"fixed": fixed, "free": [tag for tag in faces if tag not in fixed]}, optimize=True)
 
 
 # ---- patch test ----

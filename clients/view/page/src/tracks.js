@@ -1,10 +1,9 @@
 // Tracks that the needles have cut, in the deformed tissue: a line each, and a dot at each puncture.
 import * as THREE from 'three'
+import { interpolate, weightsIn } from './barycentric.js'
 import { Filled, show } from './buffers.js'
 import { TRACK } from './colours.js'
 import { TRACK_NUMBERS } from './decode.js'
-
-const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), normal = new THREE.Vector3(), point = new THREE.Vector3() // scratch
 
 function append(filled, place) {
   filled.reserve(3)
@@ -43,17 +42,7 @@ export class Tracks {
     show(this.punctures.geometry, 'position', holes, 3)
   }
 
-  /** Interpolates in a tetrahedron: the weight of a corner is the point's distance from the face opposite it over the corner's. */
   displaced(place, tet, moved) {
-    const corners = this.tets.subarray(5 * tet + 1, 5 * tet + 5), result = [0, 0, 0]
-    if (corners.length < 4) return place
-    for (let k = 0; k < 4; k++) {
-      const [p, q, r] = [1, 2, 3].map((step) => 3 * corners[(k + step) % 4])
-      a.fromArray(this.nodes, p)
-      normal.crossVectors(b.fromArray(this.nodes, q).sub(a), c.fromArray(this.nodes, r).sub(a))
-      const weight = point.fromArray(place).sub(a).dot(normal) / b.fromArray(this.nodes, 3 * corners[k]).sub(a).dot(normal)
-      for (let axis = 0; axis < 3; axis++) result[axis] += weight * moved[3 * corners[k] + axis]
-    }
-    return result
+    return 5 * tet + 5 <= this.tets.length && tet >= 0 ? interpolate(this, tet, weightsIn(this, tet, place), moved) : place
   }
 }

@@ -19,7 +19,7 @@ const set = (node, text) => { if (node.textContent !== text) node.textContent = 
 
 export class Procedure {
   constructor({ stage, echo, drive, link }) {
-    Object.assign(this, { stage, echo, drive, link, available: false, active: false, seeds: NONE, plan: [], status: {} })
+    Object.assign(this, { stage, echo, drive, link, available: false, active: false, seeds: NONE, plan: [] })
     this.sagittal = new Echo(element('sagittal-echo'), element('sagittal-marks'), SAGITTAL)
     this.reset()
     for (const slice of [echo, this.sagittal]) new SliceMarks(this, slice)
@@ -27,7 +27,7 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], nodes: null, shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
   }
 
   load(scene) {
@@ -146,8 +146,8 @@ export class Procedure {
   }
 
   holeAt(event) {
-    const { across, up } = this.pointAt(this.echo, event), found = this.template.nearest(this.template.origin.clone().setX(across).setY(up))
-    return found
+    const { across, up } = this.pointAt(this.echo, event)
+    return this.template.nearest(this.template.origin.clone().setX(across).setY(up))
   }
 
   hover(hole) {
@@ -179,7 +179,7 @@ export class Procedure {
 
   /** The deepest planned seed of the hole that has no seed yet: the tip goes to its far end. */
   aimAtPlan() {
-    const name = this.template.name(this.hole), holeNumber = this.hole.column + this.template.columns * this.hole.row
+    const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
     const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
     this.planned = planned.length > placed // the target is where the plan has the next seed
@@ -257,9 +257,8 @@ export class Procedure {
   /** Some times a second: the state in words, and what to do next. */
   describe(status, state, history, chosen) {
     if (!this.active) return
-    this.status = status
     const tip = this.needles[chosen].tip, depths = history.tracks.map(({ count, columns }) => (count ? columns[7][count - 1] : 0)), depth = depths[chosen]
-    this.goToHole(status, depth)
+    this.goToHole(depth)
     this.noteSeeds(chosen, depth)
     this.listNeedles(status, depths)
     this.showAim(tip)
@@ -270,7 +269,7 @@ export class Procedure {
   }
 
   /** Sends the driven needle to the chosen hole once it is outside of the tissue. */
-  goToHole(status, depth) {
+  goToHole(depth) {
     if (!this.drive.steering) this.asked = null
     if (!this.drive.steering || !this.hole || depth !== 0) return
     const name = this.template.name(this.hole)
@@ -345,6 +344,6 @@ export class Procedure {
   /** Whether the newest seed came from this needle in the chosen hole. */
   seedHere(chosen) {
     const last = this.seeds.seeds.at(-1)
-    return last?.needle === chosen && last.hole === this.hole.column + this.template.columns * this.hole.row
+    return last?.needle === chosen && last.hole === this.template.number(this.hole)
   }
 }

@@ -15,6 +15,9 @@ export class Template {
       this[name] = new THREE.Vector3(...vector)
   }
 
+  /** As in messages. */
+  number({ column, row }) { return column + this.columns * row }
+
   name({ column, row }) { return columnName(column) + rowName(row) }
 
   /** The hole of this name, such as "c3.5" or "C 3,5"; null if there is none. */

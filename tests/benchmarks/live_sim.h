@@ -1,0 +1,28 @@
+/* A simulation in real time, with the server's own worker beside the ticks. */
+#ifndef TROCAR_LIVE_SIM_H
+#define TROCAR_LIVE_SIM_H
+
+#include <pthread.h>
+
+#include "timing.h"
+#include "worker.h"
+
+typedef struct {
+    exchange exchange;
+    worker worker;
+    pthread_t thread;
+} live_worker;
+
+/* Ends the program with the message if the call failed. */
+void must(trocar_status status, const char *what, const report *why);
+
+/* Starts the worker's thread. */
+void live_worker_start(live_worker *w, trocar_sim *sim);
+
+/* Ends it, adds the time from each request to its answer, and says which request failed first. */
+void live_worker_stop(live_worker *w, histogram *latency);
+
+/* The quantiles 0.5 and 0.99 and the maximum, times `unit`, in columns of this width. */
+void print_times(const histogram *times, double unit, int width, int digits);
+
+#endif

@@ -34,6 +34,9 @@ class Limits(unittest.TestCase):
             limits.run("sleep", time.sleep, 1000)
         self.assertLess(time.monotonic() - start, 20)
 
+    def test_large_meshes_have_more_time(self):
+        self.assertEqual([limits.seconds_for(nodes) for nodes in (570, 10000, 40000)], [120, 120, 480])
+
     def test_processor_time_counts(self):
         with unittest.mock.patch.object(limits, "SECONDS", 1), self.assertRaisesRegex(limits.TooLong, "^loop: not done after 1 s"):
             limits.run("loop", any, iter(int, 1))

@@ -131,6 +131,18 @@ class Crossing(unittest.TestCase):
                 meshing.search(self.sphere, 570, self.path)
             self.assertEqual(len(sizes), tries)
 
+    def test_the_search_goes_between_a_mesh_with_too_few_and_one_with_too_many_nodes(self):
+        wanted, sizes = 3000, []
+
+        def attempt(_stage, _work, _domain, fine, path):    # five times too few at first, and far more at smaller sizes
+            sizes.append(fine)
+            points = np.zeros((round(0.2 * wanted * (sizes[0] / fine) ** 5), 3))
+            with open(path, "w", encoding="ascii"):
+                return meshing.Attempt(quality.Mesh(points, np.zeros((1, 4), int), np.array([0]), ["gland"]), [], {})
+        with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 0.5):
+            found = meshing.search(self.sphere, wanted, self.path)
+        self.assertEqual((len(sizes), len(found.mesh.points)), (3, wanted))
+
     def test_a_search_whose_every_try_fails_says_why(self):
         for tries in (1, 2, meshing.TRIES):
             with unittest.mock.patch.object(meshing, "TRIES", tries), \

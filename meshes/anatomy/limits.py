@@ -9,7 +9,9 @@ import sys
 import time
 import traceback
 
-SECONDS = 120.0         # default processor time per stage, which does not depend on the machine's other load
+DEFAULT = 120.0         # processor time per stage, s, which does not depend on the machine's other load
+NODES = 10000           # of the largest mesh for which that is the default
+SECONDS = DEFAULT       # the limit in force
 WAITING = 10            # times that, in real time, for a stage that waits instead of working
 TELL = False            # say which stage begins
 BEGUN = time.monotonic()
@@ -22,6 +24,11 @@ class TooLong(Exception):
 
 class Crashed(Exception):
     """A library crashed its process or raised an unknown exception."""
+
+
+def seconds_for(nodes):
+    """The default for a mesh of this many nodes."""
+    return DEFAULT * max(1.0, nodes / NODES)
 
 
 def run(stage, work, *arguments):

@@ -403,7 +403,7 @@ def generate(domain, nodes, path):
 def search(domain, nodes, path):
     """The best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size, failures, work = None, (2, math.inf), None, 0, 0
+    best, best_rank, close_size, failures, work, tries = None, (2, math.inf), None, 0, 0, []
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
         domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
@@ -434,12 +434,22 @@ def search(domain, nodes, path):
         if rank[0] == 0 and rank[1] <= 1:
             break
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
+        tries.append((fine, count))
         if off > CLOSE:
-            fine = centre
+            fine = size_between(tries, nodes) or centre
         else:  # try sizes around it
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
+
+
+def size_between(tries, nodes):
+    """Element size for this many nodes, from tries (size, nodes) with fewer and with more; None if there are not both."""
+    more, fewer = [t for t in tries if t[1] > nodes], [t for t in tries if t[1] < nodes]
+    if not more or not fewer:
+        return None
+    (fine, most), (coarse, least) = min(more, key=lambda t: t[1]), max(fewer, key=lambda t: t[1])
+    return fine * (coarse / fine) ** (math.log(most / nodes) / math.log(most / least))
 
 
 def too_far_off(nodes, count, bodies, shells):

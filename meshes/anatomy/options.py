@@ -46,7 +46,8 @@ def parse(arguments, version=None):
     add("--corridor", type=float, nargs="+", metavar="MM",
         help="halve the element size in a cylinder along z; mm, in the mesh's frame. One number: RADIUS around the needle's path")
     add("--crop", action="store_true", help="limit the box to the first region and the bones; what sticks out is cut off and reported")
-    add("--time-limit", type=float, default=limits.SECONDS, metavar="SECONDS", help="stop a stage that takes more processor time (default %(default)g)")
+    add("--time-limit", type=float, metavar="SECONDS",
+        help=f"stop a stage that takes more processor time (default {limits.DEFAULT:g}, and in proportion above {limits.NODES} nodes)")
     add("--unit", choices=("mm", "cm", "m"), help="unit of the file's lengths (default: what the file says, else mm)")
     add("--frame", choices=("LPS", "RAS"), help="axes of the file: to the left, back and head, or right, front and head (default: what the file "
         "says, else LPS)")
@@ -64,10 +65,12 @@ def parse(arguments, version=None):
     if version:
         add("--version", action="version", version=f"trocar-anatomy {version}")
     given = parser.parse_args(arguments)
-    if not given.time_limit > 0:
-        parser.error("--time-limit must be positive")
     if given.nodes < 200:
         parser.error("--nodes must be at least 200")
+    if given.time_limit is None:
+        given.time_limit = limits.seconds_for(given.nodes)
+    if not given.time_limit > 0:
+        parser.error("--time-limit must be positive")
     if given.corridor and len(given.corridor) not in (1, 3):
         parser.error("--corridor: expected RADIUS, or X Y RADIUS")
     if given.corridor and given.corridor[-1] <= 0:

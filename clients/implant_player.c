@@ -26,6 +26,7 @@ typedef struct {
     trocar_client *client;
     trocar_client_wrench wrench;
     int needle;
+    int priority;            /* of the client's thread, 0: as this one */
     const char *stage;       /* for the table: in, out */
     double began, due;       /* s */
     double heard;            /* s, when the newest wrench was there */
@@ -179,7 +180,7 @@ static trocar_status take_and_draw_back(player *p) {
 
 /* A client holds one needle, so each needle gets one of its own. */
 static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
-    trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->play->realtime ? PRIORITY_DEVICE - 1 : 0};
+    trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority};
     char reason[512];
     p->needle = needle;
     p->wrench = (trocar_client_wrench){.membrane = -1};
@@ -190,6 +191,14 @@ static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(
     return status;
 }
 
+/* The client's thread runs just below. */
+static int use_realtime(void) {
+    int error = realtime_use_fifo(PRIORITY_DEVICE);
+    if (error == 0) return PRIORITY_DEVICE - 1;
+    fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
+    return 0;
+}
+
 trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why) {
     player p = {.plan = plan, .play = play, .summary = summary, .why = why, .began = now()};
     struct sigaction action = {.sa_handler = interrupt};
@@ -198,6 +207,7 @@ trocar_status implant_carry_out(const implant_plan *plan, const implant_play *pl
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
+    if (play->realtime) p.priority = use_realtime();
     trocar_status status = TROCAR_OK;
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);

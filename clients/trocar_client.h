@@ -89,7 +89,7 @@ typedef enum trocar_client_answer {
     TROCAR_CLIENT_WAITING,
     TROCAR_CLIENT_DONE,
     TROCAR_CLIENT_REFUSED,   /* nothing was changed */
-    TROCAR_CLIENT_UNANSWERED /* for five seconds: there is no server, or the network has lost the command or the reply */
+    TROCAR_CLIENT_UNANSWERED /* for three seconds: there is no server, or the network has lost the command or the reply */
 } trocar_client_answer;
 
 /* The answer to the last command. Unless it is DONE, `why`, of `size` bytes, gets the reason (NULL: it is not wanted). RT */

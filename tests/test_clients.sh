@@ -40,7 +40,7 @@ bad_input() {
     refuses /nowhere/x.csv "$device" --csv /nowhere/x.csv
     local template=$source/meshes/implant.yaml row=E3,1,-0.01,-0.01,0.0675
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row >plan.csv
-    printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/0.0675/0.17} >deep.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/0.0675/0.18} >deep.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/E3/E9} >hole.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/-0.01/-0.012} >beside.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row E3,2,-0.01,-0.01,0.0645 >overlap.csv
@@ -55,7 +55,7 @@ bad_input() {
     refuses "none.csv: no seeds" "$device" --plan none.csv --scene "$template"
     refuses "hole.csv:2: the scene's template has no hole E9: it has 13 x 13" "$device" --plan hole.csv --scene "$template"
     refuses "beside.csv:2: the seed is 2.0 mm beside hole E3" "$device" --plan beside.csv --scene "$template"
-    refuses "deep.csv:2: the seed is 195.0 mm behind the template's face, where a needle of 200 mm does not reach" "$device" --plan deep.csv --scene "$template" --csv x.csv
+    refuses "deep.csv:2: the seed is 205.0 mm behind the template's face, where a needle of 200 mm does not reach" "$device" --plan deep.csv --scene "$template" --csv x.csv
     refuses "overlap.csv:3: the seed is not behind the one before" "$device" --plan overlap.csv --scene "$template"
     refuses 'the plan has 2 needles, the scene 1: add "needles: 2" to the scene' "$device" --plan two.csv --scene "$template"
     refuses --nonsense "$replay" --nonsense

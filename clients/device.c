@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "implant_player.h"
 #include "options.h"
 #include "output.h"
 #include "patient.h"
@@ -13,12 +14,14 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
     play_settings play;
-    const char *report_path, *csv_path, *log_path, *scene_path;
+    const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient;
+    const char *script_option; /* that only a script has, NULL: none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
-       OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT };
+       OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
+       OPTION_PLAN };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
@@ -29,6 +32,9 @@ static const struct argp_option option_list[] = {
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
     {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
+    {"plan", OPTION_PLAN, "FILE", 0,
+     "Carry out this implant in place of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
+     "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
     {0, 0, 0, 0, "Connection:", 1},
@@ -70,8 +76,24 @@ static vec3 parse_vector(const struct argp_state *state, const char *option, con
     return v3(n[0], n[1], n[2]);
 }
 
+/* The option that only a script has, NULL: it goes with --plan. */
+static const char *script_option(int key) {
+    switch (key) {
+    case 's': return "--script";
+    case 'd': return "--duration";
+    case OPTION_START: return "--start";
+    case OPTION_PATIENT: return "--patient";
+    case OPTION_NEEDLE: return "--needle";
+    case OPTION_HAND: return "--hand";
+    case OPTION_REPORT: return "--report";
+    case OPTION_LOG: return "--write-log";
+    default: return NULL;
+    }
+}
+
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
+    if (script_option(key)) o->script_option = script_option(key);
     switch (key) {
     case 's': o->play.script = parse_script(state, text); break;
     case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
@@ -83,6 +105,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         o->start_given = true;
         break;
     case OPTION_PATIENT: o->patient = true; break;
+    case OPTION_PLAN: o->plan_path = text; break;
     case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
@@ -99,6 +122,8 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case ARGP_KEY_END:
         if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
             argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
+        if (o->plan_path && !o->scene_path) argp_error(state, "--plan needs --scene");
+        if (o->plan_path && o->script_option) argp_error(state, "--plan cannot be combined with %s", o->script_option);
         if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -108,7 +133,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Plays a motion of the needle's base to trocar-server over LCM and reports round trips, losses and forces.",
+    "Plays a motion of the needle's base, or an implant, to trocar-server over LCM and reports round trips, losses and forces.",
     NULL, NULL, NULL};
 
 static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
@@ -163,6 +188,32 @@ static trocar_status run_live(const options *o, const patient_frame *patient, re
     return status;
 }
 
+static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
+    const play_settings *play = &o->play;
+    implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .speed = play->speed, .patience = play->patience, .settle = play->settle,
+                        .realtime = play->realtime, .csv = csv->file};
+    implant_summary done;
+    trocar_status status = implant_carry_out(plan, &how, &done, why);
+    if (status != TROCAR_OK) return status;
+    printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
+    printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.forced].hole);
+    return output_commit(csv, why);
+}
+
+static trocar_status run_implant(const options *o, report *why) {
+    static implant_plan plan;
+    trocar_scene *scene;
+    output csv = {0};
+    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
+    if (status != TROCAR_OK) return status;
+    status = implant_plan_read(scene, o->plan_path, &plan, why);
+    trocar_scene_free(scene);
+    if (status == TROCAR_OK && o->csv_path) status = output_open(&csv, o->csv_path, why);
+    if (status == TROCAR_OK) status = carry_out(o, &plan, &csv, why);
+    output_abandon(&csv);
+    return status;
+}
+
 /* With a scene, the start and the coordinates are the scene's. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     trocar_scene *scene;
@@ -185,8 +236,8 @@ int main(int count, char **arguments) {
 
     report why;
     patient_frame patient;
-    trocar_status status = choose_start(&o, &patient, &why);
-    if (status == TROCAR_OK) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
+    trocar_status status = o.plan_path ? run_implant(&o, &why) : choose_start(&o, &patient, &why);
+    if (status == TROCAR_OK && !o.plan_path) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;

@@ -20,6 +20,7 @@
 #include <lcm/lcm.h>
 
 #include "server_choice.h"
+#include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
@@ -27,6 +28,7 @@
 static const double WATCHDOG = 0.02; /* s */
 static const double RAMP = 0.1;      /* s, after an outage */
 static const double PATIENCE = 0.1;  /* s of silence after which another server is followed */
+static const double LONGEST_REPLY = 3.0; /* s; a server with 25 resting needles takes 0.1 s to leave one more */
 
 typedef struct {
     double position[3], orientation[4];
@@ -37,6 +39,18 @@ typedef struct {
     double arrival;          /* s, monotonic; 0: none yet */
     trocar_client_wrench wrench;
 } received_wrench;
+
+typedef struct {
+    int64_t number;          /* from 1, returned in the reply */
+    int32_t what, seeds;
+    double spacing;          /* m */
+} sent_command;
+
+typedef struct {
+    int64_t number;          /* of the command; 0: none yet */
+    bool done;
+    char why[256];
+} received_reply;
 
 /* Passes the newest value from one thread to another: three slots. The writer fills its own and swaps it with the middle one; the
    reader swaps its own with the middle one if that is fresh. */
@@ -51,16 +65,22 @@ struct trocar_client {
     /* device's loop -> client's thread */
     slots pose_slots;
     sent_pose poses[3];
+    slots command_slots;
+    sent_command commands[3];
     /* client's thread -> device's loop */
     slots wrench_slots;
     received_wrench wrenches[3];
-    atomic_bool resets, ends;
-    int wake;                /* eventfd: a pose, a reset or the end is pending */
+    slots reply_slots;
+    received_reply replies[3];
+    atomic_bool ends;
+    int wake;                /* eventfd: a pose, a command or the end is pending */
 
     /* device's loop */
     double watchdog;         /* s */
     double alive_since;      /* s, 0: no wrenches arrive */
     int64_t felt_tick;
+    int64_t asked;           /* number of the last command, 0: none yet */
+    double asked_at;         /* s */
 
     /* client's thread */
     pthread_t thread;
@@ -148,9 +168,33 @@ int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
     return 1;
 }
 
-void trocar_client_reset(trocar_client *c) {
-    atomic_store(&c->resets, true);
+trocar_client_answer trocar_client_reply(trocar_client *c, char *why, size_t size) {
+    slots_renew(&c->reply_slots);
+    const received_reply *r = &c->replies[c->reply_slots.front];
+    bool answered = r->number == c->asked;
+    if (why != NULL && size > 0)
+        snprintf(why, size, "%s", answered ? r->why : "no reply from the server: check that it runs with the same LCM URL");
+    if (c->asked == 0) return TROCAR_CLIENT_NONE;
+    if (answered) return r->done ? TROCAR_CLIENT_DONE : TROCAR_CLIENT_REFUSED;
+    return now() - c->asked_at < LONGEST_REPLY ? TROCAR_CLIENT_WAITING : TROCAR_CLIENT_UNANSWERED;
+}
+
+static int ask(trocar_client *c, sent_command command) {
+    if (trocar_client_reply(c, NULL, 0) == TROCAR_CLIENT_WAITING) return 0;
+    command.number = ++c->asked;
+    c->asked_at = now();
+    c->commands[c->command_slots.back] = command;
+    slots_publish(&c->command_slots);
     wake(c);
+    return 1;
+}
+
+int trocar_client_reset(trocar_client *c) { return ask(c, (sent_command){.what = TROCAR_COMMAND_T_RESET}); }
+int trocar_client_leave(trocar_client *c) { return ask(c, (sent_command){.what = TROCAR_COMMAND_T_LEAVE}); }
+int trocar_client_take(trocar_client *c) { return ask(c, (sent_command){.what = TROCAR_COMMAND_T_TAKE}); }
+int trocar_client_undo(trocar_client *c) { return ask(c, (sent_command){.what = TROCAR_COMMAND_T_UNDO}); }
+int trocar_client_drop_seeds(trocar_client *c, int count, double spacing) {
+    return ask(c, (sent_command){.what = TROCAR_COMMAND_T_DROP_SEED, .seeds = count, .spacing = spacing});
 }
 
 /* ---- the client's thread ------------------------------------------------------------------------------------------------ */
@@ -171,6 +215,31 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     slots_publish(&c->wrench_slots);
 }
 
+/* Whether these bytes are one reply. LCM's decoder trusts the length of the string, which is the last field. */
+static bool reply_is_whole(const lcm_recv_buf_t *buffer) {
+    const unsigned char *bytes = buffer->data;
+    const trocar_command_reply_t empty = {.message = (char[]){""}};
+    size_t text = (size_t)trocar_command_reply_t_encoded_size(&empty) - 1, size = buffer->data_size;
+    if (size <= text || bytes[size - 1] != 0) return false;
+    const unsigned char *n = bytes + text - 4;
+    return ((uint32_t)n[0] << 24 | (uint32_t)n[1] << 16 | (uint32_t)n[2] << 8 | n[3]) == size - text;
+}
+
+static void on_reply(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
+    (void)channel;
+    trocar_client *c = user;
+    trocar_command_reply_t m = {0};
+    if (!reply_is_whole(buffer) || trocar_command_reply_t_decode(buffer->data, 0, (int)buffer->data_size, &m) < 0) return;
+    if (m.session == c->session && m.needle == c->needle && server_choice_follows(&c->servers, m.server, now())) {
+        received_reply *r = &c->replies[c->reply_slots.back];
+        r->number = m.seq;
+        r->done = m.status == TROCAR_COMMAND_REPLY_T_DONE;
+        snprintf(r->why, sizeof r->why, "%s", m.message);
+        slots_publish(&c->reply_slots);
+    }
+    trocar_command_reply_t_decode_cleanup(&m);
+}
+
 /* A pose that the network refuses is lost (and counted by the server); the next one follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
@@ -180,15 +249,17 @@ static void send_pose(trocar_client *c) {
     trocar_needle_pose_t_publish(c->lcm, "TROCAR_POSE", &m);
 }
 
-static void send_command(trocar_client *c, int what) {
-    trocar_command_t m = {.utime = wall_clock(), .session = c->session, .command = what, .needle = c->needle};
+static void send_command(trocar_client *c, const sent_command *command) {
+    trocar_command_t m = {.utime = wall_clock(), .session = c->session, .command = command->what, .needle = c->needle, .seq = command->number,
+                          .seeds = command->seeds, .spacing = command->spacing};
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
 static bool connect_lcm(trocar_client *c) {
     lcm_t *lcm = lcm_create(c->url);
     if (lcm == NULL) return false;
-    if (lcm_subscribe(lcm, "TROCAR_WRENCH", on_wrench, c) == NULL || lcm_get_fileno(lcm) < 0) {
+    if (lcm_subscribe(lcm, "TROCAR_WRENCH", on_wrench, c) == NULL || lcm_subscribe(lcm, "TROCAR_REPLY", on_reply, c) == NULL ||
+        lcm_get_fileno(lcm) < 0) {
         lcm_destroy(lcm);
         return false;
     }
@@ -202,7 +273,7 @@ static void exchange_until_end(trocar_client *c) {
         if (poll(events, 2, -1) < 0) continue;
         uint64_t count;
         if (events[0].revents && read(c->wake, &count, sizeof count) > 0) {
-            if (atomic_exchange(&c->resets, false)) send_command(c, TROCAR_COMMAND_T_RESET);
+            if (slots_renew(&c->command_slots)) send_command(c, &c->commands[c->command_slots.front]);
             if (slots_renew(&c->pose_slots)) send_pose(c);
         }
         if (events[1].revents && lcm_handle(c->lcm) < 0) nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
@@ -215,7 +286,7 @@ static void *run(void *user) {
     sem_post(&c->opened);
     if (!connected) return NULL;
     exchange_until_end(c);
-    send_command(c, TROCAR_COMMAND_T_RELEASE);
+    send_command(c, &(sent_command){.what = TROCAR_COMMAND_T_RELEASE});
     lcm_destroy(c->lcm);
     return NULL;
 }
@@ -235,6 +306,8 @@ static trocar_client *create_client(const trocar_client_options *o) {
     memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop has no page fault */
     slots_init(&c->pose_slots);
     slots_init(&c->wrench_slots);
+    slots_init(&c->command_slots);
+    slots_init(&c->reply_slots);
     sem_init(&c->opened, 0, 0);
     c->watchdog = o->watchdog > 0 ? o->watchdog : WATCHDOG;
     c->servers.patience = PATIENCE;

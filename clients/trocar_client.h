@@ -67,8 +67,33 @@ int trocar_client_publish(trocar_client *client, const double position[3], const
    belongs to another device, or the scene has no such needle (trocar-top shows the reason). RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
-/* Asks the server to remove the needle and relax the tissue; the next pose engages the needle again. RT */
-void trocar_client_reset(trocar_client *client);
+/* Commands for the client's needle. Each is sent at once; the server's reply arrives later: see trocar_client_reply. One command at a time:
+   they return 1, or 0, and do nothing, while the previous one waits for its reply. RT
+
+       reset       removes the needle and relaxes the tissue; the next pose engages the needle again
+       leave       lets go of the needle: it rests in tissue and template. Stop publishing poses, and close the client or take the needle again
+       take        holds a resting needle again, where it is: the first pose after the reply stands for the place where it rests, and the needle
+                   follows the hand's motion from there
+       drop_seeds  leaves `count` seeds, 1 to 16, of which the first has its distal end at the tip, as the needle is drawn back over them;
+                   `spacing`, between their centres, is in m, 0: the scene's
+       undo        cancels the seeds that are still in the needle; if there are none, removes the seed that it left last */
+int trocar_client_reset(trocar_client *client);
+int trocar_client_leave(trocar_client *client);
+int trocar_client_take(trocar_client *client);
+int trocar_client_drop_seeds(trocar_client *client, int count, double spacing);
+int trocar_client_undo(trocar_client *client);
+
+/* What has become of the last command. */
+typedef enum trocar_client_answer {
+    TROCAR_CLIENT_NONE,      /* there was no command */
+    TROCAR_CLIENT_WAITING,
+    TROCAR_CLIENT_DONE,
+    TROCAR_CLIENT_REFUSED,   /* nothing was changed */
+    TROCAR_CLIENT_UNANSWERED /* for three seconds: there is no server, or the network has lost the command or the reply */
+} trocar_client_answer;
+
+/* The answer to the last command. Unless it is DONE, `why`, of `size` bytes, gets the reason (NULL: it is not wanted). RT */
+trocar_client_answer trocar_client_reply(trocar_client *client, char *why, size_t size);
 
 #ifdef __cplusplus
 }

@@ -21,6 +21,8 @@
 
 #include "allocations.h"
 #include "trocar_client.h"
+#include "trocar_command_reply_t.h"
+#include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
 
@@ -220,6 +222,76 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     lcm_destroy(lcm);
 }
 
+static void on_command(const lcm_recv_buf_t *received, const char *channel, const trocar_command_t *m, void *newest) {
+    (void)received, (void)channel;
+    *(trocar_command_t *)newest = *m;
+}
+
+/* Waits for a command of this kind; the test is the server. */
+static trocar_command_t hear_command(lcm_t *lcm, const trocar_command_t *heard, int what) {
+    for (double end = now() + 10; heard->command != what; lcm_handle_timeout(lcm, 10)) assert_true(now() < end);
+    return *heard;
+}
+
+static void answer(lcm_t *lcm, trocar_command_t c, int status, char *message) {
+    trocar_command_reply_t m = {.server = 5, .session = c.session, .seq = c.seq, .command = c.command, .needle = c.needle, .status = status, .message = message};
+    trocar_command_reply_t_publish(lcm, "TROCAR_REPLY", &m);
+}
+
+static trocar_client_answer await_answer(trocar_client *c, char why[64]) {
+    trocar_client_answer found;
+    for (double end = now() + 10; (found = trocar_client_reply(c, why, 64)) == TROCAR_CLIENT_WAITING; nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL))
+        assert_true(now() < end);
+    return found;
+}
+
+/* Commands carry what was asked, one at a time. Only the reply to the last one counts: not those to another session, another needle or an
+   older command, nor bytes that are no reply. */
+static void commands_are_answered(void **state) {
+    trocar_client *c = *state;
+    char why[64];
+    trocar_command_t heard = {0}, m;
+    lcm_t *lcm = lcm_create(NULL);
+    assert_non_null(lcm);
+    trocar_command_t_subscription_t *commands = trocar_command_t_subscribe(lcm, "TROCAR_COMMAND", on_command, &heard);
+    assert_int_equal(trocar_client_reply(c, why, sizeof why), TROCAR_CLIENT_NONE);
+
+    assert_true(trocar_client_drop_seeds(c, 3, 9e-3));
+    m = hear_command(lcm, &heard, TROCAR_COMMAND_T_DROP_SEED);
+    assert_true(m.needle == 0 && m.seeds == 3 && m.spacing == 9e-3 && m.session != 0);
+    assert_false(trocar_client_undo(c));
+    trocar_command_t other = m;
+    other.session++;
+    answer(lcm, other, TROCAR_COMMAND_REPLY_T_DONE, "");
+    other = m, other.needle++;
+    answer(lcm, other, TROCAR_COMMAND_REPLY_T_DONE, "");
+    other = m, other.seq++;
+    answer(lcm, other, TROCAR_COMMAND_REPLY_T_DONE, "");
+    lcm_publish(lcm, "TROCAR_REPLY", "not a reply", 11);
+    answer(lcm, m, TROCAR_COMMAND_REPLY_T_REFUSED, "outside of the tissue");
+    assert_int_equal(await_answer(c, why), TROCAR_CLIENT_REFUSED);
+    assert_string_equal(why, "outside of the tissue");
+
+    const struct { int (*ask)(trocar_client *); int what; } others[] = {
+        {trocar_client_leave, TROCAR_COMMAND_T_LEAVE}, {trocar_client_take, TROCAR_COMMAND_T_TAKE},
+        {trocar_client_undo, TROCAR_COMMAND_T_UNDO}, {trocar_client_reset, TROCAR_COMMAND_T_RESET}};
+    for (int i = 0; i < 4; i++) {
+        assert_true(others[i].ask(c));
+        trocar_command_t next = hear_command(lcm, &heard, others[i].what);
+        answer(lcm, m, TROCAR_COMMAND_REPLY_T_REFUSED, "an old one");
+        answer(lcm, next, TROCAR_COMMAND_REPLY_T_DONE, "");
+        assert_int_equal(await_answer(c, why), TROCAR_CLIENT_DONE);
+        assert_string_equal(why, "");
+        m = next;
+    }
+    assert_true(trocar_client_leave(c));
+    assert_int_equal(await_answer(c, why), TROCAR_CLIENT_UNANSWERED);
+    assert_non_null(strstr(why, "no reply from the server"));
+    assert_true(trocar_client_leave(c));
+    trocar_command_t_unsubscribe(lcm, commands);
+    lcm_destroy(lcm);
+}
+
 /* The server is killed in the middle of an insertion: the force is zero within the watchdog's time and stays zero. The next server
    ramps it up again. */
 static void no_force_from_a_dead_server(void **state) {
@@ -271,6 +343,7 @@ int main(int count, char **arguments) {
         cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
         cmocka_unit_test_setup_teardown(two_clients_hold_two_needles, open_client, close_client),
         cmocka_unit_test_setup_teardown(wrenches_of_other_needles_are_ignored, open_client, close_client),
+        cmocka_unit_test_setup_teardown(commands_are_answered, open_client, close_client),
         cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -38,6 +38,26 @@ bad_input() {
     refuses --start "$device" --start 1,2,nan
     refuses /nowhere/x.log "$device" --write-log /nowhere/x.log
     refuses /nowhere/x.csv "$device" --csv /nowhere/x.csv
+    local template=$source/meshes/implant.yaml row=E3,1,-0.01,-0.01,0.0675
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row >plan.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/0.0675/0.18} >deep.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/E3/E9} >hole.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/-0.01/-0.012} >beside.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row E3,2,-0.01,-0.01,0.0645 >overlap.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row F3,1,-0.005,-0.01,0.0675 >two.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" >none.csv
+    touch marker && sleep 0.02
+    refuses "--plan needs --scene" "$device" --plan plan.csv
+    refuses "--plan cannot be combined with --script" "$device" --plan plan.csv --scene "$template" --script hold
+    refuses "plan.csv: the scene has no template" "$device" --plan plan.csv --scene "$scene"
+    refuses "figure8.yaml:1: not a table of planned seeds" "$device" --plan "$scene" --scene "$template"
+    refuses "nowhere.csv: cannot be opened" "$device" --plan nowhere.csv --scene "$template"
+    refuses "none.csv: no seeds" "$device" --plan none.csv --scene "$template"
+    refuses "hole.csv:2: the scene's template has no hole E9: it has 13 x 13" "$device" --plan hole.csv --scene "$template"
+    refuses "beside.csv:2: the seed is 2.0 mm beside hole E3" "$device" --plan beside.csv --scene "$template"
+    refuses "deep.csv:2: the seed is 205.0 mm behind the template's face, where a needle of 200 mm does not reach" "$device" --plan deep.csv --scene "$template" --csv x.csv
+    refuses "overlap.csv:3: the seed is not behind the one before" "$device" --plan overlap.csv --scene "$template"
+    refuses 'the plan has 2 needles, the scene 1: add "needles: 2" to the scene' "$device" --plan two.csv --scene "$template"
     refuses --nonsense "$replay" --nonsense
     refuses --scene "$replay" --poses poses.log
     refuses --poses "$replay" --scene "$scene"

@@ -14,6 +14,8 @@ cd "$work/a tree"
 cp -r "$source/scripts" scripts
 printf '#!/bin/sh\n' | tee scripts/setup >scripts/build
 ln -s "$source/meshes" meshes
+ln -s "$source/docs" docs
+ln -s "$source/lcmtypes" lcmtypes
 ln -s "$build" build
 
 says() { grep -qF -- "$1" "$work/said" || fail "no '$1' in: $(cat "$work/said")"; }
@@ -32,6 +34,19 @@ ends_with 0 env -u HOME -u XDG_CACHE_HOME scripts/demo
 says "Figure: out/forces.svg"
 has_results || fail "no results"
 tail -n1 out/forces.svg | grep -qx "</svg>" || fail "the figure is truncated"
+
+echo "an implant of two needles"
+ends_with 0 scripts/demo --implant --short
+says "implant             2 needles, 8 seeds"
+says "peak force pushing in"
+says "shift of its base"
+says "needles out"
+for figure in forces seeds dvh; do
+    tail -n1 out/implant-$figure.svg | grep -qx "</svg>" || fail "no complete out/implant-$figure.svg"
+done
+[ "$(wc -l <out/implant-seeds.csv)" -eq 9 ] || fail "not 8 seeds: $(cat out/implant-seeds.csv)"
+[ -s out/implant.log ] && has_results || fail "no recording, or the other demo's results are gone"
+ends_with 2 scripts/demo --short
 
 echo "another one in the same folder"
 exec 8<scripts/demo

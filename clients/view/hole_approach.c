@@ -3,30 +3,10 @@
 static const double CLEARANCE = 0.003; /* m, of the tip in front of the template */
 static const double HERE = 1e-9;       /* m and rad, rounding */
 
-int find_template(const trocar_model *model) {
-    for (int i = 0; i < trocar_model_guide_count(model); i++) {
-        trocar_guide guide = trocar_model_guide(model, i);
-        if (guide.columns * guide.rows > 1) return i;
-    }
-    return -1;
-}
-
-static vec3 vector(const double *x) { return v3(x[0], x[1], x[2]); }
-
-/* Turns z to `axis` and x to `along`, perpendicular unit vectors. */
-static quat frame_of(vec3 axis, vec3 along) {
-    vec3 z = v3(0, 0, 1), turn = v3_cross(z, axis);
-    double sine = v3_norm(turn), angle = atan2(sine, v3_dot(z, axis));
-    quat tilted = q_exp(sine > 1e-12 ? v3_scale(angle / sine, turn) : v3(angle, 0, 0));
-    double roll = atan2(v3_dot(along, q_rotate(tilted, v3(0, 1, 0))), v3_dot(along, q_rotate(tilted, v3(1, 0, 0))));
-    return q_unit(q_multiply(tilted, q_exp(v3(0, 0, roll))));
-}
-
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length) {
-    vec3 along = vector(guide->across[0]), normal = vector(guide->normal);
-    vec3 place = v3_axpy((column - 0.5 * (guide->columns - 1)) * guide->spacing, along, vector(guide->origin));
-    place = v3_axpy((row - 0.5 * (guide->rows - 1)) * guide->spacing, vector(guide->across[1]), place);
-    return (pose){v3_axpy(-needle_length - CLEARANCE, normal, place), frame_of(normal, along)};
+    pose home = hole_entry(guide, column, row);
+    home.position = v3_axpy(-needle_length - CLEARANCE, q_axis(home.orientation), home.position);
+    return home;
 }
 
 /* The part of `rest` that a step of at most `most` leaves. */

@@ -5,10 +5,7 @@
 #include <stdbool.h>
 
 #include "rate_control.h"
-#include "trocar.h"
-
-/* The scene's template: index of its first guide with more than one hole, -1: none. */
-int find_template(const trocar_model *model);
+#include "template_holes.h"
 
 /* In line with a hole, with the tip a little in front of the face where needles enter. x and y of this pose are along the columns and rows.
    `column` and `row` from 0; one half more is between two holes. */

@@ -70,13 +70,13 @@ class Reader(Case):
     def test_the_example(self):
         plan = plans.read(EXAMPLE)
         seeds = plans.planned_seeds(plan, MODEL)
-        self.assertEqual((len(plan.needles), len(seeds)), (16, 46))
-        self.assertEqual(plans.check(plan, MODEL), {"prostate": 46})
+        self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
+        self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
         # Column F is the sixth of 13, 5 mm apart, whose seventh is in the middle; row 4 the seventh of 13; the face is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
-        np.testing.assert_allclose(first.position, [-0.005, 0.0, -0.025 + 0.09725 - 0.00225], atol=1e-12)
-        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [5, 0, 70], atol=1e-9)
-        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([5, 0, 70]), first.position, atol=1e-12)
+        np.testing.assert_allclose(first.position, [-0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
+        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [5, 0, 72.5], atol=1e-9)
+        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([5, 0, 72.5]), first.position, atol=1e-12)
 
     def test_written_and_read_again(self):
         plan = plans.read(EXAMPLE)
@@ -88,7 +88,7 @@ class Reader(Case):
 
     def test_bad_plans_are_refused_with_file_line_and_remedy(self):
         text = EXAMPLE.read_text()
-        needle = "{hole: F4, depth: 0.09725, seeds: [0.00225, 0.01225, 0.02225, 0.03225]}"
+        needle = "{hole: F4, depth: 0.09975, seeds: [0.00225, 0.01225, 0.02725, 0.03725]}"
         line = text[:text.index(needle)].count("\n") + 1
         self.assertIn(needle, text)
         cases = [
@@ -101,15 +101,15 @@ class Reader(Case):
             ("spacing: 5e-3", "spacing: .nan", r":7: spacing: "),
             ("spacing: 5e-3", "spacing: [1]", r":7: spacing: a list: write a number"),
             ("I-125", "I-131", r":8: source.isotope: \"I-131\": there are I-125 and Pd-103"),
-            ("strength: 0.5", "strength: -1", r":8: source.strength"),
-            ("strength: 0.5", "activity: 0.5", r":8: source: unknown key \"activity\""),
+            ("strength: 0.45", "strength: -1", r":8: source.strength"),
+            ("strength: 0.45", "activity: 0.45", r":8: source: unknown key \"activity\""),
             (needle, needle.replace("F4", "N4"), rf":{line}: needles\[7\].hole: no hole \"N4\": the template has columns A to M, rows 1 to 7 in halves"),
             (needle, needle.replace("F4", "F7.5"), rf":{line}: needles\[7\].hole: no hole \"F7.5\""),
             (needle, needle.replace("F4", "F4.3"), rf":{line}: .*no hole \"F4.3\""),
             (needle, needle.replace("F4", "F3"), rf":{line}: .*F3 is taken by the needle in line {line - 6}"),
             (needle, needle.replace("0.00225", "0.02"), rf":{line}: needles\[7\].seeds\[1\]: 0.01225 m is not behind"),
-            (needle, needle.replace("0.03225", "32.25"), rf":{line}: needles\[7\].seeds\[3\]: 32.25 m behind the tip is outside .* in metres"),
-            (needle, needle.replace("depth: 0.09725, ", ""), rf":{line}: needles\[7\]: missing key \"depth\""),
+            (needle, needle.replace("0.03725", "37.25"), rf":{line}: needles\[7\].seeds\[3\]: 37.25 m behind the tip is outside .* in metres"),
+            (needle, needle.replace("depth: 0.09975, ", ""), rf":{line}: needles\[7\]: missing key \"depth\""),
             (needle, "F4", rf":{line}: needles\[7\]: write keys and values"),
             (needle, needle.replace("[", "{"), rf":{line}: not YAML"),
             (text[text.index("needles:"):], "needles: []\n", r":10: needles: empty"),
@@ -129,10 +129,10 @@ class Reader(Case):
         self.refused(r"plan.yaml:4: .*13 x 13 holes, 5 mm apart; the scene's has 13 x 11, 5 mm", plans.planned_seeds, plan, with_guide(rows=11))
         self.refused(r"the scene's has 13 x 13, 4.8 mm", plans.planned_seeds, plan, with_guide(spacing=4.8e-3))
         self.refused(r"the scene has none", plans.planned_seeds, plan, trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"), mesh_only=True))
-        for old, new, words in (("depth: 0.09725", "depth: 97.25", r"needle F4: its depth of 97.25 m .* 0.2 m long; lengths are in metres"),
-                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.002]", "needle F4: the first seed's centre is 2 mm behind the tip, less than half"),
-                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.0025, 0.006]", "needle F4: seeds of 4.5 mm at 2.5 and 6 mm behind the tip overlap"),
-                                ("[0.00225, 0.01225, 0.02225, 0.03225]", "[0.00225, 0.0715]", "needle F4: seed 2, 71.5 mm behind the tip, is not in the tissue")):
+        for old, new, words in (("depth: 0.09975", "depth: 99.75", r"needle F4: its depth of 99.75 m .* 0.2 m long; lengths are in metres"),
+                                ("[0.00225, 0.01225, 0.02725, 0.03725]", "[0.002]", "needle F4: the first seed's centre is 2 mm behind the tip, less than half"),
+                                ("[0.00225, 0.01225, 0.02725, 0.03725]", "[0.0025, 0.006]", "needle F4: seeds of 4.5 mm at 2.5 and 6 mm behind the tip overlap"),
+                                ("[0.00225, 0.01225, 0.02725, 0.03725]", "[0.00225, 0.0735]", "needle F4: seed 2, 73.5 mm behind the tip, is not in the tissue")):
             with self.subTest(new=new):
                 self.refused(words, plans.check, plans.read(self.write(text.replace(old, new, 1))), MODEL)
 
@@ -186,15 +186,16 @@ class Dicom(Case):
         return path
 
     def test_other_readers_find_the_seeds(self):
-        path, seeds = self.exported(), plans.planned_seeds(plans.read(EXAMPLE), MODEL)
-        points = dumped(path)
+        plan = plans.read(EXAMPLE)
+        path, seeds = self.exported(), plans.planned_seeds(plan, MODEL)
+        points, by_hole = dumped(path), {needle.hole: needle.seeds for needle in plan.needles}
         self.assertEqual(len(points), 2 * len(seeds))
         for i, seed in enumerate(seeds):
             for hole, at, along, behind in points[2 * i:2 * i + 2]:
                 self.assertEqual(hole, seed.hole)
                 np.testing.assert_allclose(at, [-1e3, -1e3, 1e3] * seed.position, atol=1e-4)
                 np.testing.assert_allclose(along, [0, 0, 1], atol=1e-6)
-                self.assertAlmostEqual(behind, 10 * (seed.number - 1), places=4)
+                self.assertAlmostEqual(behind, 1e3 * (by_hole[hole][seed.number - 1] - by_hole[hole][0]), places=4)
         said = subprocess.run(["dciodvfy", path], capture_output=True, text=True).stderr
         self.assertRegex(said, r"(?m)^RTPlan$")
         self.assertEqual([line for line in said.splitlines() if line.startswith("Error")], [])
@@ -239,7 +240,7 @@ class Dicom(Case):
         self.refused(r"its template is \"template\"; the scene has plate: .*--template", rtplan.read, path, with_guide(name="plate"))
         self.assertEqual(rtplan.read(path, with_guide(name="plate"), "plate").template, "plate")
         self.refused("has 13x13 5 mm of holes; the scene's has 13x11 5 mm", rtplan.read, path, with_guide(rows=11))
-        self.refused(r"channel 1: the seed at \(15.0, 10.0, 60.0\) mm is 2.0 mm from the axis of the closest hole, D3", rtplan.read, path,
+        self.refused(r"channel 1: the seed at \(10.0, 10.0, 67.5\) mm is 2.0 mm from the axis of the closest hole, E3", rtplan.read, path,
                      with_guide(origin=[0.002, 0, -0.025]))
         data = pydicom.dcmread(path)
 
@@ -285,7 +286,7 @@ class Compare(Case):
         moved = [np.array([0.3e-3, -0.4e-3, -2e-3]) * (1 + 0.1 * i) for i in range(len(seeds))]
         placed = [plans.Placed(i + 1, "template", s.hole, s.position + moved[i], s.direction) for i, s in enumerate(seeds)]
         rows = plans.compare(plan, MODEL, list(reversed(placed)))
-        self.assertEqual(len(rows), 46)
+        self.assertEqual(len(rows), 60)
         for row in rows:
             off = moved[row.placed.number - 1] * 1e3
             np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # to the left, to the back, to the head
@@ -298,13 +299,13 @@ class Compare(Case):
 
     def test_seeds_without_a_counterpart(self):
         plan = plans.read(EXAMPLE)
-        seeds = [s for s in plans.planned_seeds(plan, MODEL) if s.hole in ("F4", "D3")]
+        seeds = [s for s in plans.planned_seeds(plan, MODEL) if s.hole in ("C3.5", "F4")]
         there = lambda number, guide, hole, position: plans.Placed(number, guide, hole, position, np.array([0, 0, 1.0]))
-        placed = [there(1, "template", "F4", seeds[3].position + [0, 0, 1e-3]), there(2, "template", "F4", seeds[5].position),
-                  *(there(3 + i, "template", "D3", seeds[0].position - [0, 0, 9e-3 * i]) for i in range(3)),
-                  there(6, "", "", seeds[0].position), there(7, "template", "A1", seeds[0].position), there(8, "plate", "F4", seeds[0].position)]
-        rows = {(r.placed.number if r.placed else None, r.planned.number if r.planned else None) for r in plans.compare(plan, MODEL, placed) if r.hole in ("F4", "D3", "A1", "")}
-        self.assertEqual(rows, {(1, 2), (2, 4), (None, 1), (None, 3), (3, 1), (4, 2), (5, None), (6, None), (7, None), (8, None)})
+        placed = [there(1, "template", "F4", seeds[4].position + [0, 0, 1e-3]), there(2, "template", "F4", seeds[6].position),
+                  *(there(3 + i, "template", "C3.5", seeds[0].position - [0, 0, 9e-3 * i]) for i in range(4)),
+                  there(7, "", "", seeds[0].position), there(8, "template", "A1", seeds[0].position), there(9, "plate", "F4", seeds[0].position)]
+        rows = {(r.placed.number if r.placed else None, r.planned.number if r.planned else None) for r in plans.compare(plan, MODEL, placed) if r.hole in ("F4", "C3.5", "A1", "")}
+        self.assertEqual(rows, {(1, 2), (2, 4), (None, 1), (None, 3), (3, 1), (4, 2), (5, 3), (6, None), (7, None), (8, None), (9, None)})
 
     def test_pairs_have_the_least_distance(self):
         random = np.random.default_rng(1)
@@ -344,14 +345,14 @@ class Program(Case):
 
     def test_subcommands(self):
         scene = ("--scene", SCENE)
-        self.assertEqual(self.run_plan("check", EXAMPLE, *scene), (0, f"{EXAMPLE}: 16 needles, 46 seeds: 46 in prostate\n", ""))
+        self.assertEqual(self.run_plan("check", EXAMPLE, *scene), (0, f"{EXAMPLE}: 16 needles, 60 seeds: 60 in prostate\n", ""))
         status, said, _ = self.run_plan("show", EXAMPLE, *scene)
-        self.assertEqual((status, len(said.splitlines())), (0, 47))
-        self.assertRegex(said, r"(?m)^ +F4 +1 +-0.005000 +0.000000 +0.070000 +5.000 +-?0.000 +70.000$")
+        self.assertEqual((status, len(said.splitlines())), (0, 61))
+        self.assertRegex(said, r"(?m)^ +F4 +1 +-0.005000 +0.000000 +0.072500 +5.000 +-?0.000 +72.500$")
         self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--out", self.out / "a.dcm")[0], 0)
         self.assertEqual(self.run_plan("import", self.out / "a.dcm", *scene, "--out", self.out / "a.yaml")[0], 0)
         self.assertEqual(self.run_plan("check", self.out / "a.yaml", *scene)[0], 0)
-        table = self.write("seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],rest_along_x,rest_along_y,rest_along_z\n1,template,F4,-5e-3,0,0.069,0,0,1\n", "seeds.csv")
+        table = self.write("seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],rest_along_x,rest_along_y,rest_along_z\n1,template,F4,-5e-3,0,0.0715,0,0,1\n", "seeds.csv")
         self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--seeds", table, "--out", self.out / "b.dcm")[0], 0)
         self.assertEqual(len(dumped(self.out / "b.dcm")), 2)
         status, said, _ = self.run_plan("compare", EXAMPLE, table, *scene)

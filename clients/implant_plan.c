@@ -1,0 +1,74 @@
+#include "implant_plan.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "messages.h"
+#include "template_holes.h"
+
+static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis was planned for another template */
+static const double ROUNDING = 1e-5;  /* m, of positions in the table */
+
+static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
+    int column, row;
+    if (!find_hole(guide, hole, &column, &row))
+        return fail(why, TROCAR_BAD_INPUT, "%s: the scene's template has no hole %s: it has %d x %d; choose the scene that the plan was made for", where, hole,
+                    guide->columns, guide->rows);
+    for (int i = 0; i < plan->needle_count; i++)
+        if (strcmp(plan->needles[i].hole, hole) == 0) return fail(why, TROCAR_BAD_INPUT, "%s: the seeds of hole %s are not together: sort the table by holes", where, hole);
+    if (plan->needle_count == TROCAR_MAX_NEEDLES) return fail(why, TROCAR_BAD_INPUT, "%s: more than %d needles", where, (int)TROCAR_MAX_NEEDLES);
+    planned_needle *n = &plan->needles[plan->needle_count++];
+    *n = (planned_needle){.entry = hole_entry(guide, column, row), .depths = plan->depths + plan->seed_count};
+    snprintf(n->hole, sizeof n->hole, "%s", hole);
+    return TROCAR_OK;
+}
+
+static trocar_status add_seed(implant_plan *plan, const planned_seed *seed, const char *where, report *why) {
+    planned_needle *n = &plan->needles[plan->needle_count - 1];
+    vec3 axis = q_axis(n->entry.orientation), from = v3_sub(load_vec3(seed->position), n->entry.position);
+    double depth = v3_dot(from, axis), tip = depth + 0.5 * plan->seed_length;
+    double beside = v3_norm(v3_axpy(-depth, axis, from));
+    if (beside > BESIDE)
+        return fail(why, TROCAR_BAD_INPUT, "%s: the seed is %.1f mm beside hole %s of the scene's template: choose the scene that the plan was made for", where,
+                    1e3 * beside, n->hole);
+    if (tip <= 0 || tip >= plan->needle_length)
+        return fail(why, TROCAR_BAD_INPUT, "%s: the seed is %.1f mm behind the template's face, where a needle of %.0f mm does not reach: choose the scene that the plan was made for", where,
+                    1e3 * depth, 1e3 * plan->needle_length);
+    if (n->seed_count > 0 && n->depths[n->seed_count - 1] - tip < plan->seed_length - ROUNDING)
+        return fail(why, TROCAR_BAD_INPUT, "%s: the seed is not behind the one before: list them from the tip back, without overlap", where);
+    plan->depths[plan->seed_count++] = tip;
+    n->seed_count++;
+    return TROCAR_OK;
+}
+
+static trocar_status arrange(const trocar_model *model, const plan_table *table, const char *path, implant_plan *plan, report *why) {
+    int template = find_template(model), needles = trocar_model_needles(model);
+    if (template < 0) return fail(why, TROCAR_BAD_INPUT, "%s: the scene has no template (guides) for this plan", path);
+    trocar_guide guide = trocar_model_guide(model, template);
+    *plan = (implant_plan){.needle_length = trocar_model_needle_length(model), .seed_length = trocar_model_seed_size(model).length};
+    for (int i = 0; i < table->count; i++) {
+        char where[512];
+        snprintf(where, sizeof where, "%s:%d", path, i + 2);
+        trocar_status status = TROCAR_OK;
+        if (i == 0 || strcmp(table->seeds[i].hole, table->seeds[i - 1].hole) != 0) status = add_needle(plan, &guide, table->seeds[i].hole, where, why);
+        if (status == TROCAR_OK) status = add_seed(plan, &table->seeds[i], where, why);
+        if (status != TROCAR_OK) return status;
+    }
+    if (plan->needle_count == 0) return fail(why, TROCAR_BAD_INPUT, "%s: no seeds", path);
+    if (plan->needle_count > needles)
+        return fail(why, TROCAR_BAD_INPUT, "%s: the plan has %d needles, the scene %d: add \"needles: %d\" to the scene", path, plan->needle_count, needles, plan->needle_count);
+    return TROCAR_OK;
+}
+
+trocar_status implant_plan_read(const trocar_scene *scene, const char *path, implant_plan *plan, report *why) {
+    static plan_table table;
+    trocar_model *model;
+    trocar_status status = plan_table_read(path, &table, why);
+    if (status != TROCAR_OK) return status;
+    status = trocar_model_create(scene, &(trocar_model_options){.mesh_only = 1}, &model, why);
+    if (status != TROCAR_OK) return status;
+    status = arrange(model, &table, path, plan, why);
+    trocar_model_free(model);
+    return status;
+}

@@ -1,0 +1,216 @@
+#define _GNU_SOURCE
+#include "implant_player.h"
+
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <string.h>
+#include <time.h>
+
+#include "messages.h"
+#include "motion.h"
+#include "realtime.h"
+#include "trocar_client.h"
+
+static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks at 1.875 times that. Podder et al. 2006: mean 48 mm/s, peak 123 mm/s */
+static const double CLEAR = 0.005;      /* m, of the tip in front of the template before and after */
+static const double PAUSE = 0.1;        /* s at rest, before a needle is left and before a seed is dropped */
+static const double FURTHER = 1e-3;     /* m, see drop_seed */
+static const int TRIES = 6;
+
+typedef struct {
+    const implant_plan *plan;
+    const implant_play *play;
+    implant_summary *summary;
+    report *why;
+    trocar_client *client;
+    trocar_client_wrench wrench;
+    int needle;
+    int priority;            /* of the client's thread, 0: as this one */
+    const char *stage;       /* for the table: in, out */
+    double began, due;       /* s */
+    double heard;            /* s, when the newest wrench was there */
+    double tip;              /* m behind the template's face; of the tip if the needle is straight and has not been moved while it rested */
+} player;
+
+static volatile sig_atomic_t interrupted;
+
+static void interrupt(int signal) {
+    (void)signal;
+    interrupted = 1;
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
+
+static trocar_status fail_needle(player *p, const char *what, const char *reason) {
+    return fail(p->why, TROCAR_SYSTEM, "needle %d in hole %s %s%s%s", p->needle, planned(p)->hole, what, reason ? ": " : "", reason ? reason : "");
+}
+
+/* Sleeps until the next period begins. Missed periods are skipped. */
+static trocar_status next_period(player *p) {
+    double period = 1.0 / p->play->rate;
+    p->due = fmax(p->due + period, now());
+    struct timespec until = {.tv_sec = (time_t)p->due, .tv_nsec = (long)(1e9 * (p->due - floor(p->due)))};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINTR && !interrupted) continue;
+    return interrupted ? fail_needle(p, "was not finished", "interrupted") : TROCAR_OK;
+}
+
+static void write_row(const player *p, const pose *base) {
+    const trocar_client_wrench *w = &p->wrench;
+    vec3 axis = q_axis(base->orientation);
+    fprintf(p->play->csv, "%.4f,%d,%s,%s,%.6f,%.5f,%.5f,%.5f,%.5f,%.6f,%d\n", now() - p->began, p->needle, planned(p)->hole, p->stage, p->tip, w->force[0],
+            w->force[1], w->force[2], -v3_dot(load_vec3(w->force), axis), w->depth, w->flags);
+}
+
+static void note_force(player *p) {
+    double force = v3_norm(load_vec3(p->wrench.force));
+    if (force <= p->summary->greatest_force) return;
+    p->summary->greatest_force = force;
+    p->summary->forced = p->needle;
+}
+
+/* One period in which the hand holds the needle at `tip`. */
+static trocar_status hold_period(player *p) {
+    trocar_status status = next_period(p);
+    if (status != TROCAR_OK) return status;
+    pose base = planned(p)->entry;
+    base.position = v3_axpy(p->tip - p->plan->needle_length, q_axis(base.orientation), base.position);
+    trocar_pose hand = library_pose(base);
+    trocar_client_publish(p->client, hand.position, hand.orientation);
+    if (trocar_client_newest(p->client, &p->wrench)) p->heard = now();
+    if (now() - p->heard > p->play->patience)
+        return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that no other device holds the needle; trocar-top shows the "
+                           "server's last refusal");
+    note_force(p);
+    if (p->play->csv) write_row(p, &base);
+    return TROCAR_OK;
+}
+
+static trocar_status hold(player *p, double seconds) {
+    trocar_status status = TROCAR_OK;
+    for (double end = now() + seconds; status == TROCAR_OK && now() < end;) status = hold_period(p);
+    return status;
+}
+
+/* Holds the needle until the server answers, and a little longer while it ramps the force up. */
+static trocar_status engage(player *p) {
+    double asked = p->heard = now();
+    trocar_status status;
+    do status = hold_period(p);
+    while (status == TROCAR_OK && p->heard <= asked);
+    return status == TROCAR_OK ? hold(p, p->play->settle) : status;
+}
+
+static trocar_status stroke(player *p, double to) {
+    trocar_status status = TROCAR_OK;
+    double from = p->tip, start = now(), duration = fabs(to - from) / (MEAN_SPEED * p->play->speed), t = 0;
+    while (status == TROCAR_OK && t < duration) {
+        t = now() - start;
+        p->tip = from + (to - from) * motion_fraction(0, duration, t);
+        status = hold_period(p);
+    }
+    p->tip = to;
+    return status;
+}
+
+/* Waits for the reply to the last command; `holding` the needle meanwhile, or without poses, as a needle that rests has no owner. */
+static trocar_status await_reply(player *p, bool holding, trocar_client_answer *answer, char reason[256]) {
+    trocar_status status = TROCAR_OK;
+    while (status == TROCAR_OK && (*answer = trocar_client_reply(p->client, reason, 256)) == TROCAR_CLIENT_WAITING)
+        status = holding ? hold_period(p) : next_period(p);
+    return status;
+}
+
+static trocar_status await_done(player *p, const char *what) {
+    char reason[256];
+    trocar_client_answer answer = TROCAR_CLIENT_NONE;
+    trocar_status status = await_reply(p, false, &answer, reason);
+    return status != TROCAR_OK || answer == TROCAR_CLIENT_DONE ? status : fail_needle(p, what, reason);
+}
+
+static trocar_status insert_and_leave(player *p) {
+    p->stage = "in";
+    p->tip = -CLEAR;
+    trocar_status status = engage(p);
+    if (status == TROCAR_OK) status = stroke(p, planned(p)->depths[0]);
+    if (status == TROCAR_OK) status = hold(p, PAUSE);
+    if (status != TROCAR_OK) return status;
+    p->summary->needles++;
+    trocar_client_leave(p->client);
+    return await_done(p, "cannot be left");
+}
+
+/* Where the tissue has followed the needle back, the last seed is still in it, and the server refuses the next one. Then the hand draws the needle a
+   little further and tries again. */
+static trocar_status drop_seed(player *p) {
+    char reason[256];
+    trocar_client_answer answer = TROCAR_CLIENT_NONE;
+    for (int i = 0; i < TRIES; i++) {
+        trocar_status status = i == 0 ? TROCAR_OK : stroke(p, p->tip - FURTHER);
+        trocar_client_drop_seeds(p->client, 1, 0);
+        if (status == TROCAR_OK) status = await_reply(p, true, &answer, reason);
+        if (status != TROCAR_OK) return status;
+        if (answer != TROCAR_CLIENT_REFUSED) break;
+    }
+    if (answer != TROCAR_CLIENT_DONE) return fail_needle(p, "cannot drop a seed", reason);
+    p->summary->seeds++;
+    return TROCAR_OK;
+}
+
+static trocar_status take_and_draw_back(player *p) {
+    const planned_needle *n = planned(p);
+    p->stage = "out";
+    p->tip = n->depths[0];
+    trocar_client_take(p->client);
+    trocar_status status = await_done(p, "cannot be taken");
+    if (status == TROCAR_OK) status = engage(p);
+    for (int i = 0; status == TROCAR_OK && i < n->seed_count; i++) {
+        if (n->depths[i] < p->tip) status = stroke(p, n->depths[i]);
+        if (status == TROCAR_OK) status = hold(p, PAUSE);
+        if (status == TROCAR_OK) status = drop_seed(p);
+    }
+    return status == TROCAR_OK ? stroke(p, -CLEAR) : status;
+}
+
+/* A client holds one needle, so each needle gets one of its own. */
+static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
+    trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority};
+    char reason[512];
+    p->needle = needle;
+    p->wrench = (trocar_client_wrench){.membrane = -1};
+    p->client = trocar_client_open(&options, reason, sizeof reason);
+    if (!p->client) return fail(p->why, TROCAR_SYSTEM, "%s", reason);
+    trocar_status status = handle(p);
+    trocar_client_close(p->client);
+    return status;
+}
+
+/* The client's thread runs just below. */
+static int use_realtime(void) {
+    int error = realtime_use_fifo(PRIORITY_DEVICE);
+    if (error == 0) return PRIORITY_DEVICE - 1;
+    fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
+    return 0;
+}
+
+trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why) {
+    player p = {.plan = plan, .play = play, .summary = summary, .why = why, .began = now()};
+    struct sigaction action = {.sa_handler = interrupt};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
+
+    *summary = (implant_summary){0};
+    if (play->realtime) p.priority = use_realtime();
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
+    for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);
+    summary->duration = now() - p.began;
+    return status;
+}

@@ -1,0 +1,32 @@
+/* Carries out a planned implant over LCM, as a hand does: first every needle is inserted and left, then each is taken again, leaves its seeds
+   as it is drawn back, and is pulled out. */
+#ifndef TROCAR_IMPLANT_PLAYER_H
+#define TROCAR_IMPLANT_PLAYER_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "implant_plan.h"
+
+typedef struct {
+    const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL or LCM's default */
+    double rate;             /* Hz */
+    double speed;            /* of the hand: factor */
+    double patience;         /* s to wait for the server */
+    double settle;           /* s at rest before each needle moves, while the server engages */
+    bool realtime;           /* ask for SCHED_FIFO */
+    FILE *csv;               /* gets a row for each period; NULL: none */
+} implant_play;
+
+typedef struct {
+    int needles, seeds;      /* inserted; dropped */
+    double duration;         /* s */
+    double greatest_force;   /* N */
+    int forced;              /* the needle that met it */
+} implant_summary;
+
+/* SYSTEM, with the needle's hole and the reason, if the server refuses a command or falls silent, and after SIGINT or SIGTERM. The needles stay
+   where they are then. */
+trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why);
+
+#endif

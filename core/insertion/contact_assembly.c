@@ -105,6 +105,7 @@ void find_local_compliance(const tick_context *tick) {
     w->lateral[t].more /= stiffness;
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
     w->loose = logarithm.lateral / stiffness * (1.0 / fmax(hold, 1e-6) - 1.0);
+    w->tightening = hold < 1.0 ? logarithm.lateral / stiffness / (fmax(hold * hold, 1e-12) * TIP_FADE) : 0.0;
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->stiffening.stiffness[t] = shaft.axial;
     w->stiffening.mean[t] = shaft.stiffening;
@@ -154,6 +155,16 @@ static void bound_friction(const tick_context *tick, int i, shaft_share share, d
     p->state[i] = last;
 }
 
+/* Near the surface the tissue holds the tip sideways the harder the deeper it is, which stores elastic energy in tissue and needle. The hand
+   has to do that work as the tip goes on: N along the needle. Without it, a tip without resistance, as in an old track, would go in and out in
+   turns, as the needle under a larger force across it is farther out, and under a smaller one farther in. */
+static double work_of_hold(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    vec3 needle = needle_along(&w->points[w->point_count - 1].at), force = tick->state->tip.force;
+    vec3 across = v3_axpy(-v3_dot(force, needle), needle, force);
+    return 0.5 * v3_dot(across, across) * w->tightening;
+}
+
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
 static void bound_tip(const tick_context *tick) {
     const insertion_model *model = tick->model;
@@ -162,7 +173,7 @@ static void bound_tip(const tick_context *tick) {
     int t = p->count - 1;
     bool blocked = tip->blocked_by != NOT_BLOCKED;
     double resistance = tip_resistance(model, tip), viscosity = (1.0 - tip->open) * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
-    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance);
+    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance) + work_of_hold(tick);
     p->lower[t] = 0.0;
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = blocked ? 0.0 : viscosity / tick->dt;

@@ -70,6 +70,7 @@ typedef struct {
     double open_left;        /* m to its end, */
     vec3 open_tilt;          /* and how the tip's way differs from that in which it would cut */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    double torn;             /* 0 to 1: how far that membrane has been torn by a puncture beside the tip */
     int face;                /* of `tet`: where the tip is on the surface or blocked */
     bool at_end;             /* of a track, or so close that it would pass the end in one step */
     bool entering;           /* the tip is blocked at the outer surface and comes from outside */

@@ -36,14 +36,17 @@ static const track_list *list_of(const tick_context *tick, int index) {
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
+/* How open this membrane is at x: as a track would be, by the distance from its punctures. */
+static double membrane_open(const tick_context *tick, int membrane, vec3 x) {
+    double reach = reach_of(tick->model), closest = INFINITY;
+    const track_list *list;
+    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++) closest = fmin(closest, tracks_puncture_distance(list, membrane, x, FADE * reach));
+    return isinf(closest) ? 0.0 : fade(closest, reach);
+}
+
 int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x) {
     int found = obstacle(tick->model, tet, face, behind);
-    if (found < 0) return found;
-    double reach = reach_of(tick->model);
-    const track_list *list;
-    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++)
-        if (tracks_open_membrane(list, found, x, reach)) return NOT_BLOCKED;
-    return found;
+    return found >= 0 && membrane_open(tick, found, x) == 1.0 ? NOT_BLOCKED : found;
 }
 
 /* A track that the tip may follow. */
@@ -78,6 +81,7 @@ void old_tracks_find(const tick_context *tick, vec3 direction) {
             candidate c = judge(tick->model, list, track, tip->nominal, direction);
             if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
         }
+    tip->torn = tip->phase == TIP_INSIDE && tip->blocked_by >= 0 ? membrane_open(tick, tip->blocked_by, tip->nominal) : 0.0;
     tip->open = best.open;
     tip->open_way = best.way;
     tip->open_left = best.left;

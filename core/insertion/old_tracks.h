@@ -5,7 +5,7 @@
 
 #include "insertion/tick.h"
 
-/* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it. RT */
+/* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it, and tip.torn. RT */
 void old_tracks_find(const tick_context *tick, vec3 direction);
 
 /* Would the slip of this solve take the tip past the end of the track? RT */
@@ -26,7 +26,7 @@ void old_tracks_cut(const tick_context *tick, int tet, vec3 from);
 /* Records that the tip has punctured a membrane where it is. RT */
 void old_tracks_puncture(const tick_context *tick, int membrane);
 
-/* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that was punctured there. RT */
+/* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that is open there. RT */
 int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x);
 
 #endif

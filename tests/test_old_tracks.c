@@ -41,7 +41,7 @@ static void a_tip_rests_at_the_end(void **state) {
     for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* it cuts on for a moment */
     double end = l->state.tip.depth;
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    while (!l->state.tip.at_end && l->wrench.depth <= end) lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
+    while (l->state.tip.ended == 0.0 && l->wrench.depth <= end) lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
     double reached = l->wrench.depth;
     print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
     assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
@@ -51,7 +51,7 @@ static void a_tip_rests_at_the_end(void **state) {
         assert_int_equal(l->wrench.passes, 1);
     }
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    assert_true(!l->state.tip.at_end && l->state.tip.open == 1.0);
+    assert_true(l->state.tip.ended == 0.0 && l->state.tip.open == 1.0);
     lockstep_free(l);
 }
 

@@ -99,13 +99,14 @@ void find_local_compliance(const tick_context *tick) {
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
     lateral_axial logarithm = local_logarithm(model, &tip->resolved);
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
-    double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
+    double ahead = radius / line.lateral, stiffness = shaft.lateral + ahead; /* one radius more */
+    double held = shaft.lateral + fmax(hold, 1e-6) * ahead;                  /* near the surface, only a part of that */
     w->lateral[t] = plane_principal(local_logarithm_across(model, &tip->resolved, tip->direction), tip->direction);
     w->lateral[t].least /= stiffness;
     w->lateral[t].more /= stiffness;
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
-    w->loose = logarithm.lateral / stiffness * (1.0 / fmax(hold, 1e-6) - 1.0);
-    w->tightening = hold < 1.0 ? logarithm.lateral / stiffness / (fmax(hold * hold, 1e-12) * TIP_FADE) : 0.0;
+    w->loose = logarithm.lateral * (1.0 / held - 1.0 / stiffness);
+    w->tightening = hold < 1.0 ? logarithm.lateral * ahead / (held * held * TIP_FADE) : 0.0;
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->stiffening.stiffness[t] = shaft.axial;
     w->stiffening.mean[t] = shaft.stiffening;

@@ -70,30 +70,37 @@ static candidate judge(const insertion_model *model, const track_list *list, int
                        .way = v3_unit(v3_axpy(1.0 / (CATCH_UP * 2.0 * model->needle->radius), aside, along))};
 }
 
-void old_tracks_find(const tick_context *tick, vec3 direction) {
+/* The most open track that has not ended; of several the closest. */
+static void choose(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
+    vec3 direction = tick->scratch->aim;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
-    tip->at_end = tip->at_end && tip->friction == STICK;
-    bool searched = tip->phase == TIP_INSIDE && !tip->at_end && tick->model->settings.track_reach > 0.0;
+    bool searched = tip->phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
     for (int i = 0; searched && (list = list_of(tick, i)); i++)
         for (int track = 0; track < list->count; track++) {
             candidate c = judge(tick->model, list, track, tip->nominal, direction);
+            if (c.left <= tip->ended) continue;
             if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
         }
-    tip->torn = tip->phase == TIP_INSIDE && tip->blocked_by >= 0 ? membrane_open(tick, tip->blocked_by, tip->nominal) : 0.0;
     tip->open = best.open;
     tip->open_way = best.way;
     tip->open_left = best.left;
     tip->open_tilt = best.open > 0.0 ? v3_sub(old_tracks_lead(tip, direction), direction) : v3(0, 0, 0);
 }
 
+void old_tracks_find(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    if (tip->friction != STICK) tip->ended = 0.0;
+    tip->torn = tip->phase == TIP_INSIDE && tip->blocked_by >= 0 ? membrane_open(tick, tip->blocked_by, tip->nominal) : 0.0;
+    choose(tick);
+}
+
 bool old_tracks_overrun(const needle_tip *tip) { return tip->open > 0.0 && tip->blocked_by == NOT_BLOCKED && tip->slip > tip->open_left; }
 
-void old_tracks_end(needle_tip *tip) {
-    tip->open = 0.0;
-    tip->open_tilt = v3(0, 0, 0);
-    tip->at_end = true;
+void old_tracks_end(const tick_context *tick) {
+    tick->state->tip.ended = tick->state->tip.open_left;
+    choose(tick);
 }
 
 /* ---- following ------------------------------------------------------------------------------------------------------------- */

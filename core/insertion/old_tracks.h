@@ -5,14 +5,14 @@
 
 #include "insertion/tick.h"
 
-/* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it, and tip.torn. RT */
-void old_tracks_find(const tick_context *tick, vec3 direction);
+/* Looks for an open track ahead of the tip, which would cut along scratch.aim: sets tip.open and what belongs to it, and tip.torn. RT */
+void old_tracks_find(const tick_context *tick);
 
 /* Would the slip of this solve take the tip past the end of the track? RT */
 bool old_tracks_overrun(const needle_tip *tip);
 
-/* Whole tissue is ahead, as at the end of the track, until the tip moves. RT */
-void old_tracks_end(needle_tip *tip);
+/* The track that the tip follows has ended, until the tip moves: another one is ahead, or whole tissue. RT */
+void old_tracks_end(const tick_context *tick);
 
 /* The direction in which the tip goes in place of the one in which it would cut. RT */
 vec3 old_tracks_lead(const needle_tip *tip, vec3 direction);

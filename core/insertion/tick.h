@@ -117,6 +117,7 @@ typedef struct {
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
     int point_count, guided;                 /* of these, the first `guided` are at guides */
+    vec3 aim;                                /* unit nominal direction in which the tip would cut */
     contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
     bool tip;                                /* the last of them is the tip */
     hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */

@@ -131,8 +131,8 @@ typedef struct {
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
     double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
-    double loose;                            /* m/N, additional lateral compliance of the tip while its hold is not full, */
-    double tightening;                       /* 1/N, and by how much less that is for each metre of depth */
+    double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */
+    double tightening[MAX_POINTS];           /* 1/N, and by how much less that is for each metre of depth */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */

@@ -1,4 +1,4 @@
-/* The end of an old track: what is beyond it resists at once. */
+/* The end of an old track: what is beyond it resists at once. Beside a puncture, a membrane is torn. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -41,7 +41,7 @@ static void a_tip_rests_at_the_end(void **state) {
     for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* it cuts on for a moment */
     double end = l->state.tip.depth;
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    while (!l->state.tip.at_end && l->wrench.depth <= end) lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
+    while (l->state.tip.ended == 0.0 && l->wrench.depth <= end) lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
     double reached = l->wrench.depth;
     print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
     assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
@@ -51,14 +51,37 @@ static void a_tip_rests_at_the_end(void **state) {
         assert_int_equal(l->wrench.passes, 1);
     }
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    assert_true(!l->state.tip.at_end && l->state.tip.open == 1.0);
+    assert_true(l->state.tip.ended == 0.0 && l->state.tip.open == 1.0);
     lockstep_free(l);
+}
+
+/* A membrane beside a puncture gives way the sooner the closer it is: the force falls from that of the whole membrane at 1.5 times the
+   reach to none at the reach. */
+static void a_membrane_is_torn_beside_a_puncture(void **state) {
+    (void)state;
+    static const double TIMES[] = {0.95, 1.1, 1.25, 1.4, 1.6}, LEFT[] = {0.0, 0.2, 0.5, 0.8, 1.0};
+    for (int k = 0; k < 5; k++) {
+        simulation_config config = lockstep_config();
+        config.regions[0].material.cutting_force = config.regions[1].material.cutting_force = 0.02;
+        lockstep *l = lockstep_create(&config, lockstep_start());
+        double most = 0.0, reach = config.insertion.track_reach * config.needle.outer_diameter;
+        vec3 entry = v3_axpy(0.201, v3(0, 0, 1), l->base.position);
+        tracks_puncture(&l->state.tracks, (track_point){.at = v3_add(entry, v3(TIMES[k] * reach, 0, 0))}, 0);
+        for (int i = 0; i < 1000 && !(l->wrench.events & EVENT_PUNCTURED) && l->wrench.depth == 0.0; i++) {
+            lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
+            most = fmax(most, l->state.tip.end_force);
+        }
+        print_message("%.2f times the reach from a puncture: %.3f N\n", TIMES[k], most);
+        assert_true(fabs(most - LEFT[k] * config.membranes[0].puncture_force) < 0.03);
+        lockstep_free(l);
+    }
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_short_track_is_passed_without_a_jump),
         cmocka_unit_test(a_tip_rests_at_the_end),
+        cmocka_unit_test(a_membrane_is_torn_beside_a_puncture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -79,14 +79,30 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     w->tip_row[tip] = own;
 }
 
+/* Near the surface tissue holds the needle sideways the less, the less of it is in and the less it presses: from 0 to 1. It is the same for
+   the tip and the contacts behind it, so that nothing jumps when one takes the place of the other. */
+static double hold_near_surface(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    return tick->scratch->tip ? fmin(1.0, (tip->depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->pressing / TIP_BITE) : 1.0;
+}
+
+/* Point i, of this local compliance (m/N), is held by that part only. */
+static void loosen(insertion_workspace *w, int i, double hold, double compliance) {
+    w->loose[i] = hold < 1.0 ? compliance * (1.0 / fmax(hold, 1e-6) - 1.0) : 0.0;
+    w->tightening[i] = hold < 1.0 ? compliance / (fmax(hold * hold, 1e-12) * TIP_FADE) : 0.0;
+}
+
 void find_local_compliance(const tick_context *tick) {
     const insertion_model *model = tick->model;
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     int t = w->point_count - w->tip;
+    double hold = hold_near_surface(tick);
     for (int i = w->guided; i < t; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
+        bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
+        loosen(w, i, here ? hold : 1.0, 0.5 * (contact->log_lateral.xx + contact->log_lateral.yy) / shaft.lateral);
         w->lateral[i] = plane_principal(local_of_share_across(contact->log_lateral, shaft.lateral, contact->surplus_lateral), contact->direction);
         w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
         w->stiffening.stiffness[i] = shaft.axial;
@@ -95,7 +111,6 @@ void find_local_compliance(const tick_context *tick) {
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
-    double hold = fmin(1.0, depth / TIP_FADE + tip->pressing / TIP_BITE);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
     lateral_axial logarithm = local_logarithm(model, &tip->resolved);
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
@@ -104,7 +119,7 @@ void find_local_compliance(const tick_context *tick) {
     w->lateral[t].least /= stiffness;
     w->lateral[t].more /= stiffness;
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
-    w->loose = logarithm.lateral / stiffness * (1.0 / fmax(hold, 1e-6) - 1.0);
+    loosen(w, t, hold, logarithm.lateral / stiffness);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->stiffening.stiffness[t] = shaft.axial;
     w->stiffening.mean[t] = shaft.stiffening;
@@ -154,6 +169,21 @@ static void bound_friction(const tick_context *tick, int i, shaft_share share, d
     p->state[i] = last;
 }
 
+/* Near the surface the tissue holds the needle the harder the deeper it is in, which stores elastic energy in tissue and needle. The hand
+   has to do that work as the tip goes on: N along the needle. Without it, a tip without resistance, as in an old track, would go in and out in
+   turns: a needle that is held harder bends more, and its end moves back. */
+static double work_of_hold(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    double sum = 0.0;
+    for (int i = w->guided; i < w->point_count; i++) {
+        if (w->tightening[i] == 0.0) continue;
+        vec3 needle = needle_along(&w->points[i].at), force = *point_force(tick->state, &w->points[i]);
+        vec3 across = v3_axpy(-v3_dot(force, needle), needle, force);
+        sum += 0.5 * v3_dot(across, across) * w->tightening[i];
+    }
+    return sum;
+}
+
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
 static void bound_tip(const tick_context *tick) {
     const insertion_model *model = tick->model;
@@ -162,7 +192,7 @@ static void bound_tip(const tick_context *tick) {
     int t = p->count - 1;
     bool blocked = tip->blocked_by != NOT_BLOCKED;
     double resistance = tip_resistance(model, tip), viscosity = (1.0 - tip->open) * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
-    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance);
+    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance) + work_of_hold(tick);
     p->lower[t] = 0.0;
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = blocked ? 0.0 : viscosity / tick->dt;
@@ -248,10 +278,9 @@ void assemble_compliance(const tick_context *tick) {
     int t = w->point_count - w->tip;
     for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);
     for (int i = w->guided; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
-    if (w->tip) {
-        add_local_compliance(p, w, t, state->tip.direction, true);
-        for (int a = 0; a < 2; a++) p->compliance[2 * t + a][2 * t + a] += w->loose;
-    }
+    if (w->tip) add_local_compliance(p, w, t, state->tip.direction, true);
+    for (int i = w->guided; i < p->count; i++)
+        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->loose[i];
     stiffening_add_compliance(tick);
 }
 

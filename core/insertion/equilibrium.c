@@ -12,6 +12,7 @@
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
 static const double NEW_PUSH = 0.05;     /* of Euler's load: if the push has grown by more since the needle was linearised, it is linearised again */
+enum { MOST_ENDS = 4 };                  /* of old tracks that the tip may come to in one tick */
 static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
 /* ---- one pass ------------------------------------------------------------------------------------------------------ */
@@ -276,8 +277,8 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     prepare(tick, handles);
     remember(tick);
     pass_result r = run_passes(tick, tick->model->settings.max_passes);
-    if (r.found && w->tip && old_tracks_overrun(&state->tip)) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
-        old_tracks_end(&state->tip);
+    for (int i = 0; i < MOST_ENDS && r.found && w->tip && old_tracks_overrun(&state->tip); i++) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
+        old_tracks_end(tick);
         r = run_passes(tick, tick->model->settings.max_passes);
     }
     bool suspect = !r.found || r.diverging || is_saddle(w);

@@ -188,7 +188,8 @@ static void step(const tick_context *tick) {
         gradient = move(tick);
         cross(tick, gradient);
     }
-    old_tracks_find(tick, tip_aim(tick, gradient));
+    tick->scratch->aim = tip_aim(tick, gradient);
+    old_tracks_find(tick);
     solve(tick);
     tip_puncture(tick);
     answer(tick);

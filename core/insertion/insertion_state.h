@@ -70,8 +70,9 @@ typedef struct {
     double open_left;        /* m to its end, */
     vec3 open_tilt;          /* and how the tip's way differs from that in which it would cut */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    double torn;             /* 0 to 1: how far that membrane has been torn by a puncture beside the tip */
     int face;                /* of `tet`: where the tip is on the surface or blocked */
-    bool at_end;             /* of a track, or so close that it would pass the end in one step */
+    double ended;            /* m: tracks that end this close ahead count as ended, as the tip would pass their ends in one step */
     bool entering;           /* the tip is blocked at the outer surface and comes from outside */
     vec3 outward;            /* unit normal of the outer face along which the tip grazes; zero: it does not */
     vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */

@@ -10,7 +10,7 @@ double tip_resistance(const insertion_model *model, const needle_tip *tip) {
     if (tip->blocked_by == BLOCKED_BY_BONE) return INFINITY;
     const region_material *material = material_at(model, tip->tet);
     double cutting = (1.0 - tip->open) * material->cutting_force + material->spreading_force;
-    return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, model->membranes[tip->blocked_by].puncture_force);
+    return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, tip->torn == 1.0 ? 0.0 : (1.0 - tip->torn) * model->membranes[tip->blocked_by].puncture_force);
 }
 
 int obstacle(const insertion_model *model, int tet, int face, int behind) {

@@ -36,14 +36,17 @@ static const track_list *list_of(const tick_context *tick, int index) {
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
+/* How open this membrane is at x: as a track would be, by the distance from its punctures. */
+static double membrane_open(const tick_context *tick, int membrane, vec3 x) {
+    double reach = reach_of(tick->model), closest = INFINITY;
+    const track_list *list;
+    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++) closest = fmin(closest, tracks_puncture_distance(list, membrane, x, FADE * reach));
+    return isinf(closest) ? 0.0 : fade(closest, reach);
+}
+
 int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x) {
     int found = obstacle(tick->model, tet, face, behind);
-    if (found < 0) return found;
-    double reach = reach_of(tick->model);
-    const track_list *list;
-    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++)
-        if (tracks_open_membrane(list, found, x, reach)) return NOT_BLOCKED;
-    return found;
+    return found >= 0 && membrane_open(tick, found, x) == 1.0 ? NOT_BLOCKED : found;
 }
 
 /* A track that the tip may follow. */
@@ -67,15 +70,17 @@ static candidate judge(const insertion_model *model, const track_list *list, int
                        .way = v3_unit(v3_axpy(1.0 / (CATCH_UP * 2.0 * model->needle->radius), aside, along))};
 }
 
-void old_tracks_find(const tick_context *tick, vec3 direction) {
+/* The most open track that has not ended; of several the closest. */
+static void choose(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
+    vec3 direction = tick->scratch->aim;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
-    tip->at_end = tip->at_end && tip->friction == STICK;
-    bool searched = tip->phase == TIP_INSIDE && !tip->at_end && tick->model->settings.track_reach > 0.0;
+    bool searched = tip->phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
     for (int i = 0; searched && (list = list_of(tick, i)); i++)
         for (int track = 0; track < list->count; track++) {
             candidate c = judge(tick->model, list, track, tip->nominal, direction);
+            if (c.left <= tip->ended) continue;
             if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
         }
     tip->open = best.open;
@@ -84,12 +89,18 @@ void old_tracks_find(const tick_context *tick, vec3 direction) {
     tip->open_tilt = best.open > 0.0 ? v3_sub(old_tracks_lead(tip, direction), direction) : v3(0, 0, 0);
 }
 
+void old_tracks_find(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    if (tip->friction != STICK) tip->ended = 0.0;
+    tip->torn = tip->phase == TIP_INSIDE && tip->blocked_by >= 0 ? membrane_open(tick, tip->blocked_by, tip->nominal) : 0.0;
+    choose(tick);
+}
+
 bool old_tracks_overrun(const needle_tip *tip) { return tip->open > 0.0 && tip->blocked_by == NOT_BLOCKED && tip->slip > tip->open_left; }
 
-void old_tracks_end(needle_tip *tip) {
-    tip->open = 0.0;
-    tip->open_tilt = v3(0, 0, 0);
-    tip->at_end = true;
+void old_tracks_end(const tick_context *tick) {
+    tick->state->tip.ended = tick->state->tip.open_left;
+    choose(tick);
 }
 
 /* ---- following ------------------------------------------------------------------------------------------------------------- */

@@ -5,14 +5,14 @@
 
 #include "insertion/tick.h"
 
-/* Looks for an open track ahead of the tip, which would cut along this unit nominal direction: sets tip.open and what belongs to it. RT */
-void old_tracks_find(const tick_context *tick, vec3 direction);
+/* Looks for an open track ahead of the tip, which would cut along scratch.aim: sets tip.open and what belongs to it, and tip.torn. RT */
+void old_tracks_find(const tick_context *tick);
 
 /* Would the slip of this solve take the tip past the end of the track? RT */
 bool old_tracks_overrun(const needle_tip *tip);
 
-/* Whole tissue is ahead, as at the end of the track, until the tip moves. RT */
-void old_tracks_end(needle_tip *tip);
+/* The track that the tip follows has ended, until the tip moves: another one is ahead, or whole tissue. RT */
+void old_tracks_end(const tick_context *tick);
 
 /* The direction in which the tip goes in place of the one in which it would cut. RT */
 vec3 old_tracks_lead(const needle_tip *tip, vec3 direction);
@@ -26,7 +26,7 @@ void old_tracks_cut(const tick_context *tick, int tet, vec3 from);
 /* Records that the tip has punctured a membrane where it is. RT */
 void old_tracks_puncture(const tick_context *tick, int membrane);
 
-/* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that was punctured there. RT */
+/* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that is open there. RT */
 int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x);
 
 #endif

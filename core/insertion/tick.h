@@ -117,6 +117,7 @@ typedef struct {
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
     int point_count, guided;                 /* of these, the first `guided` are at guides */
+    vec3 aim;                                /* unit nominal direction in which the tip would cut */
     contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
     bool tip;                                /* the last of them is the tip */
     hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
@@ -130,7 +131,8 @@ typedef struct {
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
     double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
-    double loose;                            /* m/N, additional lateral compliance of the tip while its hold is not full */
+    double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */
+    double tightening[MAX_POINTS];           /* 1/N, and by how much less that is for each metre of depth */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */

@@ -56,9 +56,10 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
 
 vec3 track_gradient(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    if (state->tip.phase != TIP_INSIDE || !contact_is_active(state, 0)) return v3(0, 0, 0);
+    if (state->tip.phase != TIP_INSIDE) return v3(0, 0, 0);
     needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.slip);
     vec3 at_tip = v3_sub(end.position, tip_place(&state->tip));
     vec3 ahead = displacement_ahead(tick, needle_along(&end), at_tip);
-    return v3_scale(0.5 / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, at_tip)));
+    double behind = fmin((state->tip.depth - tip_entry_depth(state)) / WINDOW_SPAN, 1.0);
+    return v3_scale(0.5 * behind / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, at_tip)));
 }

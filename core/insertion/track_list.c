@@ -97,17 +97,18 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
    may be. */
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
-bool tracks_open_membrane(const track_list *list, int membrane, vec3 x, double reach) {
+double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach) {
+    double closest = INFINITY;
     for (int track = 0; track < list->count; track++) {
         if (!is_near_box(list, track, x, reach)) continue;
         for (int i = list->first[track]; i < track_end(list, track); i++) {
             double distance = v3_norm(v3_sub(x, list->points[i].at));
-            if (distance <= reach && list->points[i].membrane == membrane) return true;
+            if (distance <= reach && list->points[i].membrane == membrane) closest = fmin(closest, distance);
             int skipped = skippable(distance, reach);
             if (skipped > 0) i += skipped - 1;
         }
     }
-    return false;
+    return closest;
 }
 
 static double length_between(const track_list *list, int from, int to) {

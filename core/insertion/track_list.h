@@ -34,8 +34,8 @@ bool tracks_cut(track_list *list, track_point from, track_point to);
 /* The tip has punctured a membrane at this point. As tracks_cut. RT */
 bool tracks_puncture(track_list *list, track_point at, int membrane);
 
-/* Was this membrane punctured within `reach` of this nominal point? RT */
-bool tracks_open_membrane(const track_list *list, int membrane, vec3 x, double reach);
+/* Distance of a nominal point from where this membrane was punctured, m; INFINITY: it was not, within `reach`. RT */
+double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach);
 
 /* The place of a track that is closest to x. */
 typedef struct {

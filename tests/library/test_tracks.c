@@ -176,7 +176,8 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
-    static const struct { double least, most; } LEFT[] = {{0.0, 0.1}, {0.1, 0.9}, {0.9, 1.01}};
+    static const struct { double least, most; } LEFT[] = {{0.0, 0.1}, {0.0, 0.9}, {0.9, 1.01}};
+    double open[2] = {0};
     fixture f = make(load_scene(0.0));
     for (int i = 0; i < 3; i++) {
         const line ways[] = {{TIMES[i] * DIAMETER, 0, 0, 0}, {0, 0, TIMES[i] * ANGLE, 0}};
@@ -185,6 +186,8 @@ static void a_track_fades_with_distance_and_angle(void **state) {
             hand first = insert(&f, 0, FIRST), second = insert(&f, 0, ways[k]);
             print_message("%.2f times the %s: %.0f %%\n", TIMES[i], k == 0 ? "reach" : "angle", 100 * second.work / first.work);
             assert_true(second.work >= LEFT[i].least * first.work && second.work <= LEFT[i].most * first.work);
+            if (i == 0) open[k] = second.work;
+            else assert_true(second.work > 2.0 * open[k]);
         }
     }
     discard(&f);

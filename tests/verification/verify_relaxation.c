@@ -91,7 +91,7 @@ static double local_energy(const lockstep *l, int term) {
         if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
         vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
         double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->along[term];
-        if (tip && term < 0) sum += w->creep.yield * w->loose * v3_dot(across, across);
+        if (term < 0) sum += w->creep.yield * w->loose[i] * v3_dot(across, across);
         double easily = v3_dot(across, w->lateral[i].easy);
         sum += w->lateral[i].least * v3_dot(across, across) + w->lateral[i].more * easily * easily + w->axial[i + tip] * shaft * shaft;
         if (tip && term < 0) softening = softening_energy(l, face);

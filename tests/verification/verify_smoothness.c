@@ -112,16 +112,24 @@ static lockstep *create_insertions(const char *path, double stiffening) {
     return lockstep_create(&config, lockstep_start());
 }
 
-static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) {
+/* `chosen`: only these runs; NULL: the first ones. */
+static void check_runs(rows *r, const char *name, const char *path, double stiffening, int runs, const int *chosen) {
     lockstep *l = create_insertions(path, stiffening);
     smoothness *s = calloc(1, sizeof *s);
     printf("%s\n", name);
-    for (int run = 0; run < runs; run++) run_hand(s, l, run);
+    for (int run = 0; run < runs; run++) run_hand(s, l, chosen ? chosen[run] : run);
     report_mesh(r, name, runs, s);
     draw(r, name, &s->quiet);
     free(s);
     lockstep_free(l);
 }
+
+static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) { check_runs(r, name, path, stiffening, runs, NULL); }
+
+/* Of the insertions in stiffening tissue, some that need what keeps forces continuous near old tracks. In turn: the direction of cutting
+   before the first contact; the work of the hold near the surface; a last contact that lets go there; a membrane beside its puncture; a
+   short track beside a long one. */
+static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38};
 
 /* ---- monotone ----------------------------------------------------------------------------------------------------------------
 
@@ -225,7 +233,8 @@ int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Coupled: smoothness");
     int runs = r.short_form ? 2 : 50;
     check_mesh(&r, "572 nodes", NULL, 0, runs);
-    check_mesh(&r, "stiffening tissue, S = 2, 572 nodes", NULL, 2.0, r.short_form ? 1 : 200);
+    if (r.short_form) check_runs(&r, "stiffening tissue, S = 2, 572 nodes", NULL, 2.0, sizeof NEAR_OLD_TRACKS / sizeof *NEAR_OLD_TRACKS, NEAR_OLD_TRACKS);
+    else check_mesh(&r, "stiffening tissue, S = 2, 572 nodes", NULL, 2.0, 200);
     check_stuck(&r, r.short_form ? 40 : 200);
     check_pressed(&r, r.short_form ? 10 : 200);
     if (!r.short_form) {

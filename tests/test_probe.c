@@ -5,6 +5,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 #include <lapacke.h>
 
@@ -465,6 +469,27 @@ static void with_a_worker(void **state) {
     trocar_model_free(model);
 }
 
+/* The scene of figure 8 with these keys in front. */
+static void refused_in_a_file(const char *keys, const char *says) {
+    char folder[] = "/tmp/test_probe.XXXXXX", path[64], line[512];
+    trocar_scene *scene;
+    trocar_model *model;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/scene.yaml", folder);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fprintf(file, "%s\n", keys);
+    fclose(file);
+    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|' " MESHES "/figure8.yaml >> %s", path);
+    assert_int_equal(system(line), 0);
+    trocar_status status = trocar_scene_load(path, &scene, &why);
+    if (status == TROCAR_OK) status = trocar_model_create(scene, NULL, &model, &why), trocar_scene_free(scene);
+    assert_int_equal(status, TROCAR_BAD_INPUT);
+    if (!strstr(why.text, says) || !strstr(why.text, path)) fail_msg("%s", why.text);
+    unlink(path);
+    rmdir(folder);
+}
+
 static void refused(void **state) {
     (void)state;
     static const struct { const char *key, *value, *says; } wrong[] = {
@@ -483,6 +508,10 @@ static void refused(void **state) {
         if (!strstr(why.text, wrong[i].says)) fail_msg("%s", why.text);
         trocar_scene_free(scene);
     }
+    refused_in_a_file("probe: {surface: rectum_wall}", "scene.yaml:1: probe.surface: ");
+    refused_in_a_file("probe: {surface: fixed}", "scene.yaml:1: probe.surface: all nodes of \"fixed\" are fixed: name");
+    refused_in_a_file("probe: {surface: skin, radius: 0.01,\n  start: {position: [0, 0, -0.1]}}", "scene.yaml:2: probe.start: its axis lies in the tissue");
+    refused_in_a_file("probe: {surface: skin, start: {position: [0, 0]}}", "scene.yaml:1: probe.start.position: expected three numbers");
     trocar_pose pose = across(0, 0);
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
     OK(trocar_model_create(scene, NULL, &model, &why));

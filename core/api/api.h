@@ -106,6 +106,8 @@ struct trocar_sim {
     pose probe_pose;         /* the newest one */
     uint64_t probe_beneath;  /* resting.changes when it pressed last */
     double since_response;   /* s in lockstep since they responded to the loads */
+    bool to_respond;         /* what rests and the probe have not responded to the newest loads and pose */
+    int answers;             /* to requests since they did */
 };
 
 /* A copy of what there is to see. */

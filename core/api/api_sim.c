@@ -21,6 +21,8 @@ _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == 
 static const double RESPONSE_PERIOD = 0.004, PRESSED_PERIOD = 0.01; /* s, between two responses of what rests to the forces of held needles; while a
                                                                        probe presses, which takes the worker longer */
 
+enum { MOST_ANSWERS = 4 };             /* to requests, one after another, before what rests gets its turn */
+
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
 static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, report *why) {
@@ -400,6 +402,29 @@ static bool take_loads(trocar_sim *sim) {
     return any;
 }
 
+/* What rests and the probe respond to the newest loads. */
+static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
+    sim->to_respond = false;
+    sim->answers = 0;
+    trocar_status status = press_probe(sim, why);
+    return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
+}
+
+/* One needle slips. True: there is more. */
+static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
+    uint64_t shifts = sim->resting.shifts;
+    bool more = slip_some(sim, false);
+    if (sim->resting.shifts != shifts) *status = press_probe(sim, why);
+    return more;
+}
+
+static bool look_ahead(trocar_sim *sim) {
+    for (int i = 0; i < sim->needle_count; i++)
+        if (!sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher)) return true;
+    return false;
+}
+
+/* Does one thing at a time, so that a request never waits for long: it comes first, but not for ever. */
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     uint64_t count;
@@ -407,7 +432,8 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     (void)taken;
     trocar_work work = {0};
     resting_change change;
-    bool news = take_loads(sim), moved = take_probe_pose(sim);
+    if (take_loads(sim)) sim->to_respond = true;
+    if (take_probe_pose(sim)) sim->to_respond = true;
     trocar_status status = change_resting(sim, &change, why);
     work.more = change.any;
     work.kept = change.kept;
@@ -416,14 +442,15 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
         sim->next_served = (sim->next_served + 1) % sim->needle_count;
         status = answer_request(sim, index, &work, why);
     }
+    sim->answers += work.answered;
     floating_mode before = flush_denormals();
-    if ((news || moved) && status == TROCAR_OK) status = press_probe(sim, why);
-    if ((news || moved) && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
-    uint64_t shifts = sim->resting.shifts;
-    if (slip_some(sim, false)) work.more = true;
-    if (sim->resting.shifts != shifts && status == TROCAR_OK) status = press_probe(sim, why);
-    for (int i = 0; i < sim->needle_count && !work.more; i++)
-        work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);
+    if (status == TROCAR_OK && (!work.more || change.any || sim->answers >= MOST_ANSWERS)) {
+        bool responds = sim->to_respond;
+        if (responds) status = respond_in_turn(sim, why);
+        else sim->answers = 0;
+        if (responds) work.more = true;
+        else if (slip_in_turn(sim, &status, why) || look_ahead(sim)) work.more = true;
+    }
     restore_floating_mode(before);
     if (done) *done = work;
     return status;

@@ -369,7 +369,12 @@ int inverse_attached_motions(const inverse *inv) { return ((const attached_inver
 /* z and Q^T y -> df and q, in place, for so many columns. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, count, -1.0, a->factor, n, force, n);
+    if (count == 1) { /* L is read once, and not copied */
+        cblas_dscal(n, -1.0, force, 1);
+        cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, n, a->factor, n, force, 1);
+    } else {
+        cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, count, -1.0, a->factor, n, force, n);
+    }
     if (q > 0) cblas_dtrsm(CblasColMajor, CblasLeft, CblasUpper, CblasNoTrans, CblasNonUnit, q, count, 1.0, a->triangle, q, motion, q);
 }
 

@@ -123,7 +123,9 @@ static bool find_columns(resting_set *s, int index) {
     if (count == 0) return true;
     if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
     if (!s->columns[index]) return false;
-    if (count > AT_ONCE) count = AT_ONCE;
+    int most = inverse_slice(s->inverse); /* each column takes two solutions, and a node three */
+    most = most < AT_ONCE ? (3 * most + 1) / 2 : AT_ONCE;
+    if (count > most) count = most < AT_ONCE ? most : AT_ONCE;
     for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
     inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
     s->columns_known[index] += count;

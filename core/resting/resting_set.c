@@ -123,9 +123,8 @@ static bool find_columns(resting_set *s, int index) {
     if (count == 0) return true;
     if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
     if (!s->columns[index]) return false;
-    int most = inverse_slice(s->inverse); /* each column takes two solutions, and a node three */
-    most = most < AT_ONCE ? (3 * most + 1) / 2 : AT_ONCE;
-    if (count > most) count = most < AT_ONCE ? most : AT_ONCE;
+    int slice = inverse_slice(s->inverse), most = slice < AT_ONCE / 2 ? 3 * slice / 2 : AT_ONCE; /* a node takes three solutions, a column two */
+    if (count > most) count = most;
     for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
     inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
     s->columns_known[index] += count;

@@ -11,6 +11,7 @@
 #include "safety_limits.h"
 #include "message_fit.h"
 #include "messages.h"
+#include "probe_arbiter.h"
 
 /* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log
    would look like a shorter one. The format is simple enough to read with checks. An event on disk, big-endian: magic, event number
@@ -28,6 +29,12 @@ typedef struct {
 static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
+
+/* What the poses' readers need: the log, and the server's part that decides about the probe's poses. */
+typedef struct {
+    pose_log *poses;
+    probe_arbiter probe;
+} reading;
 
 /* A log being read. */
 typedef struct {
@@ -180,10 +187,11 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     return add_pose(p, log, why);
 }
 
-static trocar_status take_pose(const reader *r, const event_header *h, void *log, report *why) {
+static trocar_status take_pose(const reader *r, const event_header *h, void *context, report *why) {
+    reading *in = context;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
-    return status == TROCAR_OK ? append_pose(r, &p, log, why) : status;
+    return status == TROCAR_OK ? append_pose(r, &p, in->poses, why) : status;
 }
 
 static trocar_status take_wrench(const reader *r, const event_header *h, void *context, report *why) {
@@ -217,7 +225,7 @@ static trocar_status decode_command(const reader *r, const event_header *h, cons
 
 /* Notes a command that concerns seeds; one of another version, which has none, is ignored. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
-    pose_log *log = context;
+    pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_command_t m;
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
@@ -246,12 +254,39 @@ static trocar_status take_status(const reader *r, const event_header *h, void *c
     return TROCAR_OK;
 }
 
-typedef trocar_status take_event(const reader *r, const event_header *h, void *log, report *why);
+/* Notes a pose of the probe by the server's own rules, on the clock of the poses. */
+static trocar_status note_probe(const reader *r, const event_header *h, void *context, report *why) {
+    reading *in = context;
+    pose_log *log = in->poses;
+    unsigned char data[DATA_MAX] = {0};
+    trocar_probe_pose_t m;
+    report refusal;
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status == TROCAR_OK) status = check_type(r, data, "probe_pose_t", __trocar_probe_pose_t_get_hash(), why);
+    if (status != TROCAR_OK) return status;
+    if (h->data_length != trocar_probe_pose_t_decode(data, 0, DATA_MAX, &m))
+        return bad_event(r, "not the length of a trocar.probe_pose_t: the log is damaged", why);
+    if (m.utime < 0 || m.utime > INT64_MAX / 1000) return bad_event(r, "impossible time of a pose of the probe: the log is damaged", why);
+    if (!probe_arbiter_pose(&in->probe, data, (size_t)h->data_length, 1000 * m.utime, refusal.text, sizeof refusal.text)) {
+        log->skipped_probes++;
+        return TROCAR_OK;
+    }
+    void *probes = log->probes;
+    status = make_room(&probes, log->probe_count, sizeof *log->probes, why);
+    log->probes = probes;
+    if (status == TROCAR_OK) log->probes[log->probe_count++] = (logged_probe){.next_pose = log->count, .pose = m};
+    return status;
+}
 
-/* Reads all events; `take` gets those of `channel` with the file positioned at the event's data, and `note`, if given, those of
-   `noted`. With `cut`, a log that ends within an event is read up to that event and `cut` is set to a message about it (empty
-   if the log is complete). */
-static trocar_status read_log(const char *path, const char *channel, take_event *take, const char *noted, take_event *note, void *log, report *cut, report *why) {
+/* What is read of a channel: `take` gets its events, with the file positioned at the event's data. */
+typedef struct {
+    const char *channel;
+    trocar_status (*take)(const reader *r, const event_header *h, void *log, report *why);
+} wanted_channel;
+
+/* Reads all events of the channels in `wanted`, whose last entry is empty; the log must have an event of the first channel. With `cut`, a log
+   that ends within an event is read up to that event and `cut` is set to a message about it (empty if the log is complete). */
+static trocar_status read_log(const char *path, const wanted_channel *wanted, void *log, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
@@ -264,20 +299,20 @@ static trocar_status read_log(const char *path, const char *channel, take_event 
             status = TROCAR_OK;
             break;
         }
-        bool wanted = status == TROCAR_OK && strcmp(h.channel, channel) == 0;
-        if (wanted) status = take(&r, &h, log, why);
-        else if (status == TROCAR_OK && note && strcmp(h.channel, noted) == 0) status = note(&r, &h, log, why);
+        const wanted_channel *match = wanted;
+        while (status == TROCAR_OK && match->channel && strcmp(h.channel, match->channel) != 0) match++;
+        if (status == TROCAR_OK && match->channel) status = match->take(&r, &h, log, why);
         if (status == TROCAR_OK) status = skip_event(&r, &h, why);
-        found |= wanted;
+        found |= match == wanted;
     }
     fclose(r.file);
     if (status != TROCAR_OK || found) return status;
-    return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, channel, r.event);
+    return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, wanted->channel, r.event);
 }
 
 /* Of all needles: each pose that is later than the last one of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
-    pose_log *log = context;
+    pose_log *log = ((reading *)context)->poses;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
     if (status != TROCAR_OK) return status;
@@ -292,7 +327,7 @@ static trocar_status take_any_pose(const reader *r, const event_header *h, void 
 }
 
 static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
-    pose_log *log = context;
+    pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
     trocar_command_t m;
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
@@ -303,9 +338,17 @@ static trocar_status take_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
+/* `wanted` as in read_log. */
+static trocar_status read_pose_log(const char *path, const wanted_channel *wanted, int needle, pose_log *log, report *cut, report *why) {
+    *log = (pose_log){.needle = needle};
+    reading in = {.poses = log};
+    probe_arbiter_init(&in.probe);
+    return read_log(path, wanted, &in, cut, why);
+}
+
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
-    *log = (pose_log){.needle = -1};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_any_pose, COMMAND_CHANNEL, take_command, log, NULL, why);
+    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {PROBE_CHANNEL, note_probe}, {0}};
+    trocar_status status = read_pose_log(path, wanted, -1, log, NULL, why);
     if (status != TROCAR_OK) pose_log_free(log);
     else log->needle = log->poses[0].needle;
     return status;
@@ -313,8 +356,8 @@ trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
 
 /* `needle` -1: the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
-    *log = (pose_log){.needle = needle};
-    trocar_status status = read_log(path, POSE_CHANNEL, take_pose, COMMAND_CHANNEL, note_command, log, cut, why);
+    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {PROBE_CHANNEL, note_probe}, {0}};
+    trocar_status status = read_pose_log(path, wanted, needle, log, cut, why);
     if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);
     return status;
@@ -330,8 +373,9 @@ trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut,
 }
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
+    static const wanted_channel wanted[] = {{WRENCH_CHANNEL, take_wrench}, {STATUS_CHANNEL, take_status}, {0}};
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, WRENCH_CHANNEL, take_wrench, STATUS_CHANNEL, take_status, log, NULL, why);
+    trocar_status status = read_log(path, wanted, log, NULL, why);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }
@@ -344,6 +388,7 @@ void wrench_log_free(wrench_log *log) {
 void pose_log_free(pose_log *log) {
     free(log->poses);
     free(log->commands);
+    free(log->probes);
     *log = (pose_log){0};
 }
 
@@ -355,6 +400,17 @@ double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps) 
     if (dt <= POSE_LOG_GAP) return dt;
     (*gaps)++;
     return POSE_LOG_GAP;
+}
+
+trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why) {
+    const trocar_probe_pose_t *newest = NULL;
+    for (; *done < log->probe_count && log->probes[*done].next_pose <= i; (*done)++) newest = &log->probes[*done].pose;
+    trocar_probe_shape ignored;
+    if (!newest || !trocar_model_probe(model, &ignored)) return TROCAR_OK;
+    pose base = load_pose(newest->position, newest->orientation);
+    base.orientation = q_unit(base.orientation);
+    trocar_pose to = library_pose(base);
+    return trocar_sim_set_probe(sim, &to, why);
 }
 
 pose pose_of_message(const trocar_needle_pose_t *message) {
@@ -382,6 +438,12 @@ trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *mes
     uint8_t data[256];
     int length = trocar_command_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
+}
+
+trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *message, const char *path, report *why) {
+    uint8_t data[256];
+    int length = trocar_probe_pose_t_encode(data, 0, sizeof data, message);
+    return write_event(log, message->utime, PROBE_CHANNEL, data, length, path, why);
 }
 
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *message, const char *path, report *why) {

@@ -8,19 +8,28 @@
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_needle_wrench_t.h"
+#include "trocar_probe_pose_t.h"
 #include "trocar_status_t.h"
 #include "base/vec.h"
+#include "trocar.h"
 
 #define POSE_CHANNEL "TROCAR_POSE"
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 #define STATUS_CHANNEL "TROCAR_STATUS"
 #define COMMAND_CHANNEL "TROCAR_COMMAND"
+#define PROBE_CHANNEL "TROCAR_PROBE"
 
 /* A command, and the pose before which it came. */
 typedef struct {
     int next_pose;                /* the number of poses if it came after the last one */
     trocar_command_t command;
 } logged_command;
+
+/* A pose of the ultrasound probe, and the needle pose before which it came, as in logged_command. */
+typedef struct {
+    int next_pose;
+    trocar_probe_pose_t pose;
+} logged_probe;
 
 /* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
 typedef struct {
@@ -29,6 +38,9 @@ typedef struct {
     trocar_needle_pose_t *poses;  /* count */
     int command_count;
     logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
+    int probe_count;
+    logged_probe *probes;         /* probe_count, in order: those that the server would accept */
+    int64_t skipped_probes;       /* number of poses of the probe that it would refuse */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
     int64_t skipped_commands;     /* number of skipped commands of this kind that came from others, or before the first pose */
@@ -42,7 +54,7 @@ typedef struct {
     char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 
-/* Reads the poses and commands, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
+/* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
    `needle`, or with -1 (as in pose_log_read) those of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
    of other message types or empty, and for a pose that is not finite, without a unit quaternion (safety_check_pose) or not later
    than the previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
@@ -70,8 +82,13 @@ double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
+/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done`: number of probe poses passed so far. Without a
+   probe in the scene nothing happens. */
+trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why);
+
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
 trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
+trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, report *why);
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);
 trocar_status log_write_status(lcm_eventlog_t *log, const trocar_status_t *status, const char *path, report *why);

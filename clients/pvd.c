@@ -16,10 +16,10 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, report *why) {
 }
 
 /* File names in the list are relative to its folder. */
-static void list_state(pvd_series *p, double time) {
-    static const char *const parts[] = {"tissue", "needle"};
+static void list_state(pvd_series *p, bool probe, double time) {
+    static const char *const parts[] = {"tissue", "needle", "probe"};
     const char *slash = strrchr(p->prefix, '/'), *name = slash ? slash + 1 : p->prefix;
-    for (int i = 0; i < 2; i++)
+    for (int i = 0; i < (probe ? 3 : 2); i++)
         fprintf(p->list.file, "<DataSet timestep=\"%.6f\" part=\"%d\" file=\"%s-%04d-%s.vtu\"/>\n", time, i, name, p->count, parts[i]);
 }
 
@@ -32,7 +32,9 @@ trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture 
         return fail(why, TROCAR_BAD_INPUT, "%s: path too long", p->prefix);
     trocar_status status = vtu_write_tissue(model, picture, patient, prefix, why);
     if (status == TROCAR_OK) status = vtu_write_needle(model, picture, output, patient, prefix, why);
-    if (status == TROCAR_OK) list_state(p, time);
+    if (status == TROCAR_OK) status = vtu_write_probe(model, picture, patient, prefix, why);
+    trocar_probe_shape ignored;
+    if (status == TROCAR_OK) list_state(p, trocar_model_probe(model, &ignored), time);
     p->count++;
     return status;
 }

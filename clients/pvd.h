@@ -1,4 +1,5 @@
-/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu, -0001- ... with their times. */
+/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu,
+   PREFIX-0000-probe.vtu (in a scene with a probe), -0001- ... with their times. */
 #ifndef TROCAR_PVD_H
 #define TROCAR_PVD_H
 

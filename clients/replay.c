@@ -63,6 +63,9 @@ typedef struct {
     int dump_tick;           /* tick whose state --vtu writes, or the first later one that moves a needle */
     bool dumped;
     int64_t logged;          /* events in log_file */
+    int probes_done;         /* of the log's poses of the probe, */
+    int probes_logged;       /* and of these, those in log_file */
+    bool has_probe;          /* the scene has one */
     int commands_done, refused; /* of the log's commands, */
     report refusal;          /* and why, of the first one that was refused */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
@@ -83,8 +86,8 @@ static const struct argp_option option_list[] = {
     {"all", OPTION_ALL, 0, 0, "Replay all needles of the log, and its commands: a whole implant (not with --needle, --every and --compare)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's", 0},
-    {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu and PREFIX-needle.vtu", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
+    {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in a scene with a probe, PREFIX-probe.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
     {"compare", OPTION_COMPARE, "GOLDEN", 0,
@@ -137,7 +140,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary "
-    "gives the same bits.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
+    "gives the same bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -152,7 +155,6 @@ static trocar_status find_dump_tick(replay *r, report *why) {
 }
 
 static trocar_status open_outputs(replay *r, report *why) {
-    const char *unit = patient_unit(r->patient);
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
@@ -162,10 +164,19 @@ static trocar_status open_outputs(replay *r, report *why) {
     if (r->shift_file.file)
         fprintf(r->shift_file.file, "t [s],%s,superior [mm],sagittal [deg],coronal [deg],axial [deg]\n",
                 r->patient ? "left [mm],posterior [mm]" : "right [mm],anterior [mm]");
-    if (r->csv_file.file)
-        fprintf(r->csv_file.file, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad],"
-                "base_x [%s],base_y [%s],base_z [%s],tip_x [%s],tip_y [%s],tip_z [%s]\n", unit, unit, unit, unit, unit, unit);
     return status;
+}
+
+/* Columns of the probe come last. */
+static void csv_head(const replay *r) {
+    FILE *out = r->csv_file.file;
+    const char *unit = patient_unit(r->patient);
+    fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad],"
+            "base_x [%s],base_y [%s],base_z [%s],tip_x [%s],tip_y [%s],tip_z [%s]", unit, unit, unit, unit, unit, unit);
+    if (r->has_probe)
+        fprintf(out, ",probe_fx [N],probe_fy [N],probe_fz [N],probe_tx [N m],probe_ty [N m],probe_tz [N m],probe_contacts,"
+                "probe_x [%s],probe_y [%s],probe_z [%s]", unit, unit, unit);
+    fputc('\n', out);
 }
 
 static trocar_status prepare_comparison(replay *r, report *why) {
@@ -196,6 +207,9 @@ static trocar_status create_simulation(replay *r, report *why) {
     const char *remarks = trocar_model_remarks(r->model);
     if (remarks[0]) fprintf(stderr, "trocar-replay: warning: %s\n", remarks);
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", trocar_model_description(r->model));
+    trocar_probe_shape ignored;
+    r->has_probe = trocar_model_probe(r->model, &ignored) == 1;
+    if (r->csv_file.file) csv_head(r);
     return r->options->shift_path ? prepare_shift(r, why) : TROCAR_OK;
 }
 
@@ -272,6 +286,16 @@ static trocar_status log_origin(replay *r, report *why) {
 /* Of the simulation. */
 static int needle_of(const replay *r, int tick) { return r->options->all ? r->poses.poses[tick].needle : 0; }
 
+/* A probe that has not been placed yet has no position. */
+static void csv_probe(const replay *r) {
+    trocar_probe p = trocar_sim_probe(r->sim);
+    vec3 force = axes_to_patient(r->patient, load_vec3(p.force)), torque = axes_to_patient(r->patient, load_vec3(p.torque));
+    vec3 base = mesh_to_patient(r->patient, load_vec3(p.base.position));
+    fprintf(r->csv_file.file, ",%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,", force.x, force.y, force.z, torque.x, torque.y, torque.z, p.contacts);
+    if (p.placed) fprintf(r->csv_file.file, "%.17g,%.17g,%.17g", base.x, base.y, base.z);
+    else fprintf(r->csv_file.file, ",,");
+}
+
 static void csv_tick(const replay *r, int tick) {
     int needle = needle_of(r, tick);
     const trocar_output *w = &r->result;
@@ -285,9 +309,11 @@ static void csv_tick(const replay *r, int tick) {
     vec3 torque = axes_to_patient(r->patient, load_vec3(w->torque));
     vec3 base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position));
     vec3 tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1]));
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n",
+    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g",
             pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
             r->poses.poses[tick].needle, trocar_sim_tip_lead(r->sim, needle), base.x, base.y, base.z, tip.x, tip.y, tip.z);
+    if (r->has_probe) csv_probe(r);
+    fputc('\n', r->csv_file.file);
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
@@ -305,8 +331,8 @@ static trocar_status shift_tick(replay *r, int tick, report *why) {
 static trocar_status export_state(replay *r, report *why) {
     trocar_sim_take_picture(r->sim, r->picture);
     trocar_status status = vtu_write_tissue(r->model, r->picture, r->patient, r->options->vtu_prefix, why);
-    if (status != TROCAR_OK) return status;
-    return vtu_write_needle(r->model, r->picture, &r->result, r->patient, r->options->vtu_prefix, why);
+    if (status == TROCAR_OK) status = vtu_write_needle(r->model, r->picture, &r->result, r->patient, r->options->vtu_prefix, why);
+    return status == TROCAR_OK ? vtu_write_probe(r->model, r->picture, r->patient, r->options->vtu_prefix, why) : status;
 }
 
 static trocar_status add_to_series(replay *r, double time, report *why) {
@@ -394,6 +420,17 @@ static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, doubl
     return anew ? trocar_sim_reset(r->sim, m->needle, base, why) : TROCAR_OK;
 }
 
+/* Moves the probe to its newest pose before this one, and logs what was passed. */
+static trocar_status follow_probe(replay *r, int pose, report *why) {
+    trocar_status status = pose_log_move_probe(&r->poses, pose, r->model, r->sim, &r->probes_done, why);
+    if (!r->log_file.file || r->options->every) return status;
+    lcm_eventlog_t log = log_at(r);
+    for (; status == TROCAR_OK && r->probes_logged < r->probes_done; r->probes_logged++)
+        status = log_write_probe(&log, &r->poses.probes[r->probes_logged].pose, r->options->log_path, why);
+    r->logged = log.eventcount;
+    return status;
+}
+
 static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
     for (int i = 0; i < r->poses.count; i++)
@@ -420,6 +457,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
     double dt = 0.0;
     trocar_status status = run_commands(r, tick, why);
+    if (status == TROCAR_OK) status = follow_probe(r, tick, why);
     if (status != TROCAR_OK) return status;
     if (r->options->all) {
         status = follow_needle(r, tick, &base, &dt, why);
@@ -449,6 +487,7 @@ static trocar_status run_all(replay *r, report *why) {
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
+    if (status == TROCAR_OK) status = follow_probe(r, r->poses.count, why);
     if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
@@ -470,6 +509,9 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " poses of other needles and sessions skipped\n", r->poses.skipped_sessions);
     if (r->poses.skipped_old)
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
+    if (r->poses.probe_count) fprintf(stderr, "%d poses of the probe%s\n", r->poses.probe_count, r->has_probe ? "" : " skipped: the scene has none (probe.surface)");
+    if (r->poses.skipped_probes)
+        fprintf(stderr, "%" PRId64 " poses of the probe skipped, which the server refuses: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
     if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_sim_seeds(r->sim, NULL, 0));
     if (r->poses.skipped_commands)
         fprintf(stderr, "%" PRId64 " commands for seeds skipped, of other needles or sessions or before the first pose\n", r->poses.skipped_commands);

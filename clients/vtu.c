@@ -2,11 +2,12 @@
 
 #include <stdbool.h>
 
+#include "messages.h"
 #include "output.h"
 
 /* ---- the format -------------------------------------------------------------------------------------------------- */
 
-enum { VTK_POLY_LINE = 4, VTK_TETRA = 10 };
+enum { VTK_POLY_LINE = 4, VTK_TRIANGLE = 5, VTK_TETRA = 10 };
 
 static void end_file(FILE *out) { fprintf(out, "</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"); }
 
@@ -226,6 +227,80 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
     centreline c;
     trace_needle(model, picture, &c);
     write_needle(&c, trocar_picture_base(picture, 0).position, given, patient, file.file);
+    status = output_commit(&file, why);
+    output_abandon(&file);
+    return status;
+}
+
+/* ---- probe ------------------------------------------------------------------------------------------------------- */
+
+enum { AROUND = 48, ALONG = 16 }; /* points around the probe; rings: the base, and the rest from the edge of the tip's rounding to its end */
+
+/* Radius and place along the axis of a ring, m. The last one is the edge of the flat end. */
+static void profile(const trocar_probe_shape *s, int ring, double *radius, double *along) {
+    double angle = 0.5 * M_PI * (ring - 1) / (ALONG - 2);
+    *radius = ring == 0 ? s->radius : s->radius - s->tip_radius * (1 - cos(angle));
+    *along = ring == 0 ? 0.0 : s->length - s->tip_radius * (1 - sin(angle));
+}
+
+static void write_probe_points(const trocar_probe_shape *s, pose base, const patient_frame *patient, FILE *out) {
+    double points[AROUND * ALONG + 1][3];
+    for (int i = 0; i < AROUND * ALONG; i++) {
+        double radius, along, angle = 2 * M_PI * (i % AROUND) / AROUND;
+        profile(s, i / AROUND, &radius, &along);
+        store_vec3(v3_add(base.position, q_rotate(base.orientation, v3(radius * cos(angle), radius * sin(angle), along))), points[i]);
+    }
+    store_vec3(v3_add(base.position, q_rotate(base.orientation, v3(0, 0, s->length))), points[AROUND * ALONG]);
+    write_points(points[0], AROUND * ALONG + 1, patient, out);
+}
+
+/* Two between neighbouring points of neighbouring rings, one to the end's middle. */
+static void write_probe_triangles(bool placed, FILE *out) {
+    int rings = placed ? ALONG - 1 : 0, count = placed ? (2 * rings + 1) * AROUND : 0;
+    fprintf(out, "<Cells>\n");
+    begin_array("Int32", "connectivity", 1, out);
+    for (int i = 0; i < rings * AROUND; i++) {
+        int next = i % AROUND == AROUND - 1 ? i + 1 - AROUND : i + 1;
+        fprintf(out, "%d %d %d\n%d %d %d\n", i, next, i + AROUND, next, next + AROUND, i + AROUND);
+    }
+    for (int i = 0; placed && i < AROUND; i++) fprintf(out, "%d %d %d\n", rings * AROUND + i, rings * AROUND + (i + 1) % AROUND, AROUND * ALONG);
+    end_array(out);
+    begin_array("Int32", "offsets", 1, out);
+    for (int i = 1; i <= count; i++) fprintf(out, "%d\n", 3 * i);
+    end_array(out);
+    begin_array("UInt8", "types", 1, out);
+    for (int i = 0; i < count; i++) fprintf(out, "%d\n", VTK_TRIANGLE);
+    end_array(out);
+    fprintf(out, "</Cells>\n");
+}
+
+static void write_probe(const trocar_probe_shape *shape, const trocar_probe *p, const patient_frame *patient, FILE *out) {
+    pose base = load_pose(p->base.position, p->base.orientation);
+    bool placed = p->placed != 0;
+    quat turn = turn_to_patient(patient, base.orientation);
+    fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
+    write_field_vector("base_position", p->base.position, patient, mesh_to_patient, out);
+    fprintf(out, "<DataArray type=\"Float64\" Name=\"orientation\" NumberOfComponents=\"4\" NumberOfTuples=\"1\" format=\"ascii\">%.17g %.17g %.17g %.17g</DataArray>\n",
+            turn.w, turn.x, turn.y, turn.z);
+    write_field_vector("hand_force", p->force, patient, axes_to_patient, out);
+    write_field_vector("hand_torque", p->torque, patient, axes_to_patient, out);
+    fprintf(out, "<DataArray type=\"Int32\" Name=\"contacts\" NumberOfTuples=\"1\" format=\"ascii\">%d</DataArray>\n", p->contacts);
+    fprintf(out, "</FieldData>\n<Piece NumberOfPoints=\"%d\" NumberOfCells=\"%d\">\n", placed ? AROUND * ALONG + 1 : 0, placed ? (2 * ALONG - 1) * AROUND : 0);
+    if (placed) write_probe_points(shape, base, patient, out);
+    else write_points(NULL, 0, patient, out);
+    write_probe_triangles(placed, out);
+    end_file(out);
+}
+
+trocar_status vtu_write_probe(const trocar_model *model, const trocar_picture *picture, const patient_frame *patient, const char *prefix,
+                              report *why) {
+    trocar_probe_shape shape;
+    output file;
+    if (!trocar_model_probe(model, &shape)) return TROCAR_OK;
+    trocar_status status = open_part(&file, prefix, "probe", why);
+    if (status != TROCAR_OK) return status;
+    trocar_probe p = trocar_picture_probe(picture);
+    write_probe(&shape, &p, patient, file.file);
     status = output_commit(&file, why);
     output_abandon(&file);
     return status;

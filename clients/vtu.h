@@ -20,4 +20,10 @@ trocar_status vtu_write_tissue(const trocar_model *model, trocar_picture *pictur
 trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *picture, const trocar_output *output,
                                const patient_frame *patient, const char *prefix, report *why);
 
+/* The probe as PREFIX-probe.vtu: the surface of the cylinder with its rounded end. Field data `base_position` m, `orientation` w x y z from the
+   probe's frame to the mesh's (to the patient's axes with `patient`), `hand_force` N and `hand_torque` N m (about the base) on the hand that holds it,
+   `contacts`. A probe that has not been placed has no points. Without a probe in the scene no file is written. */
+trocar_status vtu_write_probe(const trocar_model *model, const trocar_picture *picture, const patient_frame *patient, const char *prefix,
+                              report *why);
+
 #endif

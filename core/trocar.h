@@ -341,7 +341,7 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
 
    A needle that is left rests: its base is free, and tissue and guides keep it where it is. What it costs a tick does not depend on how many
    rest. Resting needles respond to what others do to the tissue as they do linearised about the equilibrium in which they were left,
-   and where friction gives way they slip, at 100 Hz. */
+   and where friction gives way they slip, at 250 Hz (100 Hz while a probe presses). */
 typedef struct trocar_sim trocar_sim;
 
 /* Every needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the

@@ -4,7 +4,8 @@
 The gland is an ellipsoid in a box. World frame, metres: x to the patient's right, y up (anterior), z along the needle
 from the skin (z = 0) into the body. Physical volumes: `prostate`, `surrounding`; physical surfaces: `skin` (z = 0),
 `capsule` (the gland's surface) and `fixed` (the far face, and the bottom face with the smallest y). Layers between the skin and
-the gland are further volumes (--layer).
+the gland are further volumes (--layer). With --rectum there is an open rectum behind the gland, a round channel from the skin with a rounded
+end; its wall is the surface `rectum_wall`.
 """
 import argparse
 import math
@@ -16,18 +17,34 @@ import gmsh
 MM = 1e-3
 BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
+RECTUM_LENGTH = 80 * MM
+RECTUM_DEPTH = 17 * MM         # of tissue below it: with a rectum, the box is larger
 
 
-def build_geometry(centre, half_axes, layers):
+def box_low(centre, half_axes, rectum):
+    """The box's lower corner. rectum: distance from the gland and radius of the rectum, or None."""
+    low = centre[1] - half_axes[1] - rectum[0] - 2 * rectum[1] - RECTUM_DEPTH if rectum else BOX_LOW[1]
+    return (BOX_LOW[0], low, BOX_LOW[2])
+
+
+def build_geometry(centre, half_axes, layers, rectum):
     """Fragments a box with an ellipsoid and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
     occ = gmsh.model.occ
-    width, height, depth = (high - low for low, high in zip(BOX_LOW, BOX_HIGH))
-    box = occ.addBox(*BOX_LOW, width, height, depth)
+    corner = box_low(centre, half_axes, rectum)
+    width, height, depth = (high - low for low, high in zip(corner, BOX_HIGH))
+    box = occ.addBox(*corner, width, height, depth)
+    if rectum:
+        distance, radius = rectum
+        middle = centre[1] - half_axes[1] - distance - radius
+        channel = [(3, occ.addCylinder(centre[0], middle, -radius, 0, 0, RECTUM_LENGTH, radius)),
+                   (3, occ.addSphere(centre[0], middle, RECTUM_LENGTH - radius, radius))]
+        occ.cut([(3, box)], channel)
     gland = occ.addSphere(*centre, 1.0)
     occ.dilate([(3, gland)], *centre, *half_axes)
     parts, start = [(3, gland)], 0.0
     for _, end in layers:
-        parts.append((3, occ.addBox(*BOX_LOW[:2], start, width, height, end - start)))
+        layer = [(3, occ.addBox(*corner[:2], start, width, height, end - start))]
+        parts += occ.intersect(layer, [(3, box)], removeTool=False)[0] if rectum else layer
         start = end
     pieces, parents = occ.fragment([(3, box)], parts)
     occ.synchronize()
@@ -44,23 +61,34 @@ def faces_on(axis, coordinate):
     return [tag for _, tag in gmsh.model.getEntities(2) if is_flat(tag)]
 
 
-def name_groups(regions):
+def rectum_walls(centre, half_axes, rectum):
+    """Tags of the surfaces inside of the box around the channel, but the skin."""
+    middle, reach = centre[1] - half_axes[1] - rectum[0] - rectum[1], rectum[1] + 1e-6
+    def is_wall(tag):
+        low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(2, tag)
+        inside = max(abs(low_x - centre[0]), abs(high_x - centre[0]), abs(low_y - middle), abs(high_y - middle)) <= reach
+        return inside and high_z > 1e-6
+    return [tag for _, tag in gmsh.model.getEntities(2) if is_wall(tag)]
+
+
+def name_groups(regions, low, walls):
     capsule = [abs(tag) for _, tag in gmsh.model.getBoundary([(3, regions["prostate"])])]
-    fixed = faces_on(2, BOX_HIGH[2]) + faces_on(1, BOX_LOW[1])
+    fixed = faces_on(2, BOX_HIGH[2]) + faces_on(1, low[1])
     names = ["prostate", "surrounding"] + [name for name in regions if name not in ("prostate", "surrounding")]
     groups = [(3, [regions[name]], name) for name in names] + [
               (2, faces_on(2, BOX_LOW[2]), "skin"), (2, capsule, "capsule"), (2, fixed, "fixed")]
+    groups += [(2, walls, "rectum_wall")] if walls else []
     for number, (dimension, tags, name) in enumerate(groups, 1):
         gmsh.model.addPhysicalGroup(dimension, tags, number)
         gmsh.model.setPhysicalName(dimension, number, name)
 
 
-def set_sizes(centre, half_axes, fine, coarse):
+def set_sizes(centre, half_axes, fine, coarse, low):
     """Element size `fine` in the gland, increasing linearly to `coarse` at the corners of the box."""
     reach = max(half_axes)
     distance = "Sqrt({})".format("+".join(
         f"(({name})-({c}))^2" for name, c in zip("xyz", centre)))
-    span = math.dist(centre, BOX_LOW) - reach
+    span = math.dist(centre, low) - reach
     field = gmsh.model.mesh.field
     growth = field.add("MathEval")
     field.setString(growth, "F", f"{fine}+({coarse}-{fine})*({distance}-{reach})/{span}")
@@ -82,19 +110,19 @@ def generate():
     return len(gmsh.model.mesh.getNodes()[0])
 
 
-def generate_nodes(wanted, centre, half_axes, ratio):
+def generate_nodes(wanted, centre, half_axes, ratio, low):
     """Searches for the element size that gives about the wanted number of nodes; deterministic."""
-    volume = math.prod(high - low for low, high in zip(BOX_LOW, BOX_HIGH))
+    volume = math.prod(end - start for start, end in zip(low, BOX_HIGH))
     fine, best = 0.8 * (volume / wanted) ** (1 / 3), None
     for _ in range(12):
-        set_sizes(centre, half_axes, fine, ratio * fine)
+        set_sizes(centre, half_axes, fine, ratio * fine, low)
         count = generate()
         if best is None or abs(count - wanted) < abs(best[0] - wanted):
             best = count, fine
         if abs(count - wanted) <= 0.01 * wanted:
             return
         fine *= (count / wanted) ** (1 / 3)
-    set_sizes(centre, half_axes, best[1], ratio * best[1])
+    set_sizes(centre, half_axes, best[1], ratio * best[1], low)
     generate()
 
 
@@ -148,10 +176,14 @@ def main():
     parser.add_argument("--ratio", type=float, default=3.0, help="element size at the corners of the box relative to the gland's")
     parser.add_argument("--layer", nargs=2, action="append", default=[], metavar=("NAME", "MM"),
                         help="a layer under the skin, or under the last layer, that ends at this depth, above the gland")
+    parser.add_argument("--rectum", type=float, nargs=2, metavar="MM", help="an open rectum: its distance from the gland, and its radius")
     parser.add_argument("--output", default="prostate-570.msh", help="any format that Gmsh writes (default %(default)s)")
     options = parser.parse_args()
     if options.nodes < 100 or min(options.half_axes) <= 0 or options.ratio < 1:
         parser.error("--nodes must be at least 100, --half-axes positive, --ratio at least 1")
+    if options.rectum and min(options.rectum) <= 0:
+        parser.error("--rectum: both must be positive")
+    rectum = [r * MM for r in options.rectum] if options.rectum else None
     centre = [c * MM for c in options.centre]
     half_axes = [a * MM for a in options.half_axes]
     try:
@@ -166,8 +198,9 @@ def main():
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
-    name_groups(build_geometry(centre, half_axes, layers))
-    generate_nodes(options.nodes, centre, half_axes, options.ratio)
+    regions, low = build_geometry(centre, half_axes, layers, rectum), box_low(centre, half_axes, rectum)
+    name_groups(regions, low, rectum_walls(centre, half_axes, rectum) if rectum else [])
+    generate_nodes(options.nodes, centre, half_axes, options.ratio, low)
     for name, value in quality().items():
         print(f"{name}: {value}")
     gmsh.write(options.output)

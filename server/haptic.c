@@ -55,7 +55,7 @@ static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newe
     return hand;
 }
 
-/* RT */
+/* There is room for the reply. RT */
 static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
     c->refused = refused;
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
@@ -109,11 +109,13 @@ static void finish_command(haptic *h, int needle) {
     answer_command(h, &n->command, refused, refused ? "it finds no equilibrium when it is let go: draw it back a little" : "");
 }
 
-/* Starts one command a tick, so that a flood of them delays none. RT */
+/* Starts one command a tick, so that a flood of them delays none. When replies wait for the IO thread, so do commands: none goes without a reply,
+   for which the client and the arbiter would wait for ever. RT */
 static void follow_commands(haptic *h) {
+    spsc_ring *replies = &h->exchange->replies;
     needle_command c;
-    if (spsc_ring_pop(&h->exchange->commands, &c)) start_command(h, &c);
-    for (int i = 0; i < h->needle_count; i++) finish_command(h, i);
+    if (spsc_ring_has_room(replies) && spsc_ring_pop(&h->exchange->commands, &c)) start_command(h, &c);
+    for (int i = 0; i < h->needle_count && spsc_ring_has_room(replies); i++) finish_command(h, i);
 }
 
 /* The simulation's answer to the newest pose; zero before the first one. RT */
@@ -181,8 +183,8 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* Is this tick one of so many a second? RT */
-static bool is_due(const haptic *h, int64_t tick, int hz) { return tick % (int64_t)fmax(1.0, 1.0 / (hz * h->period)) == 0; }
+/* Is this tick one of so many a second? Of the loop's rate, which need not be a multiple. What is due rarely, is so with what is due ten times as often. RT */
+static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {

@@ -335,6 +335,40 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
 }
 
+/* While the IO thread does not take them, replies wait, and so do commands. */
+static void every_command_is_answered_however_late(void **state) {
+    enum { COUNT = 200 };
+    fixture *f = *state;
+    needle_command c = {.asked = {.command = TROCAR_COMMAND_T_UNDO}}, answer;
+    int given = 0, answered = 0;
+    for (int round = 0; round < 2 * COUNT; round++) {
+        if (given < COUNT && (c.asked.seq = given, spsc_ring_push(&f->exchange.commands, &c))) given++;
+        tick(f, NULL);
+        if (round < COUNT) continue; /* the IO thread comes late */
+        while (spsc_ring_pop(&f->exchange.replies, &answer)) assert_int_equal(answer.asked.seq, answered++);
+    }
+    assert_int_equal(given, COUNT);
+    assert_int_equal(answered, COUNT);
+}
+
+/* 100 times a second, also where the loop's rate is no multiple of that. */
+static void the_probe_moves_at_its_pace_at_any_rate(void **state) {
+    fixture *f = *state;
+    static const int rates[] = {250, 256, 1000, 1001, 3333};
+    for (size_t r = 0; r < sizeof rates / sizeof *rates; r++) {
+        f->haptic.period = 1.0 / rates[r];
+        int moved = 0;
+        for (int t = 0; t < 3 * rates[r]; t++) {
+            probe_sample sample = {.session = 3, .seq = t};
+            *(probe_sample *)triple_buffer_slot(&f->exchange.probe_poses) = sample;
+            triple_buffer_publish(&f->exchange.probe_poses);
+            haptic_tick(&f->haptic, &(loop_wake){.tick = t, .now = (int64_t)(1e9 * t / rates[r]), .elapsed = 1.0 / rates[r]});
+            moved += f->haptic.probe_seq == t;
+        }
+        assert_in_range(moved, 299, 301);
+    }
+}
+
 /* ---- two needles, 60 mm apart ---- */
 
 static int open_pair(void **state) {
@@ -432,6 +466,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(snapshot_age_is_that_of_the_oldest_pending_request, begin, end),
         cmocka_unit_test_setup_teardown(silence_ramps_to_zero_and_is_flagged, begin, end),
         cmocka_unit_test_setup_teardown(wrenches_dropped_by_a_full_ring_are_counted, begin, end),
+        cmocka_unit_test_setup_teardown(every_command_is_answered_however_late, begin, end),
+        cmocka_unit_test_setup_teardown(the_probe_moves_at_its_pace_at_any_rate, begin, end),
         cmocka_unit_test_setup_teardown(winding_down_ends_the_loop_at_zero, begin, end),
         cmocka_unit_test_setup_teardown(new_engagement_starts_outside, begin, end),
         cmocka_unit_test_setup_teardown(recovers_from_non_finite_values, begin, end),

@@ -6,6 +6,7 @@
 #include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
+#include "trocar_probe_pose_t.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -27,6 +28,9 @@ typedef struct {
     bool silent;             /* no server is heard */
     int poses, commands;
     trocar_needle_pose_t pose;
+    trocar_probe_pose_t_subscription_t *on_probe;
+    int probe_poses;
+    trocar_probe_pose_t probe;
     int32_t command;
     int64_t command_session;
     int32_t command_needle;
@@ -40,6 +44,14 @@ static void on_pose(const lcm_recv_buf_t *b, const char *channel, const trocar_n
     f->poses++;
     assert_int_equal(m->seq, f->poses - 1);
     f->pose = *m;
+}
+
+static void on_probe(const lcm_recv_buf_t *b, const char *channel, const trocar_probe_pose_t *m, void *context) {
+    (void)b, (void)channel;
+    fixture *f = context;
+    assert_int_equal(m->seq, f->probe_poses);
+    f->probe_poses++;
+    f->probe = *m;
 }
 
 static void on_command(const lcm_recv_buf_t *b, const char *channel, const trocar_command_t *m, void *context) {
@@ -59,6 +71,7 @@ static fixture *open_fixture(void) {
     f = (fixture){.lcm = lcm_create("memq://"), .now = 1000 * MS};
     assert_non_null(f.lcm);
     f.on_pose = trocar_needle_pose_t_subscribe(f.lcm, "TROCAR_POSE", on_pose, &f);
+    f.on_probe = trocar_probe_pose_t_subscribe(f.lcm, "TROCAR_PROBE", on_probe, &f);
     f.on_command = trocar_command_t_subscribe(f.lcm, "TROCAR_COMMAND", on_command, &f);
     assert_int_equal(publisher_create(&f.pilot, f.lcm, 0.2, &why), TROCAR_OK);
     return &f;
@@ -68,6 +81,7 @@ static void close_fixture(fixture *f) {
     publisher_free(&f->pilot);
     trocar_needle_pose_t_unsubscribe(f->lcm, f->on_pose);
     trocar_command_t_unsubscribe(f->lcm, f->on_command);
+    trocar_probe_pose_t_unsubscribe(f->lcm, f->on_probe);
     lcm_destroy(f->lcm);
 }
 
@@ -264,6 +278,39 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
+/* 100 poses a second while it moves, from where it was; none once it is at rest. It stops without orders, and the needle stays. */
+static void moves_the_probe(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    publisher_order order = {.kind = ORDER_PROBE, .base = {{0.1, 0.2, -0.3}, {1, 0, 0, 0}}};
+    publisher_tell(&f->pilot, &order); /* no motion is asked for */
+    run(f, 100);
+    assert_int_equal(f->probe_poses, 0);
+    tell(f, ORDER_TAKE, 0);
+    for (int i = 0; i < 20; i++) {
+        order.command.forward = 1;
+        publisher_tell(&f->pilot, &order);
+        order.base.position.z = 7; /* the server's answer is late: it is not used */
+        run(f, 50);
+    }
+    assert_in_range(f->probe_poses, 95, 101);
+    assert_true(f->probe.session == f->pose.session && f->probe.position[0] == 0.1 && f->probe.position[1] == 0.2);
+    assert_close(f->probe.position[2], -0.3 + 0.02 * (1 - 0.15 / 2), 3e-4);
+    run(f, 500);
+    int poses = f->probe_poses;
+    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* stopped 0.25 s after the last order, 0.05 s before the end of the loop */
+    run(f, 100);
+    assert_int_equal(f->probe_poses, poses);
+    assert_true(f->pose.position[2] == -0.19);
+    order = (publisher_order){.kind = ORDER_PROBE, .base = order.base, .command = {.up = -1}};
+    f->silent = true;
+    run(f, 200);
+    publisher_tell(&f->pilot, &order);
+    run(f, 100);
+    assert_int_equal(f->probe_poses, poses); /* no server */
+    close_fixture(f);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sends_nothing_before_taking_the_needle),
@@ -274,6 +321,7 @@ int main(void) {
         cmocka_unit_test(takes_one_needle_after_the_other),
         cmocka_unit_test(releases_the_needle),
         cmocka_unit_test(reset_starts_at_home),
+        cmocka_unit_test(moves_the_probe),
         cmocka_unit_test(thread_executes_orders),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

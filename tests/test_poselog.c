@@ -139,6 +139,33 @@ static void refuses_damage_and_names_the_place(void **state) {
     expect_bad("byte 0", "not an LCM log");
 }
 
+/* Poses of the probe that are not its type, too short or of an impossible time are damage; others that the server refuses are counted. */
+static void reads_the_probe_with_the_same_care(void **state) {
+    (void)state;
+    enum { PROBE_EVENT = POSE_EVENT + 28 + 12 };
+    report why;
+    pose_log log;
+    const trocar_probe_pose_t poses[] = {{.utime = 1000500, .session = 5, .seq = 1, .orientation = {1, 0, 0, 0}},
+                                         {.utime = 1000600, .session = 5, .seq = 2, .orientation = {2, 0, 0, 0}},
+                                         {.utime = -1, .session = 5, .seq = 3, .orientation = {1, 0, 0, 0}}};
+    for (int count = 1; count <= 3; count++) {
+        lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+        trocar_needle_pose_t p = sample(0);
+        assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
+        for (int i = 0; i < count; i++) assert_int_equal(log_write_probe(out, &poses[i], path, &why), TROCAR_OK);
+        lcm_eventlog_destroy(out);
+        if (count == 3) expect_bad("event 3", "impossible time of a pose of the probe");
+        else assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+        if (count == 3) break;
+        assert_int_equal(log.probe_count, 1);
+        assert_int_equal(log.skipped_probes, count - 1);
+        assert_int_equal(log.probes[0].next_pose, 1);
+        pose_log_free(&log);
+    }
+    overwrite(PROBE_EVENT, "\1\2\3\4", 4);
+    expect_bad("event 1", "not a trocar.probe_pose_t");
+}
+
 static void spoil_number(trocar_needle_pose_t *p) { p->position[1] = 0.0 / 0.0; }
 static void spoil_quaternion(trocar_needle_pose_t *p) { p->orientation[0] = 1.01; }
 static void spoil_needle(trocar_needle_pose_t *p) { p->needle = -1; }
@@ -376,6 +403,7 @@ int main(void) {
         cmocka_unit_test(refuses_truncated_logs),
         cmocka_unit_test(reads_truncated_logs_up_to_the_last_event),
         cmocka_unit_test(refuses_damage_and_names_the_place),
+        cmocka_unit_test(reads_the_probe_with_the_same_care),
         cmocka_unit_test(refuses_impossible_poses),
         cmocka_unit_test(refuses_a_log_without_poses),
         cmocka_unit_test(ignores_duplicate_and_late_poses),

@@ -5,6 +5,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 #include <lapacke.h>
 
@@ -465,6 +469,57 @@ static void with_a_worker(void **state) {
     trocar_model_free(model);
 }
 
+/* meshes/trus.yaml: it lies in the rectum without contact, 1 mm clear, and presses when it is moved up by more. */
+static void rests_at_the_scenes_place(void **state) {
+    (void)state;
+    trocar_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim;
+    trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}}, up;
+    trocar_output out;
+    OK(trocar_scene_load(MESHES "/trus.yaml", &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    OK(trocar_sim_create(model, &sim, &why));
+    OK(trocar_sim_reset(sim, 0, &needle, &why));
+    OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
+    trocar_probe probe = trocar_sim_probe(sim);
+    assert_true(probe.placed && probe.contacts == 0 && probe.base.position[1] == -0.032);
+    double before = 0.0;
+    for (int mm = 1; mm <= 9; mm += 2) {
+        up = probe.base;
+        up.position[1] += 1e-3 * mm;
+        OK(trocar_sim_set_probe(sim, &up, &why));
+        OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
+        double force = -trocar_sim_probe(sim).force[1]; /* down, on the hand */
+        assert_true(mm == 1 ? force < 1e-6 : force > before);
+        before = force;
+    }
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+}
+
+/* The scene of figure 8 with these keys in front. */
+static void refused_in_a_file(const char *keys, const char *says) {
+    char folder[] = "/tmp/test_probe.XXXXXX", path[64], line[512];
+    trocar_scene *scene;
+    trocar_model *model;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/scene.yaml", folder);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fprintf(file, "%s\n", keys);
+    fclose(file);
+    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|' " MESHES "/figure8.yaml >> %s", path);
+    assert_int_equal(system(line), 0);
+    trocar_status status = trocar_scene_load(path, &scene, &why);
+    if (status == TROCAR_OK) status = trocar_model_create(scene, NULL, &model, &why), trocar_scene_free(scene);
+    assert_int_equal(status, TROCAR_BAD_INPUT);
+    if (!strstr(why.text, says) || !strstr(why.text, path)) fail_msg("%s", why.text);
+    unlink(path);
+    rmdir(folder);
+}
+
 static void refused(void **state) {
     (void)state;
     static const struct { const char *key, *value, *says; } wrong[] = {
@@ -483,6 +538,10 @@ static void refused(void **state) {
         if (!strstr(why.text, wrong[i].says)) fail_msg("%s", why.text);
         trocar_scene_free(scene);
     }
+    refused_in_a_file("probe: {surface: rectum_wall}", "scene.yaml:1: probe.surface: ");
+    refused_in_a_file("probe: {surface: fixed}", "scene.yaml:1: probe.surface: all nodes of \"fixed\" are fixed: name");
+    refused_in_a_file("probe: {surface: skin, radius: 0.01,\n  start: {position: [0, 0, -0.1]}}", "scene.yaml:2: probe.start: its axis lies in the tissue");
+    refused_in_a_file("probe: {surface: skin, start: {position: [0, 0]}}", "scene.yaml:1: probe.start.position: expected three numbers");
     trocar_pose pose = across(0, 0);
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
@@ -504,6 +563,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distance_to_a_rounded_cylinder), cmocka_unit_test(complementarity_among_all_subsets), cmocka_unit_test(contact_against_sweeps),
         cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(beside_a_resting_needle), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
+        cmocka_unit_test(rests_at_the_scenes_place),
         cmocka_unit_test(refused),
     };
     return cmocka_run_group_tests(tests, create, destroy);

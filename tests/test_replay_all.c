@@ -1,6 +1,10 @@
-/* trocar-replay --all: a log of several needles with commands gives the forces that the same calls give. */
+/* trocar-replay: a log of several needles with commands (--all), and one with poses of the probe, give the forces that the same calls give. */
+#define _DEFAULT_SOURCE
+#include <math.h>
 #include <setjmp.h>
+
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -8,6 +12,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/vec.h"
 #include "poselog.h"
 #include "trocar.h"
 
@@ -28,7 +33,16 @@ typedef struct {
     trocar_output last;
 } recording;
 
-static char folder[] = "/tmp/test_replay_all.XXXXXX", path[64], scene_path[64], csv[64], out[64];
+static char folder[32], path[64], scene_path[64], csv[64], out[64];
+
+static void make_folder(void) {
+    strcpy(folder, "/tmp/test_replay_all.XXXXXX");
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/log", folder);
+    snprintf(scene_path, sizeof scene_path, "%s/scene.yaml", folder);
+    snprintf(csv, sizeof csv, "%s/csv", folder);
+    snprintf(out, sizeof out, "%s/out", folder);
+}
 
 static void command(recording *r, int what, int needle) {
     trocar_command_t m = {.utime = r->utime, .session = 10 + needle, .command = what, .needle = needle, .seq = r->seq++};
@@ -80,7 +94,7 @@ static void record(recording *r) {
 }
 
 static int run(const char *options) {
-    char line[512];
+    char line[1400];
     snprintf(line, sizeof line, "%s --scene %s --poses %s %s", REPLAY, scene_path, path, options);
     return system(line);
 }
@@ -90,11 +104,7 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     trocar_scene *scene;
     trocar_model *model;
     recording r = {.utime = 1000000};
-    assert_non_null(mkdtemp(folder));
-    snprintf(path, sizeof path, "%s/log", folder);
-    snprintf(scene_path, sizeof scene_path, "%s/scene.yaml", folder);
-    snprintf(csv, sizeof csv, "%s/csv", folder);
-    snprintf(out, sizeof out, "%s/out", folder);
+    make_folder();
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
     char line[600];
     snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|; 1i needles: 2' " MESHES "/figure8.yaml > %s", scene_path);
@@ -130,7 +140,106 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     trocar_scene_free(scene);
 }
 
+/* ---- the probe ------------------------------------------------------------------------------------------------------------ */
+
+#define RADIUS 0.008
+#define LENGTH 0.1
+
+static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radius: 0.008, length: 0.1}\n";
+
+static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
+
+/* The probe goes 5 mm into the skin beside a needle, every tenth tick. Poses of another session, and old ones, are not used. */
+static void record_with_probe(recording *r) {
+    trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
+    OK(trocar_sim_reset(r->sim, 0, &base, &why));
+    for (int t = 0; t <= IN; t++) {
+        trocar_pose probe = probe_at(t);
+        trocar_probe_pose_t m = {.utime = r->utime + 500, .session = t % 20 ? 6 : 5, .seq = t == 100 ? 0 : t + 1, .orientation = {1, 0, 0, 0}};
+        memcpy(m.position, probe.position, sizeof m.position);
+        if (t % 10 == 0) OK(log_write_probe(r->log, &m, path, &why));
+        if (t % 20 == 0 && t != 100) OK(trocar_sim_set_probe(r->sim, &probe, &why));
+        pose_at(r, 0, 0.0, -0.201 + 1e-4 * t, 0.0);
+    }
+}
+
+/* All points of the file lie on the probe's surface, and its force is the simulation's. */
+static void check_probe_file(const char *name, const trocar_probe *p) {
+    char line[512], file_path[96];
+    snprintf(file_path, sizeof file_path, "%s/%s", folder, name);
+    FILE *file = fopen(file_path, "r");
+    assert_non_null(file);
+    int points = 0;
+    bool force = false;
+    while (fgets(line, sizeof line, file)) {
+        double x[3];
+        char *start = strstr(line, "hand_force");
+        if (start && sscanf(strchr(start, '>') + 1, "%lf %lf %lf", &x[0], &x[1], &x[2]) == 3) {
+            force = true;
+            for (int a = 0; a < 3; a++) assert_close(x[a], p->force[a], 1e-9);
+        }
+        if (!strstr(line, "\"Points\"")) continue;
+        while (fgets(line, sizeof line, file) && sscanf(line, "%lf %lf %lf", &x[0], &x[1], &x[2]) == 3) {
+            double along = x[2] - p->base.position[2], beyond = fmax(0.0, along - (LENGTH - RADIUS));
+            assert_close(hypot(hypot(x[0] - p->base.position[0], x[1] - p->base.position[1]), beyond), RADIUS, 1e-12);
+            points++;
+        }
+    }
+    fclose(file);
+    assert_true(force && points > 100);
+}
+
+static void the_probe_of_a_log_moves_as_it_did(void **state) {
+    (void)state;
+    trocar_scene *scene;
+    trocar_model *model;
+    recording r = {.utime = 1000000};
+    make_folder();
+    char line[1000];
+    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|' " MESHES "/figure8.yaml > %s && printf '%%s' '%s' >> %s", scene_path, probe_keys, scene_path);
+    assert_int_equal(system(line), 0);
+    OK(trocar_scene_load(scene_path, &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    OK(trocar_sim_create(model, &r.sim, &why));
+    r.log = lcm_eventlog_create(path, "w");
+    record_with_probe(&r);
+    lcm_eventlog_destroy(r.log);
+    trocar_probe probe = trocar_sim_probe(r.sim);
+    assert_true(probe.contacts > 0 && probe.force[2] < -0.1);
+
+    snprintf(line, sizeof line, "--csv %s --out %s --vtu %s/end --pvd %s/series 2>%s/text", csv, out, folder, folder, folder);
+    assert_int_equal(run(line), 0);
+    FILE *file = fopen(csv, "r");
+    double last[29];
+    char row[1024];
+    while (fgets(row, sizeof row, file)) continue;
+    fclose(file);
+    int columns = 0;
+    for (char *at = row, *field; (field = strsep(&at, ",")) && columns < 29;) last[columns++] = strtod(field, NULL);
+    assert_int_equal(columns, 28);
+    for (int a = 0; a < 3; a++) {
+        assert_close(last[1 + a], r.last.force[a], 1e-9);
+        assert_close(last[18 + a], probe.force[a], 1e-9);
+        assert_close(last[21 + a], probe.torque[a], 1e-9);
+        assert_close(last[25 + a], probe.base.position[a], 1e-12);
+    }
+    assert_int_equal((int)last[24], probe.contacts);
+    check_probe_file("end-probe.vtu", &probe);
+    snprintf(line, sizeof line, "grep -q '^12 poses of the probe$' %s/text && grep -q '^14 poses of the probe skipped' %s/text && grep -q series-0003-probe.vtu %s/series.pvd",
+             folder, folder, folder);
+    assert_int_equal(system(line), 0);
+
+    rename(out, path); /* what it writes can be replayed again, to the same bits */
+    snprintf(line, sizeof line, "-q --csv %s.2", csv);
+    assert_int_equal(run(line), 0);
+    snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);
+    assert_int_equal(system(line), 0);
+    trocar_sim_free(r.sim);
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_log_with_commands_replays_as_it_was)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_log_with_commands_replays_as_it_was), cmocka_unit_test(the_probe_of_a_log_moves_as_it_did)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

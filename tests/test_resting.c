@@ -583,6 +583,33 @@ static void the_others_feel_that_one_was_removed(void **state) {
     trocar_model_free(model);
 }
 
+/* A needle that is reset and left again before the worker has looked is laid down once, where it was left last; if the worker was just laying the
+   first one down, it does not take it for the second. */
+static void a_needle_left_again_is_not_the_one_left_before(void **state) {
+    (void)state;
+    trocar_model *model = create_model("figure8.yaml", 1);
+    trocar_sim *sim;
+    trocar_output out;
+    OK(trocar_sim_create(model, &sim, &why));
+    push(sim, 0, 0.0, 0.0, 300, &out);
+    OK(trocar_sim_leave(sim, 0, &why));
+    unsigned seen = atomic_load(&sim->needles[0].phase); /* as the worker begins */
+    trocar_pose elsewhere = at(0.008, 0.0, -0.19);
+    OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
+    OK(trocar_sim_leave(sim, 0, &why));
+    complete_phase(&sim->needles[0], seen, PHASE_RESTING); /* and as it ends */
+    assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_LEAVING);
+    OK(trocar_sim_work(sim, NULL, &why));
+    assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
+    assert_true(fabs(trocar_sim_base(sim, 0).position[0] - 0.008) < 1e-3);
+    assert_int_equal(atomic_load(&sim->resting_count), 1);
+    OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
+    OK(trocar_sim_work(sim, NULL, &why));
+    assert_int_equal(atomic_load(&sim->resting_count), 0);
+    trocar_sim_free(sim);
+    trocar_model_free(model);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(left_and_taken_again),
@@ -593,6 +620,7 @@ int main(void) {
         cmocka_unit_test(what_makes_no_sense_is_refused),
         cmocka_unit_test(a_needle_that_is_removed_leaves_the_tissue_as_it_was),
         cmocka_unit_test(the_others_feel_that_one_was_removed),
+        cmocka_unit_test(a_needle_left_again_is_not_the_one_left_before),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "trocar_probe_wrench_t.h"
 #include "viewer_messages.h"
 #include "timing.h"
 
@@ -198,6 +199,33 @@ static void a_picture_shows_the_needles_that_were_held(void **state) {
     assert_int_equal(shown, 1);
 }
 
+/* Before any needle has been held, the probe is shown alone. Another server starts without. */
+static void the_probe_is_shown(void **state) {
+    fixture *f = *state;
+    trocar_probe_wrench_t probe = {.server = 1, .session = 9, .position = {0.1, 0, -0.2}, .orientation = {1, 0, 0, 0}, .force = {0, 0, -2}, .contacts = 4};
+    float force;
+    uint32_t count;
+    hear_wrench(f, 1, 77);
+    probe.server = 2;
+    trocar_probe_wrench_t_publish(f->lcm, "TROCAR_PROBE_WRENCH", &probe);
+    handle_all(f);
+    assert_false(f->feed.probe.placed || subscriber_shows(&f->feed));
+    probe.server = f->sight.deformation.server = 1;
+    trocar_probe_wrench_t_publish(f->lcm, "TROCAR_PROBE_WRENCH", &probe);
+    trocar_deformation_t_publish(f->lcm, "TROCAR_DEFORMATION", &f->sight.deformation);
+    lcm_publish(f->lcm, "TROCAR_PROBE_WRENCH", "nonsense", 8);
+    handle_all(f);
+    assert_true(subscriber_shows(&f->feed) && f->feed.probe_owner == 9 && f->feed.probe.force[2] == -2);
+    assert_int_equal(f->feed.refused, 1);
+    assert_int_equal(f->timeline.picture_end, 1);
+    memcpy(&count, f->timeline.pictures[0].data + 8 + 28, sizeof count);
+    memcpy(&force, f->timeline.pictures[0].data + 8 + 32 + 36, sizeof force);
+    assert_true(count == 1 && force == -2);
+    sleep_until(f->feed.heard + 500000001);
+    hear_wrench(f, 2, 3);
+    assert_false(f->feed.probe.placed);
+}
+
 /* As the network might deliver them: no crash, all counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
@@ -255,6 +283,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(needles_are_told_apart, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(a_picture_shows_the_needles_that_were_held, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(seeds_and_replies_are_kept, open_fixture, close_fixture),
+        cmocka_unit_test_setup_teardown(the_probe_is_shown, open_fixture, close_fixture),
         cmocka_unit_test_setup_teardown(damaged_messages_are_counted, open_fixture, close_fixture),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

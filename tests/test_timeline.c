@@ -49,7 +49,7 @@ static void play(timeline *t, int from, int to) {
     for (int ms = from; ms < to; ms++) {
         plot_sample s = {.time = 1e-3 * ms, .depth = (float)ms, .membrane = ms == from + 5 ? 1 : -1, .events = ms == from + 5 ? 2 : 0};
         assert_int_equal(timeline_add_sample(t, &s, &why), TROCAR_OK);
-        if (ms % 33 == 0) assert_int_equal(timeline_add_picture(t, s.time, (const needle_shown[]){{&needle, NULL}}, 1, &tissue, &why), TROCAR_OK);
+        if (ms % 33 == 0) assert_int_equal(timeline_add_picture(t, s.time, (const needle_shown[]){{&needle, NULL}}, 1, NULL, &tissue, &why), TROCAR_OK);
     }
 }
 

@@ -1,7 +1,7 @@
 #!/bin/bash
-# The complete viewer in a private network namespace: with a live server, with a log and pictures of it, or in the procedure mode of an implant.
+# The complete viewer in a private network namespace: with a live server, with a log and pictures of it, in the procedure mode of an implant, or with a probe.
 # Status 77: this machine has no Chromium, no npm or no namespaces.
-# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure [OUT_DIR]
+# usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure|probe [OUT_DIR]
 set -euo pipefail
 build=$1 source=$2 part=$3 out=${4:-}
 if [ "${TROCAR_NAMESPACE:-}" != yes ]; then

@@ -15,6 +15,7 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     viewer_messages messages;
+    int probes_done;         /* poses of the probe so far */
     int gaps;
 } playback;
 
@@ -39,7 +40,8 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
     double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, trocar_model_rate(p->model), &p->gaps);
     trocar_pose base = library_pose(pose_of_message(&p->poses.poses[tick]));
     trocar_output output;
-    trocar_status status = trocar_sim_step(p->sim, 0, &base, dt, &output, why);
+    trocar_status status = pose_log_move_probe(&p->poses, tick, p->model, p->sim, &p->probes_done, why);
+    if (status == TROCAR_OK) status = trocar_sim_step(p->sim, 0, &base, dt, &output, why);
     if (status != TROCAR_OK) return status;
     trocar_needle_wrench_t message = wrench_message(&output);
     *sample = sample_of_wrench(time, &message);
@@ -54,7 +56,8 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     if (status != TROCAR_OK) return status;
     viewer_messages_make_tracks(&p->messages, 0, tick);
     const needle_shown needles[] = {{&p->messages.contacts, &p->messages.tracks}};
-    return timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &p->messages.deformation, why);
+    trocar_probe probe = trocar_picture_probe(p->messages.picture);
+    return timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &probe, &p->messages.deformation, why);
 }
 
 trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why) {

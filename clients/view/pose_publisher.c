@@ -12,16 +12,22 @@
 #include "session.h"
 #include "timing.h"
 #include "trocar_command_t.h"
+#include "trocar_probe_pose_t.h"
 
 enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
+static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server takes 100 poses a second */
 static const double LONGEST_STEP = 0.01;       /* s, longest time step */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
+/* From where the probe was when it began to move. */
+static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
+                                                 .max_tilt = 0.35};
+
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why) {
-    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .seq = -1};
+    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .probe_limits = PROBE_LIMITS, .seq = -1, .probe_seq = -1};
     p->session = session_new();
     p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
@@ -55,7 +61,20 @@ static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
 }
 
+/* Where the probe is counts only when it begins to move; after that the server's answer is late. */
+static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t now) {
+    if (!p->probing && is_still(&order->command)) return;
+    if (!p->probing) rate_control_begin(&p->probe, order->base, order->base);
+    p->probing = true;
+    p->probe_command = order->command;
+    p->probe_ordered = now;
+}
+
 static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
+    if (order->kind == ORDER_PROBE) {
+        steer_probe(p, order, now);
+        return true;
+    }
     p->ordered = now;
     p->command = order->command;
     p->approaching &= order->kind == ORDER_STEER && is_still(&order->command);
@@ -82,9 +101,13 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     case ORDER_UNDO:
         if (p->holding) publish_command(p, TROCAR_COMMAND_T_UNDO);
         break;
-    case ORDER_STEER: break;
+    case ORDER_STEER:
+    case ORDER_PROBE: break;
     case ORDER_RELEASE:
-    case ORDER_END: release(p); break;
+    case ORDER_END:
+        release(p);
+        p->probe_command = (rate_control_command){0};
+        break;
     }
     return order->kind != ORDER_END;
 }
@@ -95,12 +118,35 @@ static void publish_pose(pose_publisher *p) {
     trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &m);
 }
 
+static void publish_probe(pose_publisher *p, int64_t now) {
+    const pose *base = &p->probe.base;
+    trocar_probe_pose_t m = {.utime = wall_us(), .session = p->session, .seq = ++p->probe_seq,
+                             .position = {base->position.x, base->position.y, base->position.z},
+                             .orientation = {base->orientation.w, base->orientation.x, base->orientation.y, base->orientation.z}};
+    trocar_probe_pose_t_publish(p->lcm, PROBE_CHANNEL, &m);
+    p->probe_sent = now;
+}
+
+static bool is_at_rest(const rate_control_state *d) { return v3_norm(d->velocity) == 0.0 && v3_norm(d->turn) == 0.0; }
+
+/* Moves the probe, and sends where it is now and then, and where it comes to rest. */
+static void move_probe(pose_publisher *p, int64_t now, double dt) {
+    if (!p->probing) return;
+    if (now - p->probe_ordered > SILENCE) p->probe_command = (rate_control_command){0};
+    rate_control_step(&p->probe, &p->probe_limits, p->probe_command, dt);
+    p->probing = !(is_still(&p->probe_command) && is_at_rest(&p->probe));
+    if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
+}
+
 bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     bool goes_on = true;
     int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* read before the orders: see publisher_hear */
     for (publisher_order order; goes_on && spsc_ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
+    bool alive = now - heard <= SERVER_SILENCE;
+    p->probing &= alive;
+    if (goes_on) move_probe(p, now, dt);
     if (!goes_on || !p->holding) return goes_on;
-    if (now - heard > SERVER_SILENCE) {
+    if (!alive) {
         rate_control_begin(&p->drive, p->home, p->drive.base); /* at rest */
         return true;
     }
@@ -122,7 +168,7 @@ void *publisher_run(void *context) {
     ask_realtime();
     int64_t before = monotonic_ns(), now = before;
     while (publisher_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
-        if (p->holding) sleep_until((now / PERIOD + 1) * PERIOD); /* missed periods are skipped */
+        if (p->holding || p->probing) sleep_until((now / PERIOD + 1) * PERIOD); /* missed periods are skipped */
         else wait_for_wake(p->wake);
         before = now;
         now = monotonic_ns();

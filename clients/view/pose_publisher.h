@@ -1,5 +1,6 @@
 /* Thread that drives a needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive,
-   and no poses are sent while there is no server. */
+   and no poses are sent while there is no server. It moves the ultrasound probe as well, at 100 Hz; poses of the probe are sent only while it moves, so
+   that the server gives it to others two seconds later. */
 #ifndef TROCAR_POSE_PUBLISHER_H
 #define TROCAR_POSE_PUBLISHER_H
 
@@ -9,19 +10,20 @@
 #include "rate_control.h"
 #include "base/spsc_ring.h"
 
-typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_HOLE, ORDER_DROP, ORDER_UNDO, ORDER_RELEASE, ORDER_END } order_kind;
+typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_HOLE, ORDER_DROP, ORDER_UNDO, ORDER_PROBE, ORDER_RELEASE, ORDER_END } order_kind;
 
 typedef struct {
     order_kind kind;
     int needle;              /* TAKE: which one, */
-    pose home, base;         /* where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose */
-    rate_control_command command;   /* STEER */
+    pose home, base;         /* where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose;
+                                PROBE: where the probe is */
+    rate_control_command command;   /* STEER, PROBE */
 } publisher_order;
 
 typedef struct {
     lcm_t *lcm;              /* shared: lcm_publish is thread-safe */
     int64_t session;
-    rate_control_limits limits;
+    rate_control_limits limits, probe_limits;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
     _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
@@ -36,6 +38,11 @@ typedef struct {
     int64_t ordered;         /* ns, monotonic: last order */
     int64_t seq;             /* sequence number of the last pose, */
     int64_t command_seq;     /* and of the last command */
+    bool probing;            /* it moves the probe */
+    rate_control_state probe;
+    rate_control_command probe_command;
+    int64_t probe_ordered, probe_sent; /* ns, monotonic: last order and last pose of the probe */
+    int64_t probe_seq;
 } pose_publisher;
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);

@@ -1,12 +1,14 @@
 #include "subscriber.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "lcm_filter.h"
 #include "message_fit.h"
 #include "messages.h"
 #include "timing.h"
 #include "trocar_deformation_t.h"
+#include "trocar_probe_wrench_t.h"
 
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
@@ -51,6 +53,7 @@ static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     forget_needles(f);
     forget_seeds(f);
     f->timing = (trocar_loop_timing_t){0};
+    f->probe = (trocar_probe){.placed = 0};
 }
 
 /* What is known about this needle of the followed server; NULL for another server and for a needle that the scene does not have. */
@@ -172,12 +175,29 @@ static void on_reply(const lcm_recv_buf_t *received, const char *channel, void *
     trocar_command_reply_t_decode_cleanup(&m);
 }
 
+static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *context) {
+    (void)channel;
+    subscriber *f = context;
+    trocar_probe_wrench_t m = {0};
+    if (trocar_probe_wrench_t_decode(received->data, 0, (int)received->data_size, &m) != (int)received->data_size) {
+        f->refused++;
+        return;
+    }
+    if (m.server != f->choice.followed) return;
+    f->probe = (trocar_probe){.contacts = m.contacts, .placed = 1};
+    memcpy(f->probe.base.position, m.position, sizeof m.position);
+    memcpy(f->probe.base.orientation, m.orientation, sizeof m.orientation);
+    memcpy(f->probe.force, m.force, sizeof m.force);
+    memcpy(f->probe.torque, m.torque, sizeof m.torque);
+    f->probe_owner = m.session;
+}
+
 /* Time from the tick number, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* Completes the picture of its tick, after the contacts of each needle that has been held. */
+/* Completes the picture of its tick, after the contacts of each needle that has been held; before any was, the probe is enough. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;
@@ -189,21 +209,23 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
     }
     report why; /* a picture is skipped if out of memory */
     needle_shown needles[TROCAR_MAX_NEEDLES];
-    bool complete = false;
+    bool complete = false, known = false;
     for (int i = 0; i < f->needle_count; i++) {
         const trocar_contacts_t *contacts = f->needles[i].contacts;
         bool current = contacts && contacts->tick == m.tick && contacts->server == m.server;
         needles[i] = (needle_shown){current ? contacts : NULL, f->needles[i].tracks};
         complete |= current;
+        known |= contacts != NULL;
     }
-    if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &m, &why);
+    complete |= f->probe.placed && !known;
+    if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &f->probe, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
 
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why) {
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
-                                           "TROCAR_REPLY", NULL};
-    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply};
+                                           "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", NULL};
+    static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe};
     static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,
@@ -225,7 +247,7 @@ void subscriber_close(subscriber *f) {
 bool subscriber_alive(const subscriber *f) { return f->heard != 0 && monotonic_ns() - f->heard < SILENCE; }
 
 bool subscriber_shows(const subscriber *f) {
-    bool shows = false;
+    bool shows = f->probe.placed != 0;
     for (int i = 0; i < f->needle_count; i++) shows |= f->needles[i].contacts != NULL;
     return shows;
 }

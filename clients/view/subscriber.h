@@ -32,6 +32,8 @@ typedef struct {
     int64_t servers;         /* number of servers followed so far */
     trocar_loop_timing_t timing;
     needle_feed needles[TROCAR_MAX_NEEDLES];
+    trocar_probe probe;      /* the newest; not placed before the first message about it */
+    int64_t probe_owner;     /* session that moves it, 0: nobody yet */
     trocar_seeds_t *seeds;   /* NULL before the first */
     trocar_command_reply_t *reply; /* to the last command of `session`, NULL: none yet */
     int64_t session;         /* that gives commands; set by the owner */
@@ -51,7 +53,7 @@ bool subscriber_alive(const subscriber *f);
 /* s since subscriber_open: the clock of the timeline. */
 double subscriber_time(const subscriber *f);
 
-/* Whether there was a picture of a needle. */
+/* Whether there is something to show a picture of: a needle or the probe. */
 bool subscriber_shows(const subscriber *f);
 
 /* Pose of the needle's base in the server; false if unknown. */

@@ -76,7 +76,7 @@ static byte_buffer *next_place(timeline *t) {
 }
 
 trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
-                                   const trocar_deformation_t *tissue, report *why) {
+                                   const trocar_probe *probe, const trocar_deformation_t *tissue, report *why) {
     void *array = t->pictures;
     trocar_status status = make_room(t, t->picture_end, &array, &t->picture_room, sizeof *t->pictures, why);
     t->pictures = array;
@@ -84,7 +84,7 @@ trocar_status timeline_add_picture(timeline *t, double time, const needle_shown 
     byte_buffer *place = next_place(t);
     t->picture_bytes -= place->room;
     bytes_clear(place);
-    encode_picture(place, time, needles, count, tissue);
+    encode_picture(place, time, needles, count, probe, tissue);
     t->picture_bytes += place->room;
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
 }

@@ -35,7 +35,7 @@ trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why
 
 /* As encode_picture. */
 trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
-                                   const trocar_deformation_t *tissue, report *why);
+                                   const trocar_probe *probe, const trocar_deformation_t *tissue, report *why);
 
 /* Position of a reader: numbers of the next picture and sample. */
 typedef struct {

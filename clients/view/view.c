@@ -219,6 +219,16 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
+/* "elsewhere": another client has moved it; it may be silent now. */
+static void write_probe(const view *v, json *j) {
+    const trocar_probe *p = &v->feed.probe;
+    json_open(j, "probe", '{');
+    json_text(j, "owned", v->feed.probe_owner == 0 ? "nobody" : v->feed.probe_owner == v->pilot.session ? "here" : "elsewhere");
+    json_numbers(j, "force", p->force, 3);
+    json_integer(j, "contacts", p->contacts);
+    json_close(j, '}');
+}
+
 /* State of the browser and of the server, as JSON: see page/src/link.js. */
 static char *describe(void *context, bool drives, bool driven) {
     const view *v = context;
@@ -238,6 +248,7 @@ static char *describe(void *context, bool drives, bool driven) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
         json_bool(&j, "shown", subscriber_shows(&v->feed));
         json_integer(&j, "needle", v->driven);
+        if (v->feed.probe.placed) write_probe(v, &j);
         write_needles(v, &j);
     }
     if (*v->cut.text) json_text(&j, "message", v->cut.text);
@@ -272,6 +283,11 @@ static void act(void *context, const web_action *action) {
     case ACTION_RESET: order.kind = ORDER_RESET; break;
     case ACTION_DROP: order.kind = ORDER_DROP; break;
     case ACTION_UNDO: order.kind = ORDER_UNDO; break;
+    case ACTION_PROBE:
+        if (!v->feed.probe.placed) return;
+        order.kind = ORDER_PROBE;
+        order.base = load_pose(v->feed.probe.base.position, v->feed.probe.base.orientation);
+        break;
     case ACTION_HOLE:
         if (!order_hole(v, c, &order)) return;
         break;

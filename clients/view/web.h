@@ -10,10 +10,10 @@ typedef struct web web;
 enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 4 };
 
 /* Message from a browser; little-endian, 32 bytes. */
-typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO } action_kind;
+typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO, ACTION_PROBE } action_kind;
 typedef struct {
     uint32_t kind;
-    float steer[6];          /* ACTION_STEER: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row */
+    float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row */
     uint32_t needle;         /* ACTION_TAKE */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");

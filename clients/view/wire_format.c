@@ -135,6 +135,17 @@ static void write_guides(json *j, const trocar_model *m) {
     json_close(j, ']');
 }
 
+/* Absent in a scene without a probe. */
+static void write_probe(json *j, const trocar_model *m) {
+    trocar_probe_shape shape;
+    if (!trocar_model_probe(m, &shape)) return;
+    json_open(j, "probe", '{');
+    json_number(j, "radius", shape.radius);
+    json_number(j, "tipRadius", shape.tip_radius);
+    json_number(j, "length", shape.length);
+    json_close(j, '}');
+}
+
 static void append_json(byte_buffer *b, const char *json, size_t length) {
     uint32_t count[2] = {(uint32_t)length, 0};
     bytes_append(b, count, sizeof count);
@@ -165,6 +176,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
     write_guides(&j, m);
+    write_probe(&j, m);
     json_integer(&j, "nodes", trocar_model_node_count(m));
     json_integer(&j, "tets", trocar_model_tet_count(m));
     json_close(&j, '}');
@@ -224,11 +236,11 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 
 /* ---- pictures ---- */
 
-/* A picture is its head, for each needle a head with its joints, contacts and tracks, and the displacements. */
+/* A picture is its head, the probe if there is one, for each needle a head with its joints, contacts and tracks, and the displacements. */
 typedef struct {
     double time, tick;
     float scale;
-    uint32_t needles, nodes, unused;
+    uint32_t needles, nodes, probes; /* probes: 0 or 1 */
 } picture_head;
 _Static_assert(sizeof(picture_head) == 32, "decode.js reads 32 bytes");
 
@@ -240,6 +252,24 @@ typedef struct {
     uint32_t unused;
 } needle_head;
 _Static_assert(sizeof(needle_head) == 48, "decode.js: NEEDLE_BYTES");
+
+/* Base (w x y z) and force and torque on the hand, as in probe_wrench_t. */
+typedef struct {
+    float position[3], orientation[4], force[3], torque[3];
+    uint32_t contacts, unused[2];
+} sent_probe;
+_Static_assert(sizeof(sent_probe) == 64, "decode.js: PROBE_BYTES");
+
+static void append_probe(byte_buffer *b, const trocar_probe *p) {
+    sent_probe sent = {.contacts = (uint32_t)p->contacts};
+    for (int a = 0; a < 3; a++) {
+        sent.position[a] = (float)p->base.position[a];
+        sent.force[a] = (float)p->force[a];
+        sent.torque[a] = (float)p->torque[a];
+    }
+    for (int a = 0; a < 4; a++) sent.orientation[a] = (float)p->base.orientation[a];
+    bytes_append(b, &sent, sizeof sent);
+}
 
 /* Metres per count of a displacement. */
 static float displacement_scale(const trocar_deformation_t *d) {
@@ -292,11 +322,13 @@ static void append_displacement(byte_buffer *b, const trocar_deformation_t *d, f
     }
 }
 
-void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_deformation_t *tissue) {
-    picture_head head = {.time = time, .tick = (double)tissue->tick, .scale = displacement_scale(tissue), .nodes = (uint32_t)tissue->node_count};
+void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_probe *probe, const trocar_deformation_t *tissue) {
+    picture_head head = {.time = time, .tick = (double)tissue->tick, .scale = displacement_scale(tissue), .nodes = (uint32_t)tissue->node_count,
+                         .probes = probe && probe->placed};
     for (int i = 0; i < count; i++) head.needles += needles[i].contacts != NULL;
     size_t begun = section_begin(out, SECTION_PICTURE);
     bytes_append(out, &head, sizeof head);
+    if (head.probes) append_probe(out, probe);
     for (int i = 0; i < count; i++)
         if (needles[i].contacts) append_needle(out, &needles[i]);
     append_displacement(out, tissue, head.scale);

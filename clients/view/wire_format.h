@@ -54,9 +54,9 @@ typedef struct {
     const trocar_tracks_t *tracks; /* the newest; NULL: none yet */
 } needle_shown;
 
-/* One picture at `time` (s): each needle with its contacts and tracks, and the displacements of all nodes, rounded to
-   1/32767 of the largest component (30 nm per millimetre). */
-void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_deformation_t *tissue);
+/* One picture at `time` (s): each needle with its contacts and tracks, the probe (NULL or not placed: none), and the displacements of all nodes,
+   rounded to 1/32767 of the largest component (30 nm per millimetre). */
+void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_probe *probe, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 

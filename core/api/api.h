@@ -48,11 +48,12 @@ typedef struct {
 } shown_probe;
 
 /* Who has a needle. The ticking thread: HELD, and TAKEN, after which it adopts what the worker shows. The worker: the others. */
-typedef enum { PHASE_HELD, PHASE_LEAVING, PHASE_RESTING, PHASE_TAKING, PHASE_TAKEN } needle_phase;
+typedef enum { PHASE_HELD, PHASE_LEAVING, PHASE_RESTING, PHASE_TAKING, PHASE_TAKEN, PHASES } needle_phase;
 
 /* One needle of a simulation, and its way to the worker and back. */
 typedef struct {
-    atomic_int phase;        /* needle_phase */
+    atomic_uint phase;       /* needle_phase, and PHASES times how often the ticking thread has changed it: a needle that is reset and left
+                                again while the worker lays it down is not the one that it lays down */
     insertion_state state;   /* while it is held; as it was, while it rests */
     uint64_t stamp;          /* another one when `state` changes */
     double base_compliance;  /* m/N, of the spring that holds the base */
@@ -90,7 +91,7 @@ struct trocar_sim {
     seed_list seeds;
     int next_served;         /* needle whose request the worker looks for first */
     vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
-    atomic_int resting_count; /* needles that rest or are about to */
+    atomic_int resting_count; /* needles that rest; set by the worker */
     triple_buffer probe_poses; /* pose: of the probe, tick -> worker; */
     triple_buffer probe_shown; /* shown_probe: worker -> tick; without slots where the scene has no probe */
     atomic_bool probe_placed; /* a pose has been asked for */
@@ -105,6 +106,8 @@ struct trocar_sim {
     pose probe_pose;         /* the newest one */
     uint64_t probe_beneath;  /* resting.changes when it pressed last */
     double since_response;   /* s in lockstep since they responded to the loads */
+    bool to_respond;         /* what rests and the probe have not responded to the newest loads and pose */
+    int answers;             /* to requests since they did */
 };
 
 /* A copy of what there is to see. */
@@ -152,7 +155,18 @@ trocar_status field_of(trocar_model *model, const insertion_state *const states[
 
 /* ---- needles that rest (api_resting.c) ---------------------------------------------------------------------------------------- */
 
-static inline needle_phase phase_of(const needle_track *needle) { return (needle_phase)atomic_load_explicit(&needle->phase, memory_order_acquire); }
+static inline needle_phase phase_of(const needle_track *needle) { return (needle_phase)(atomic_load_explicit(&needle->phase, memory_order_acquire) % PHASES); }
+
+/* The ticking thread's. */
+static inline void change_phase(needle_track *needle, needle_phase phase) {
+    unsigned before = atomic_load_explicit(&needle->phase, memory_order_relaxed);
+    atomic_store_explicit(&needle->phase, before - before % PHASES + PHASES + (unsigned)phase, memory_order_release);
+}
+
+/* The worker's: unless the ticking thread has changed it since it was `seen`. */
+static inline void complete_phase(needle_track *needle, unsigned seen, needle_phase phase) {
+    atomic_compare_exchange_strong(&needle->phase, &seen, seen - seen % PHASES + (unsigned)phase);
+}
 
 /* Of what is shown: another number each time, in this process. RT */
 uint64_t next_stamp(void);

@@ -37,7 +37,7 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
     n->loads.count = 0;
     insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
     n->posted = n->answered = n->state.request.serial;
-    atomic_store_explicit(&n->phase, PHASE_HELD, memory_order_relaxed);
+    change_phase(n, PHASE_HELD);
 }
 
 static trocar_status refuse(report *why, int needle, const char *reason) {
@@ -58,8 +58,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     triple_buffer_publish(&n->left);
     n->state.request.serial += SERIALS_APART;
     n->state.next_id += SERIALS_APART;
-    atomic_fetch_add(&sim->resting_count, 1);
-    atomic_store_explicit(&n->phase, PHASE_LEAVING, memory_order_release);
+    change_phase(n, PHASE_LEAVING);
     wake_worker(sim);
     return TROCAR_OK;
 }
@@ -68,9 +67,9 @@ trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error) 
     trocar_status status = check_needle(sim, needle, error);
     if (status != TROCAR_OK) return status;
     needle_track *n = &sim->needles[needle];
-    int resting = PHASE_RESTING;
-    if (!atomic_compare_exchange_strong(&n->phase, &resting, PHASE_TAKING))
-        return refuse(error, needle, resting == PHASE_LEAVING ? "it has not come to rest yet" : "it does not rest");
+    needle_phase phase = phase_of(n);
+    if (phase != PHASE_RESTING) return refuse(error, needle, phase == PHASE_LEAVING ? "it has not come to rest yet" : "it does not rest");
+    change_phase(n, PHASE_TAKING);
     wake_worker(sim);
     return TROCAR_OK;
 }
@@ -150,6 +149,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
     int count = list_attached(sim, list);
+    atomic_store(&sim->resting_count, count);
     list_others(sim, BESIDE_RESTING, &held);
     mark_stale(sim, NULL);
     trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
@@ -207,6 +207,7 @@ trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
 trocar_status rest_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     int count = list_attached(sim, list);
+    atomic_store(&sim->resting_count, count);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
@@ -222,7 +223,7 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(&sim->model->parts.insertion, state, loads);
 }
 
-static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
+static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
     trocar_status status = make_room_to_rest(sim, n, why);
     insertion_state *state = malloc(sizeof *state);
@@ -249,11 +250,9 @@ static trocar_status leave_needle(trocar_sim *sim, int index, report *why) {
         if (state) hold_loads(sim, triple_buffer_read(&n->left, NULL), false, &n->held);
         respond_to_loads(sim, true, &ignored);
         attach_again(sim, &ignored);
-        atomic_fetch_sub(&sim->resting_count, 1);
     }
     free(state);
-    int leaving = PHASE_LEAVING; /* unless it has been reset meanwhile: then it is detached next */
-    atomic_compare_exchange_strong(&n->phase, &leaving, status == TROCAR_OK ? PHASE_RESTING : PHASE_HELD);
+    complete_phase(n, seen, status == TROCAR_OK ? PHASE_RESTING : PHASE_HELD); /* one that has been reset meanwhile is detached next */
     return status;
 }
 
@@ -263,12 +262,11 @@ static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     resting_loads(n->resting, &n->held);
     insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
     n->attached = false;
-    atomic_fetch_sub(&sim->resting_count, 1);
     trocar_status attached = attach_again(sim, why);
     return status == TROCAR_OK ? attached : status;
 }
 
-static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
+static trocar_status take_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
     triple_buffer_read(&n->requests, NULL); /* one from before it was left would be answered after this */
     trocar_status status = detach(sim, n, why);
@@ -276,8 +274,7 @@ static trocar_status take_needle(trocar_sim *sim, int index, report *why) {
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
     if (status == TROCAR_OK) triple_buffer_publish(&n->snapshots);
     triple_buffer_publish(&n->shown);
-    int taking = PHASE_TAKING;
-    atomic_compare_exchange_strong(&n->phase, &taking, PHASE_TAKEN);
+    complete_phase(n, seen, PHASE_TAKEN);
     return status;
 }
 
@@ -294,16 +291,17 @@ trocar_status change_resting(trocar_sim *sim, resting_change *change, report *wh
     *change = (resting_change){.any = false};
     for (int i = 0; i < sim->needle_count; i++) {
         needle_track *n = &sim->needles[i];
-        needle_phase phase = phase_of(n);
+        unsigned seen = atomic_load_explicit(&n->phase, memory_order_acquire);
+        needle_phase phase = (needle_phase)(seen % PHASES);
         bool dropped = n->attached && (phase == PHASE_HELD || phase == PHASE_LEAVING);
         if (!dropped && phase != PHASE_LEAVING && phase != PHASE_TAKING) continue;
         floating_mode before = flush_denormals();
         trocar_status one = dropped ? drop_needle(sim, n, why) : TROCAR_OK;
         if (one == TROCAR_OK && phase == PHASE_LEAVING) {
-            one = leave_needle(sim, i, why);
+            one = leave_needle(sim, i, seen, why);
             change->kept |= one == TROCAR_NUMERIC;
         }
-        if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, why);
+        if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, seen, why);
         restore_floating_mode(before);
         change->any = true;
         if (one != TROCAR_OK) status = one;

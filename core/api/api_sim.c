@@ -18,7 +18,10 @@ _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
-static const double RESPONSE_PERIOD = 0.01; /* s, between two responses of what rests to the forces of held needles */
+static const double RESPONSE_PERIOD = 0.004, PRESSED_PERIOD = 0.01; /* s, between two responses of what rests to the forces of held needles; while a
+                                                                       probe presses, which takes the worker longer */
+
+enum { MOST_ANSWERS = 4 };             /* to requests, one after another, before what rests gets its turn */
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
@@ -150,7 +153,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     restore_floating_mode(before);
     if (phase_of(n) != PHASE_HELD) { /* the worker takes it out of the tissue */
         n->posted = n->answered = n->state.request.serial - 1;
-        atomic_store_explicit(&n->phase, PHASE_HELD, memory_order_release);
+        change_phase(n, PHASE_HELD);
         wake_worker(sim);
     }
     return TROCAR_OK;
@@ -196,8 +199,10 @@ static void post_request(trocar_sim *sim, needle_track *needle) {
 /* Tells the worker the needle's forces, for the others. Needles that rest and the probe respond at a pace of their own. RT */
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->probe_placed, memory_order_relaxed);
+    const shown_probe *probe = probe_shown(sim);
+    double period = probe && probe->told.contacts > 0 ? PRESSED_PERIOD : RESPONSE_PERIOD;
     needle->since_loads += dt;
-    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < RESPONSE_PERIOD) || !loads_changed(needle)) return;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !loads_changed(needle)) return;
     copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out));
     triple_buffer_publish(&needle->loads_out);
     copy_loads(&needle->loads, &needle->posted_loads);
@@ -324,7 +329,8 @@ static trocar_status catch_up(trocar_sim *sim, int index, report *why) {
 static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;
-    if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < RESPONSE_PERIOD - 1e-9) return TROCAR_OK;
+    double period = sim->probe && sim->probe->state.count > 0 ? PRESSED_PERIOD : RESPONSE_PERIOD;
+    if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < period - 1e-9) return TROCAR_OK;
     sim->since_response = 0.0;
     trocar_status status = press_probe(sim, why);
     return status != TROCAR_OK ? status : respond_to_loads(sim, true, why);
@@ -396,6 +402,29 @@ static bool take_loads(trocar_sim *sim) {
     return any;
 }
 
+/* What rests and the probe respond to the newest loads. */
+static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
+    sim->to_respond = false;
+    sim->answers = 0;
+    trocar_status status = press_probe(sim, why);
+    return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
+}
+
+/* One needle slips. True: there is more. */
+static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
+    uint64_t shifts = sim->resting.shifts;
+    bool more = slip_some(sim, false);
+    if (sim->resting.shifts != shifts) *status = press_probe(sim, why);
+    return more;
+}
+
+static bool look_ahead(trocar_sim *sim) {
+    for (int i = 0; i < sim->needle_count; i++)
+        if (!sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher)) return true;
+    return false;
+}
+
+/* Does one thing at a time, so that a request never waits for long: it comes first, but not for ever. */
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     uint64_t count;
@@ -403,7 +432,8 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     (void)taken;
     trocar_work work = {0};
     resting_change change;
-    bool news = take_loads(sim), moved = take_probe_pose(sim);
+    if (take_loads(sim)) sim->to_respond = true;
+    if (take_probe_pose(sim)) sim->to_respond = true;
     trocar_status status = change_resting(sim, &change, why);
     work.more = change.any;
     work.kept = change.kept;
@@ -412,14 +442,15 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
         sim->next_served = (sim->next_served + 1) % sim->needle_count;
         status = answer_request(sim, index, &work, why);
     }
+    sim->answers += work.answered;
     floating_mode before = flush_denormals();
-    if ((news || moved) && status == TROCAR_OK) status = press_probe(sim, why);
-    if ((news || moved) && status == TROCAR_OK) status = respond_to_loads(sim, false, why);
-    uint64_t shifts = sim->resting.shifts;
-    if (slip_some(sim, false)) work.more = true;
-    if (sim->resting.shifts != shifts && status == TROCAR_OK) status = press_probe(sim, why);
-    for (int i = 0; i < sim->needle_count && !work.more; i++)
-        work.more = !sim->needles[i].attached && remesher_look_ahead(sim->needles[i].remesher);
+    if (status == TROCAR_OK && (!work.more || change.any || sim->answers >= MOST_ANSWERS)) {
+        bool responds = sim->to_respond;
+        if (responds) status = respond_in_turn(sim, why);
+        else sim->answers = 0;
+        if (responds) work.more = true;
+        else if (slip_in_turn(sim, &status, why) || look_ahead(sim)) work.more = true;
+    }
     restore_floating_mode(before);
     if (done) *done = work;
     return status;

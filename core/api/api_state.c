@@ -68,8 +68,7 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
         memcpy(triple_buffer_slot(&needle->left), &needle->state, sizeof needle->state);
         triple_buffer_publish(&needle->left);
     }
-    atomic_store(&needle->phase, phase);
-    atomic_fetch_add(&sim->resting_count, phase != PHASE_HELD);
+    change_phase(needle, (needle_phase)phase);
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
@@ -96,7 +95,6 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     floating_mode before = flush_denormals();
     memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
     memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
-    atomic_store(&sim->resting_count, 0);
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     if (status == TROCAR_OK) status = rest_again(sim, why);

@@ -27,6 +27,10 @@ bool spsc_ring_push(spsc_ring *r, const void *element) {
     return true;
 }
 
+bool spsc_ring_has_room(const spsc_ring *r) {
+    return atomic_load_explicit(&r->written, memory_order_relaxed) - atomic_load_explicit(&r->taken, memory_order_acquire) < r->capacity;
+}
+
 bool spsc_ring_pop(spsc_ring *r, void *element) {
     size_t taken = atomic_load_explicit(&r->taken, memory_order_relaxed);
     size_t written = atomic_load_explicit(&r->written, memory_order_acquire);

@@ -23,6 +23,8 @@ void spsc_ring_free(spsc_ring *r);
 
 /* Returns false, without effect, if the ring is full. Writer only. RT */
 bool spsc_ring_push(spsc_ring *r, const void *element);
+/* Whether there is room for one more. Writer only. RT */
+bool spsc_ring_has_room(const spsc_ring *r);
 /* Returns false if the ring is empty. Reader only. RT */
 bool spsc_ring_pop(spsc_ring *r, void *element);
 

@@ -72,6 +72,15 @@ static trocar_status bind_membranes(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
+enum { PLACE_ROOM = 600 };
+
+/* "FILE:LINE: ", or nothing for a key that no file gives. */
+static const char *place_in_scene(const simulation *s, int line, char place[PLACE_ROOM]) {
+    place[0] = '\0';
+    if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
+    return place;
+}
+
 static trocar_status bind_guides(simulation *s, report *why) {
     for (int i = 0; i < s->config.guide_count; i++) {
         const guide_config *given = &s->config.guides[i];
@@ -80,25 +89,46 @@ static trocar_status bind_guides(simulation *s, report *why) {
         if (words) return fail(why, TROCAR_BAD_INPUT, "guides[%d].%s: %s", i, key, words);
         s->guides[i] = guide_make(given, s->config.needle.outer_diameter);
         if (!guide_is_in_tissue(&s->guides[i], &s->mesh)) continue;
-        char place[64] = "";
-        if (given->line > 0) snprintf(place, sizeof place, ":%d: ", given->line);
-        return fail(why, TROCAR_BAD_INPUT, "%s%sguides[%d].origin: a hole of \"%s\", %g m thick, lies in the tissue at rest: move the origin back against the "
-                    "normal until all holes end before the skin", given->line > 0 ? s->config.scene_path : "", place, i, given->name, given->thickness);
+        char place[PLACE_ROOM];
+        return fail(why, TROCAR_BAD_INPUT, "%sguides[%d].origin: a hole of \"%s\", %g m thick, lies in the tissue at rest: move the origin back against the "
+                    "normal until all holes end before the skin", place_in_scene(s, given->line, place), i, given->name, given->thickness);
     }
     return TROCAR_OK;
 }
 
+/* Pressed deeper than its radius, nodes would slip past its sides. */
+static bool probe_axis_in_tissue(const simulation *s) {
+    const probe_config *p = &s->config.probe;
+    vec3 tip = v3_add(p->start.position, q_rotate(p->start.orientation, v3(0, 0, p->shape.length - p->shape.tip_radius)));
+    return mesh_locate(&s->mesh, tip, -1) >= 0 || mesh_locate(&s->mesh, p->start.position, -1) >= 0 || mesh_enter(&s->mesh, p->start.position, tip).hit;
+}
+
 static trocar_status bind_probe(simulation *s, report *why) {
-    char known[512];
-    const char *surface = s->config.probe.surface;
+    char known[512], place[PLACE_ROOM];
+    const probe_config *p = &s->config.probe;
     s->probe_surface = -1;
-    if (surface[0] == '\0') return TROCAR_OK;
-    s->probe_surface = mesh_find_group(&s->mesh, surface, 2);
+    if (p->surface[0] == '\0') return TROCAR_OK;
+    s->probe_surface = mesh_find_group(&s->mesh, p->surface, 2);
+    place_in_scene(s, p->surface_line, place);
     if (s->probe_surface < 0)
-        return fail(why, TROCAR_BAD_INPUT, "probe.surface: %s has no surface \"%s\"; it has: %s", s->config.mesh_path, surface,
+        return fail(why, TROCAR_BAD_INPUT, "%sprobe.surface: %s has no surface \"%s\"; it has: %s", place, s->config.mesh_path, p->surface,
                     list_groups(&s->mesh, 2, known, sizeof known));
-    if (!remesh_needs_dense(s->config.remeshing)) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "probe: it needs remeshing: nested or implicit, not %s", remesh_name(s->config.remeshing));
+    if (remesh_needs_dense(s->config.remeshing))
+        return fail(why, TROCAR_BAD_INPUT, "%sprobe: it needs remeshing: nested or implicit, not %s", place, remesh_name(s->config.remeshing));
+    if (isnan(p->start.position.x) || !probe_axis_in_tissue(s)) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%sprobe.start: its axis lies in the tissue at rest, so it would press deeper than its radius of %g m: move it out of "
+                "the tissue, or leave start away and place it with a pose", place_in_scene(s, p->start_line, place), p->shape.radius);
+}
+
+/* With the tissue: a surface that is fixed everywhere does not yield to a probe. */
+static trocar_status check_probe_surface(const simulation *s, report *why) {
+    char place[PLACE_ROOM];
+    if (s->probe_surface < 0) return TROCAR_OK;
+    const mesh_group *surface = &s->mesh.groups[s->probe_surface];
+    for (int i = 0; i < surface->node_count; i++)
+        if (s->tissue.dof[surface->nodes[i]] >= 0) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%sprobe.surface: all nodes of \"%s\" are fixed: name a surface that can move",
+                place_in_scene(s, s->config.probe.surface_line, place), surface->name);
 }
 
 static trocar_status build_tissue(simulation *s, report *why) {
@@ -219,6 +249,7 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     if (status != TROCAR_OK) return status;
     status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
+    if (status == TROCAR_OK) status = check_probe_surface(s, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);

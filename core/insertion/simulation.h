@@ -16,12 +16,13 @@ typedef struct {
     char surface[MESH_NAME]; /* that it presses; empty: there is no probe */
     probe_shape shape;
     pose start;              /* of its base; its position is NAN: nowhere until it is told */
+    int surface_line, start_line; /* of these keys in the scene file, for messages; 0: none */
 } probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef struct {
-    const char *scene_path;              /* for messages, while the model is created; NULL where no guide has a line */
+    const char *scene_path;              /* for messages, while the model is created; NULL where nothing has a line */
     char mesh_path[1024];
     const trocar_mesh *mesh_given;      /* in place of a file; NULL: there is a path */
     double mesh_unit;                    /* m: what a coordinate of 1 in that file means */

@@ -1,5 +1,6 @@
 #include "inverse/inverse.h"
 
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -30,6 +31,8 @@ trocar_status inverse_prepare(inverse *inv, report *why) { return inv->owner->pr
 bool inverse_holds(const inverse *inv, int node) { return !inv->owner->holds || inv->owner->holds(inv, node); }
 
 bool inverse_prefetches(const inverse *inv) { return inv->owner->prefetches && inv->owner->prefetches(inv); }
+
+int inverse_slice(const inverse *inv) { return inv->owner->slice ? inv->owner->slice(inv) : INT_MAX; }
 
 const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 

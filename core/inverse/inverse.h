@@ -43,6 +43,9 @@ trocar_status inverse_prepare(inverse *inv, report *why);
 /* True if gathering blocks in advance makes gathering them again much cheaper. */
 bool inverse_prefetches(const inverse *inv);
 
+/* How many new nodes may be gathered in advance at once, so that a request does not wait for them for more than some milliseconds. */
+int inverse_slice(const inverse *inv);
+
 /* False if blocks of this node would require factorising the whole matrix; then request them only if indispensable. */
 bool inverse_holds(const inverse *inv, int node);
 

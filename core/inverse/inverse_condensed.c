@@ -98,7 +98,7 @@ static void condensed_release(inverse *inv) {
 static bool condensed_holds(const inverse *inv, int node) { return is_inside((const condensed_inverse *)inv, 1, &node); }
 
 static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prepare, condensed_release, NULL,
-                                              condensed_holds};
+                                              condensed_holds, NULL};
 
 /* ---- condensation ----------------------------------------------------------------------------------------------------- */
 

@@ -36,7 +36,7 @@ static void dense_apply(inverse *inv, const double *force, double *displacement)
 
 static void dense_release(inverse *inv) { free(dense_of(inv)); }
 
-static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, NULL, NULL};
+static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, NULL, NULL, NULL};
 
 /* Solves K X = I block by block. */
 static trocar_status dense_fill(tissue *t, double *dense, report *why) {

@@ -17,6 +17,7 @@ typedef struct {
     void (*release)(inverse *inv);                                          /* frees all but the common part */
     bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: it does not */
     bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
+    int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL: INT_MAX */
 } inverse_owner;
 
 /* Common part, first member of each implementation's struct. */

@@ -155,7 +155,7 @@ static bool sparse_prefetches(const inverse *inv) {
     return true;
 }
 
-static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, NULL, sparse_release, sparse_prefetches, NULL};
+static const inverse_owner sparse_owner = {"sparse", sparse_gather, sparse_apply, NULL, sparse_release, sparse_prefetches, NULL, NULL};
 
 static bool create_cache(sparse_inverse *s, double bytes) {
     size_t nodes = (size_t)s->shared.tissue->mesh->node_count, slots;

@@ -184,7 +184,8 @@ static void follow_line(remesher *r) {
 /* The blocks between a slice of these nodes and all that they may meet: those before them, the window's and the contacts'. */
 bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
-    int slice = r->refined.count > 0 ? SMALL : LARGE; /* once the needle is in, requests must not wait for long */
+    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in, requests must not wait for long */
+    if (slice > most) slice = most;
     report why; /* who needs these nodes will be told */
     if (r->line_new) follow_line(r);
     int first = r->ahead_done, left = r->ahead_count - first;

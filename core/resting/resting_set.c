@@ -123,7 +123,8 @@ static bool find_columns(resting_set *s, int index) {
     if (count == 0) return true;
     if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
     if (!s->columns[index]) return false;
-    if (count > AT_ONCE) count = AT_ONCE;
+    int slice = inverse_slice(s->inverse), most = slice < AT_ONCE / 2 ? 3 * slice / 2 : AT_ONCE; /* a node takes three solutions, a column two */
+    if (count > most) count = most;
     for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
     inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
     s->columns_known[index] += count;

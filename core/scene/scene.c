@@ -98,13 +98,15 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Whether a guide lies in the tissue is found later, with the mesh. */
-static void note_guide_lines(scene *s, yaml_text *document) {
+/* Of what is checked later, against the mesh. */
+static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
         snprintf(key, sizeof key, "guides[%d].origin", i);
         s->simulation.guides[i].line = yaml_line(document, key);
     }
+    s->simulation.probe.surface_line = yaml_line(document, "probe.surface");
+    s->simulation.probe.start_line = yaml_line(document, "probe.start");
 }
 
 static trocar_status load_text(const char *yaml, size_t length, scene *s, report *why) {
@@ -115,7 +117,7 @@ static trocar_status load_text(const char *yaml, size_t length, scene *s, report
     yaml_value root = yaml_root(&document);
     take_document(s, &root, &f);
     check_all(s, &f);
-    note_guide_lines(s, &document);
+    note_lines(s, &document);
     char name[sizeof s->path + 16];
     snprintf(name, sizeof name, "%s:%d", s->path, yaml_line(&document, f.place));
     status = told(name, &f, why);

@@ -1,9 +1,14 @@
 /* bench_resting: what resting needles cost the tick and the worker. Needles are left in the implant scene, through holes of its template; then
    one more is pushed in, once for each number of them, in the same simulation. The worker runs in a thread of its own, as in a server.
 
-   usage: bench_resting [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
+   With --processor-time, for a machine that is busy with other things: ticks and worker take turns in one thread, on a clock that counts
+   the processor time of the worker's calls, as if it had a processor of its own.
+
+   usage: bench_resting [--processor-time] [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
 #include <stdio.h>
+#include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "live_sim.h"
 #include "trocar.h"
@@ -36,6 +41,36 @@ static void push_timed(trocar_sim *sim, int needle, histogram *ticks) {
     }
 }
 
+static int64_t clock_offset; /* ns, from this thread's processor time to the clock of --processor-time */
+
+static int64_t shared_clock(void) { return processor_ns() + clock_offset; }
+
+static void set_clock(int64_t ns) { clock_offset = ns - processor_ns(); }
+
+/* The same with a worker that takes turns: a tick at each ms of the clock, however long the call to the worker took that it waited for. */
+static void push_by_turns(trocar_sim *sim, int needle, histogram *ticks, histogram *latency) {
+    trocar_pose base = hole(MOST, -0.201);
+    trocar_output out;
+    int64_t worker = 0; /* ns, where its work has come to */
+    trocar_sim_set_clock(sim, shared_clock);
+    OK(trocar_sim_reset(sim, needle, &base, &why));
+    for (int t = 0; t < DEPTH_TICKS; t++) {
+        int64_t now = 1000000 * (int64_t)t;
+        trocar_work done = {.more = 1};
+        base.position[2] += 1e-4;
+        set_clock(now);
+        if (trocar_sim_tick(sim, needle, &base, 1e-3, &out) != TROCAR_OK) fprintf(stderr, "a tick failed\n");
+        if (out.depth > 0.01) histogram_add(ticks, shared_clock() - now);
+        if (worker < now) worker = now;
+        while (worker < now + 1000000 && done.more) {
+            set_clock(worker);
+            OK(trocar_sim_work(sim, &done, &why));
+            worker = shared_clock();
+            if (done.answered) histogram_add(latency, done.latency);
+        }
+    }
+}
+
 static void insert_and_leave(trocar_sim *sim, int needle) {
     trocar_pose base = hole(needle, -0.201);
     trocar_output out;
@@ -53,6 +88,8 @@ static void insert_and_leave(trocar_sim *sim, int needle) {
 int main(int argc, char **argv) {
     static histogram ticks, latency;
     static live_worker w;
+    bool by_turns = argc > 1 && strcmp(argv[1], "--processor-time") == 0;
+    if (by_turns) argv++, argc--;
     const char *path = argc > 1 ? argv[1] : "meshes/implant.yaml";
     int standard[] = {0, 1, 5, 25}, counts[MOST], count = argc > 2 ? argc - 2 : 4, left = 0;
     for (int i = 0; i < count && i < MOST; i++) counts[i] = argc > 2 ? atoi(argv[2 + i]) : standard[i];
@@ -77,9 +114,12 @@ int main(int argc, char **argv) {
         while (left < counts[c]) insert_and_leave(sim, left++);
         histogram_clear(&ticks);
         histogram_clear(&latency);
-        live_worker_start(&w, sim);
-        push_timed(sim, pushed, &ticks);
-        live_worker_stop(&w, &latency);
+        if (by_turns) push_by_turns(sim, pushed, &ticks, &latency);
+        else {
+            live_worker_start(&w, sim);
+            push_timed(sim, pushed, &ticks);
+            live_worker_stop(&w, &latency);
+        }
         double p50 = histogram_quantile(&ticks, 0.5);
         if (c == 0) first = p50;
         printf("%7d ", counts[c]);

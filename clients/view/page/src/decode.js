@@ -3,6 +3,7 @@
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
 const SAMPLE_BYTES = 64
 const NEEDLE_BYTES = 48 // before a needle's joints
+const PROBE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // of each contact
 export const TRACK_NUMBERS = 6 // of each point of a track
 export const GUIDE = 2 // kind of a contact
@@ -43,10 +44,10 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** `needles`: by index, empty for a needle that has not been held yet; `displacement`: in units of `scale` m. */
+/** `needles`: by index, empty for a needle that has not been held yet; `probe`: null if there is none; `displacement`: in units of `scale` m. */
 function decodePicture(message, at, length) {
-  const body = message.slice(at, at + length), head = new DataView(body), needles = []
-  let place = 32
+  const body = message.slice(at, at + length), head = new DataView(body), needles = [], probe = head.getUint32(28, true) ? decodeProbe(body, 32) : null
+  let place = 32 + (probe ? PROBE_BYTES : 0)
   for (let left = head.getUint32(20, true); left > 0; left--) {
     const joints = head.getUint32(place + 28, true), contacts = head.getUint32(place + 32, true), points = head.getUint32(place + 36, true)
     const tracks = place + NEEDLE_BYTES + 12 * joints + 4 * CONTACT_NUMBERS * contacts
@@ -54,10 +55,16 @@ function decodePicture(message, at, length) {
     place = tracks + 4 * TRACK_NUMBERS * points
   }
   return {
-    time: head.getFloat64(0, true), tick: head.getFloat64(8, true), scale: head.getFloat32(16, true), needles,
+    time: head.getFloat64(0, true), tick: head.getFloat64(8, true), scale: head.getFloat32(16, true), needles, probe,
     displacement: new Int16Array(body, place, 3 * head.getUint32(24, true)),
     bytes: length,
   }
+}
+
+/** Of its base (m; w x y z), and force (N) on the hand that holds it. */
+function decodeProbe(body, at) {
+  const numbers = new Float32Array(body, at, 13)
+  return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: new DataView(body).getUint32(at + 52, true) }
 }
 
 /** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll less the base's. */

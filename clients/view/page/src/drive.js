@@ -63,6 +63,7 @@ export class Drive {
   constructor(link, elements) {
     this.link = link
     this.elements = elements
+    this.send = (command) => link.steer(command) // the probe has its own: see probe.js
     this.needle = 0       // the one to take
     this.pressed = new Set()
     this.driving = false  // this page has the needle
@@ -74,7 +75,7 @@ export class Drive {
     this.roll = new Spring(elements.roll, true, false)
     elements.tilt.addEventListener('change', () => { elements.does.textContent = elements.tilt.checked ? 'tilt' : 'move' })
     addEventListener('blur', () => this.rest())
-    setInterval(() => { if (this.driving) link.steer(this.command()) }, PERIOD)
+    setInterval(() => { if (this.driving) this.send(this.command()) }, PERIOD)
   }
 
   /** Returns whether the key steers. Releases are processed even if this page no longer has the needle. */

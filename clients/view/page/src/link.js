@@ -1,7 +1,7 @@
 // WebSocket to trocar-view: reconnects automatically; acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
-const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9
+const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, PROBE = 10
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
@@ -52,5 +52,7 @@ export class Link {
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
   drop() { this.send(DROP) }
   undo() { this.send(UNDO) }
+  /** As steer, of the probe. */
+  moveProbe(command) { this.send(PROBE, command) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

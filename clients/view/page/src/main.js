@@ -10,6 +10,7 @@ import { FORCE_SCALE } from './needle.js'
 import { arrange, arrangeLike, compose, save, SIZE } from './picture.js'
 import { patientText } from './patient.js'
 import { Plots, Strip } from './plots.js'
+import { Probe } from './probe.js'
 import { Procedure } from './procedure/procedure.js'
 import { Stage } from './view3d.js'
 import { showBanner, Silence, stateOf } from './state.js'
@@ -64,7 +65,7 @@ const link = new Link({
 
 const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
-const procedure = new Procedure({ stage, echo, drive, link })
+const procedure = new Procedure({ stage, echo, drive, link }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice })
 
 function takeScene(received) {
   scene = received
@@ -78,6 +79,7 @@ function takeScene(received) {
   stage.load(scene)
   echo.load(scene)
   procedure.load(scene)
+  probe.load(scene)
   setCut(element('cut-axis').value)
   listLayers()
   document.body.classList.toggle('log', !scene.live)
@@ -173,6 +175,7 @@ function draw(now) {
   noteLatency()
   showPicture()
   procedure.show(shown, clock.following, chosen)
+  probe.show(shown)
   const drawn = stage.draw(now)
   echo.draw(stage.coarse)
   procedure.draw(stage.coarse)
@@ -363,7 +366,7 @@ addEventListener('keydown', (event) => {
       || event.target.matches('select, input[type=range]') && event.code.startsWith('Arrow')) return
   if (event.key === '?') element('keys').showModal()
   else if (drive.key(event, true)) event.preventDefault()
-  else if (procedure.key(event)) event.preventDefault()
+  else if (probe.key(event) || procedure.key(event)) event.preventDefault()
   else if (ACTIONS[event.code] && scene && (!event.repeat || STEPS.includes(event.code)) && !(event.code === 'Space' && event.target.matches('button, input, summary'))) { event.preventDefault(); ACTIONS[event.code]() }
 })
 addEventListener('keyup', (event) => drive.key(event, false))
@@ -417,4 +420,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, echo, plots, drive, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, echo, plots, drive, probe, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -1,0 +1,117 @@
+// The ultrasound probe: its body, the force on the hand that holds it, the keys that move it, and the image planes, which go where it goes.
+import * as THREE from 'three'
+
+const FREE = '#8fa6bd', PRESSING = '#e8a33d'
+const MOVED = 1e-5 // m: the image planes follow a probe that has moved
+const STILL = [0, 0, 0, 0, 0, 0]
+
+/** A cylinder with a rounded end along +z, from its base at 0. */
+function body({ radius, tipRadius, length }) {
+  const profile = [[0, 0], [radius, 0]]
+  for (let i = 0; i <= 16; i++) {
+    const angle = (Math.PI / 2) * (i / 16)
+    profile.push([radius - tipRadius * (1 - Math.cos(angle)), length - tipRadius * (1 - Math.sin(angle))])
+  }
+  profile.push([0, length])
+  const geometry = new THREE.LatheGeometry(profile.map(([x, y]) => new THREE.Vector2(x, y)), 40).rotateX(Math.PI / 2)
+  return new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: FREE, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false }))
+}
+
+export class Probe {
+  /** `setSlice`: moves the axial image to this z. */
+  constructor({ stage, echo, procedure, drive, link, setSlice }) {
+    Object.assign(this, { stage, echo, procedure, drive, link, setSlice, moving: false, shape: null })
+    this.button = Object.assign(document.createElement('button'), { id: 'move-probe', textContent: 'Move the probe', title: 'The controls move the probe instead of the needle (B)', hidden: true })
+    this.words = Object.assign(document.createElement('p'), { id: 'probe-force', hidden: true })
+    document.getElementById('controls').append(this.button)
+    document.getElementById('drive-note').before(this.words)
+    this.button.addEventListener('click', (event) => { this.toggle(); event.currentTarget.blur() })
+    for (const slice of [echo, procedure.sagittal]) slice.overlays.push((image, ink) => this.outline(image, ink))
+    drive.send = (command) => {
+      link.steer(this.moving ? STILL : command)
+      if (this.moving) link.moveProbe(command)
+    }
+  }
+
+  load(scene) {
+    this.shape = scene.probe ?? null
+    this.last = null
+    for (const node of [this.button, this.words, document.getElementById('probe-key')]) node.hidden = !this.shape
+    this.setMoving(false)
+    if (!this.shape) return
+    this.body = body(this.shape)
+    this.body.visible = false
+    this.stage.content.add(this.body)
+    this.words.textContent = 'The probe has no place yet.'
+  }
+
+  /** In the image across, a circle; in the one along it, its sides and end. */
+  outline(image, ink) {
+    if (!this.last) return
+    const { radius } = this.shape, { x, y, z } = this.place(this.last), unit = image.unit
+    ink.strokeStyle = this.last.contacts ? PRESSING : FREE
+    ink.lineWidth = 1.5 * unit
+    ink.beginPath()
+    if (image.plane.across === 'x') {
+      const [left, up] = image.toPixel(x, y)
+      ink.arc(left, up, Math.abs(image.toPixel(x + radius, y)[0] - left), 0, 2 * Math.PI)
+    } else {
+      const [end, middle] = image.toPixel(z, y), size = Math.abs(image.toPixel(z, y + radius)[1] - middle), [base] = image.toPixel(this.last.position[2], y)
+      ink.moveTo(base, middle - size)
+      ink.lineTo(end, middle - size)
+      ink.arc(end, middle, size, -Math.PI / 2, Math.PI / 2, end < base)
+      ink.lineTo(base, middle + size)
+    }
+    ink.stroke()
+  }
+
+  setMoving(moving) {
+    this.moving = moving
+    this.button.setAttribute('aria-pressed', String(moving))
+    this.button.classList.toggle('held', moving)
+  }
+
+  toggle() { if (this.shape && this.drive.steering) this.setMoving(!this.moving) }
+
+  /** Handles a key; returns whether it was the probe's. */
+  key({ code, repeat }) {
+    if (code !== 'KeyB' || !this.shape || repeat) return false
+    this.toggle()
+    return true
+  }
+
+  /** With each frame: the probe of the picture that is shown. */
+  show(picture) {
+    const probe = picture?.probe
+    if (!this.drive.driving) this.setMoving(false)
+    if (!this.shape || !probe || probe === this.last) return
+    const first = !this.last, moved = first || this.place(probe).distanceTo(this.place(this.last)) > MOVED
+    this.last = probe
+    this.body.visible = true
+    this.body.position.fromArray(probe.position)
+    this.body.quaternion.copy(this.turn(probe))
+    this.body.material.color.set(probe.contacts ? PRESSING : FREE)
+    this.stage.dirty = this.echo.dirty = this.procedure.sagittal.dirty = true
+    this.words.textContent = probe.contacts ? `Probe: ${Math.hypot(...probe.force).toFixed(2)} N, pressing ${probe.contacts} points` : 'Probe: no contact'
+    if (moved) this.aim(probe, first)
+  }
+
+  turn({ orientation: [w, x, y, z] }) { return new THREE.Quaternion(x, y, z, w) }
+
+  /** Where its images are taken: on its axis, where the rounded end begins. */
+  place(probe) { return new THREE.Vector3(0, 0, this.shape.length - this.shape.tipRadius).applyQuaternion(this.turn(probe)).add(new THREE.Vector3().fromArray(probe.position)) }
+
+  /** The images stay parallel to the mesh's planes: a probe that is tilted moves them, and does not tilt them. At first they stay where they are. */
+  aim(probe, first) {
+    const { x, y, z } = this.place(probe), inside = (slice, place) => Math.min(Math.max(place, slice.range.from), slice.range.to)
+    const slices = [[this.echo, x, 'follow'], ...(this.procedure.available ? [[this.procedure.sagittal, z, 'sagittal-follow']] : [])]
+    for (const [slice, across, follow] of slices) {
+      slice.tissue.material.uniforms.probe.value = new THREE.Vector2(across, y)
+      slice.dirty = true
+      if (!first) document.getElementById(follow).checked = false
+    }
+    if (first) return
+    this.setSlice(inside(this.echo, z))
+    if (this.procedure.available) this.procedure.sagittal.setPlace(inside(this.procedure.sagittal, x))
+  }
+}

@@ -10,7 +10,7 @@
 /* The scene's template: index of its first guide with more than one hole, -1: none. */
 int find_template(const trocar_model *model);
 
-/* In line with a hole, with the tip a little in front of the face where needles enter. x and y of this pose are along the columns and rows.
+/* In line with a hole, with the tip a little in front of the face where needles enter. Its y is along the rows.
    `column` and `row` from 0; one half more is between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 

@@ -35,9 +35,9 @@ const press = async (key, done) => {
   await until(page, done)
 }
 
-// Two planned seeds in C3.5, which is 4 columns beside the middle one and 1 row below it, 5 mm each; another one elsewhere.
+// Two planned seeds in C3.5, which is 4 columns to the patient's right of the middle one and 1 row below it, 5 mm each; another one elsewhere.
 const plan = path.join(OUT, 'plan.csv')
-await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,-0.02,-0.005,0.05875\nC3.5,2,-0.02,-0.005,0.04875\nF4,1,-0.005,0,0.06\n')
+await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
 let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page
 try {
   server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
@@ -67,7 +67,7 @@ try {
   await driven('the driven needle moves in front of the hole', page, async () => {
     await says('next', /Hold W/)
     const [x, y, z] = await tip()
-    assert(Math.abs(x + 0.020) < 1e-4 && Math.abs(y + 0.005) < 1e-4 && z < -0.025, `${[x, y, z]}`)
+    assert(Math.abs(x - 0.020) < 1e-4 && Math.abs(y + 0.005) < 1e-4 && z < -0.025, `${[x, y, z]}`)
     await shoot('in-front')
   })
 
@@ -95,7 +95,7 @@ try {
     await says('answer', /Seed 1 is in the tissue/)
     const [seed] = await page.evaluate('trocar.procedure.seeds.seeds.map(({ hole, restPosition }) => ({ hole, place: [...restPosition] }))')
     assert.equal(seed.hole, 2 + 13 * 5, 'in C3.5')
-    assert(Math.hypot(seed.place[0] + 0.020, seed.place[1] + 0.005) < 0.003, `${seed.place}`)
+    assert(Math.hypot(seed.place[0] - 0.020, seed.place[1] + 0.005) < 0.003, `${seed.place}`)
   })
 
   await check('its dose is drawn and summed up', async () => {

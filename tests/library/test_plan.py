@@ -81,8 +81,8 @@ class Reader(Case):
         # Column F is the sixth of 13, 5 mm apart, whose seventh is in the middle; row 4 the seventh of 13; the face is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09725 - 0.00225], atol=1e-12)
-        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [5, 0, 70], atol=1e-9)
-        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([5, 0, 70]), first.position, atol=1e-12)
+        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 70], atol=1e-9)
+        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([-5, 0, 70]), first.position, atol=1e-12)
 
     def test_written_and_read_again(self):
         plan = plans.read(EXAMPLE)

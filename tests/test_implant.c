@@ -142,7 +142,7 @@ static double plain_v100(const fixture *f, const implant_settings *settings, int
 
 static void the_dose_is_that_of_the_seeds(void **state) {
     fixture *f = *state;
-    static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145}};
+    static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
     for (int round = 0; round < 4; round++) { /* seeds come, go and come again */
         int count = (const int[]){SEEDS, 1, 0, 2}[round];
@@ -168,7 +168,7 @@ static char *write_file(const char *text) {
 static void the_plan_has_its_own_figures(void **state) {
     fixture *f = *state;
     char *path = write_file("hole,seed,x [m],y [m],z [m],left [mm]\nC3.5,1,-0.02,-0.005,0.06,20\nG4,1,0,0,0.05,0\n");
-    implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145}};
+    implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
     remove(path);
     const unsigned char *levels;
@@ -191,15 +191,15 @@ static void mistakes_are_refused_with_place_and_remedy(void **state) {
         implant i = {.dose = NULL};
         report why = {""};
         char *path = write_file(wrong[k].text);
-        assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+        assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
         remove(path);
         if (!strstr(why.text, wrong[k].words)) fail_msg("%s", why.text);
         implant_close(&i);
     }
     implant i = {.dose = NULL};
     report why;
-    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
-    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
     implant_close(&i);
 }
 

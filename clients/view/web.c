@@ -202,7 +202,11 @@ static void take_action(web *w, browser *b, const web_action *action) {
     case ACTION_HOLE:
     case ACTION_DROP:
     case ACTION_UNDO:
+    case ACTION_LEAVE:
         if (w->driver == b) w->settings.act(w->settings.context, action);
+        break;
+    case ACTION_REMOVE:
+        if (!w->driver || w->driver == b) w->settings.act(w->settings.context, action);
         break;
     default: break;
     }
@@ -218,7 +222,7 @@ static bool take_message(web *w, browser *b) {
         w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
         return true;
     }
-    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_UNDO || action.kind == ACTION_PICTURE) return false;
+    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_LAST || action.kind == ACTION_PICTURE) return false;
     take_action(w, b, &action);
     return true;
 }
@@ -242,6 +246,8 @@ static void add_browser(web *w, browser *b, struct lws *wsi) {
     *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true, .refused = w->browser_count == WEB_BROWSERS};
     lws_callback_on_writable(wsi);
     if (b->refused) return;
+    for (int i = 0; i < w->settings.section_count; i++)
+        if (w->settings.sections[i].passing) b->versions[i] = w->settings.sections[i].version;
     w->browsers = b;
     w->browser_count++;
 }

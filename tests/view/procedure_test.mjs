@@ -114,6 +114,50 @@ try {
     await says('target', /^C3.5, 86.0 mm/) // again the first planned seed
   })
 
+  await driven('a strand is dropped, and taken back while it is in the needle', page, async () => {
+    await page.selectOption('#strand', '2')
+    await page.click('#drop')
+    await until(page, 'trocar.procedure.seeds.pending[0] === 2')
+    await says('next', /to leave the strand of 2/)
+    await press('u', 'trocar.procedure.seeds.pending[0] === 0')
+    await page.selectOption('#strand', '1')
+  })
+
+  await driven('the needle is left in, and rests', page, async () => {
+    if (!await page.evaluate("trocar.procedure.states[0].state === 'resting'")) await page.keyboard.press('e')
+    await until(page, "trocar.procedure.states[0].state === 'resting' && !trocar.status.drives")
+    await says('needles', /0restingC3.5/)
+    await says('next', /Needle 0 rests/)
+    await shoot('resting')
+  })
+
+  await check('a new needle goes to another hole, and not to a taken one', async () => {
+    await page.click('#fresh')
+    await until(page, 'trocar.status.drives && trocar.status.needle === 1 && trocar.chosen === 1')
+    await page.fill('#hole', 'C3.5')
+    await page.press('#hole', 'Enter')
+    await says('answer', /Needle 0 is in hole C3.5/)
+    await page.fill('#hole', 'G4')
+    await page.press('#hole', 'Enter')
+    await until(page, 'Math.abs(trocar.stage.needles[1].tip?.x ?? 1) < 1e-4 && trocar.stage.needles[1].tip.z > -0.05')
+    await shoot('second-needle')
+  })
+
+  await check('the resting needle is taken again where it is, and pulled out when it rests', async () => {
+    const lies = await page.evaluate('trocar.stage.needles[0].tip.z')
+    await page.click('#take') // lets go of the second one
+    await until(page, '!trocar.status.drives')
+    await page.click('button[aria-label="Take needle 0"]')
+    await until(page, "trocar.status.drives && trocar.status.needle === 0 && trocar.status.state === 'held'")
+    await says('answer', /Needle 0 is held again/)
+    assert(Math.abs(await page.evaluate('trocar.stage.needles[0].tip.z') - lies) < 1e-3)
+    await page.keyboard.press('e')
+    await until(page, "trocar.procedure.states[0].state === 'resting' && !trocar.status.drives")
+    await page.click('button[aria-label="Pull out needle 0"]')
+    await says('answer', /Needle 0 is out/)
+    await until(page, `!/0restingC3.5/.test(${text('needles')})`)
+  })
+
   await hold(page)
   for (const [width, height] of SIZES)
     await check(`layout, ${width} x ${height}`, async () => {

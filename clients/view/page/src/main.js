@@ -1,6 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, GUIDED, HUBS, rampCss, regionColour, TRACK } from './colours.js'
+import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
@@ -64,7 +64,7 @@ const link = new Link({
 
 const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
-const procedure = new Procedure({ stage, echo, drive, link })
+const procedure = new Procedure({ stage, echo, drive, link, choose })
 
 function takeScene(received) {
   scene = received
@@ -323,7 +323,7 @@ function listNeedles() {
 function choose(needle) {
   chosen = history.needle = drive.needle = needle
   element('needle').value = needle
-  element('needle-choice').querySelector('i').style.background = HUBS[needle]
+  element('needle-choice').querySelector('i').style.background = hubColour(needle)
   latency = []
   if (status.needles) status = { ...status, ...status.needles[needle] }
   if (shown && element('follow').checked) followTip()

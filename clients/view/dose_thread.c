@@ -3,7 +3,9 @@
 
 #include <errno.h>
 #include <math.h>
+#include <poll.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -11,6 +13,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "base/triple_buffer.h"
 #include "exchange.h"
 #include "hole_approach.h"
 #include "json.h"
@@ -38,7 +41,7 @@ typedef struct {
 typedef struct {
     int count;
     trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the tissue at rest, and as it is displaced */
-    double *nodal;           /* displacements [nodes][3], m */
+    double nodal[];          /* displacements [nodes][3], m */
 } told_state;
 
 struct dose_thread {
@@ -53,16 +56,14 @@ struct dose_thread {
     unsigned char *levels;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
-    told_state doing;        /* the thread's copy */
+    told_state *done;        /* what was computed last */
 
     pthread_t thread;
     bool started;
-    int ready;               /* eventfd */
-    pthread_mutex_t lock;    /* of what follows */
-    pthread_cond_t told;
-    told_state wanted, newest; /* the state to compute next, or computed last; and the newest one */
-    bool has_seeds, has_motion, stop, has_result; /* other seeds; all has moved */
-    byte_buffer result;
+    triple_buffer told;      /* told_state. No locks between the threads: with its low priority this one might keep them for long */
+    int news, ready;         /* eventfds: there is something new for the thread, and from it */
+    atomic_bool stop;
+    _Atomic(byte_buffer *) result; /* NULL: taken */
 };
 
 /* ---- organs and grid ---------------------------------------------------------------------------------------------------- */
@@ -116,11 +117,11 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
     t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
     if (t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);
     t->node_count = mesh.node_count;
-    size_t nodal = 3 * (size_t)mesh.node_count;
-    t->doing.nodal = calloc(nodal, sizeof *t->doing.nodal);
-    t->wanted.nodal = calloc(nodal, sizeof *t->wanted.nodal);
-    t->newest.nodal = calloc(nodal, sizeof *t->newest.nodal);
-    if (!t->doing.nodal || !t->wanted.nodal || !t->newest.nodal) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
+    size_t size = sizeof(told_state) + 3 * (size_t)mesh.node_count * sizeof(double);
+    t->done = calloc(1, size);
+    if (!t->done) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
+    status = triple_buffer_create(&t->told, size, why);
+    if (status != TROCAR_OK) return status;
     t->grid = choose_grid(&mesh, find_organ(m, WORDS[0]));
     status = trocar_dose_create(t->source, &t->grid, &t->dose, why);
     if (status != TROCAR_OK) return status;
@@ -266,45 +267,59 @@ static byte_buffer encode(dose_thread *t) {
 
 /* ---- thread ------------------------------------------------------------------------------------------------------------- */
 
-static void copy_state(const dose_thread *t, told_state *to, const told_state *from) {
-    to->count = from->count;
-    memcpy(to->rest, from->rest, (size_t)from->count * sizeof *to->rest);
-    memcpy(to->now, from->now, (size_t)from->count * sizeof *to->now);
-    memcpy(to->nodal, from->nodal, 3 * (size_t)t->node_count * sizeof *to->nodal);
+static bool has_other_seeds(const told_state *now, const told_state *before) {
+    return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
-/* Waits for other seeds, or for motion after the time `rested` (ns, monotonic). False: stop. */
-static bool wait_for_news(dose_thread *t, int64_t rested, bool *other_seeds) {
-    const struct timespec until = {.tv_sec = rested / 1000000000, .tv_nsec = rested % 1000000000};
-    pthread_mutex_lock(&t->lock);
-    while (!t->stop && !t->has_seeds && !(t->has_motion && monotonic_ns() >= rested))
-        if (t->has_motion) pthread_cond_timedwait(&t->told, &t->lock, &until);
-        else pthread_cond_wait(&t->told, &t->lock);
-    bool stop = t->stop;
-    *other_seeds = t->has_seeds;
-    t->has_seeds = t->has_motion = false;
-    copy_state(t, &t->doing, &t->newest);
-    copy_state(t, &t->wanted, &t->newest);
-    pthread_mutex_unlock(&t->lock);
-    return !stop;
+/* Whether anything moved that gets or gives a dose. */
+static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
+    if (now->count == 0) return false;
+    for (int i = 0; i < now->count; i++)
+        if (distance(&now->now[i], &before->now[i]) > NOTICED) return true;
+    for (int i = 0; i < 3 * t->node_count; i++)
+        if (fabs(now->nodal[i] - before->nodal[i]) > NOTICED) return true;
+    return false;
+}
+
+/* Waits until there is something new, or for so many ns; negative: without an end. */
+static void wait_for_news(const dose_thread *t, int64_t patience) {
+    const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
+    uint64_t count;
+    if (ppoll(&(struct pollfd){.fd = t->news, .events = POLLIN}, 1, patience < 0 ? NULL : &limit, NULL) > 0 && read(t->news, &count, sizeof count) < 0) return;
+}
+
+static void publish(dose_thread *t, byte_buffer result) {
+    byte_buffer *given = malloc(sizeof *given);
+    if (!given || result.length == 0) {
+        bytes_free(&result);
+        free(given);
+        return;
+    }
+    *given = result;
+    byte_buffer *old = atomic_exchange(&t->result, given);
+    if (old) bytes_free(old);
+    free(old);
+    wake(t->ready);
 }
 
 /* While the tissue moves, at most half of the time is spent here. */
 static void *run(void *context) {
     dose_thread *t = context;
     setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* of this thread alone */
-    bool other_seeds;
-    for (int64_t rested = 0; wait_for_news(t, rested, &other_seeds);) {
+    int64_t rested = 0; /* ns, monotonic: until then motion alone is no reason */
+    for (bool first = true; !atomic_load(&t->stop);) {
+        const told_state *state = triple_buffer_read(&t->told, NULL);
         int64_t began = monotonic_ns();
-        count_seeds(t, &t->doing);
-        compute_organs(t, &t->doing, other_seeds);
-        byte_buffer result = encode(t);
-        pthread_mutex_lock(&t->lock);
-        bytes_free(&t->result);
-        t->result = result;
-        t->has_result = result.length > 0;
-        pthread_mutex_unlock(&t->lock);
-        wake(t->ready);
+        bool other_seeds = first || has_other_seeds(state, t->done), moved = has_moved(t, state, t->done);
+        if (!other_seeds && !(moved && began >= rested)) {
+            wait_for_news(t, moved ? rested - began : -1);
+            continue;
+        }
+        first = false;
+        count_seeds(t, state);
+        compute_organs(t, state, other_seeds);
+        publish(t, encode(t));
+        memcpy(t->done, state, sizeof *state + 3 * (size_t)t->node_count * sizeof *state->nodal);
         int64_t ended = monotonic_ns(), spent = ended - began;
         rested = ended + (spent > PAUSE ? spent : PAUSE);
     }
@@ -326,24 +341,13 @@ static trocar_status note_plan(dose_thread *t, const plan_table *plan, const dou
     return TROCAR_OK;
 }
 
-/* A condition whose timed waits are by the monotonic clock. */
-static void init_condition(pthread_cond_t *condition) {
-    pthread_condattr_t attributes;
-    pthread_condattr_init(&attributes);
-    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    pthread_cond_init(condition, &attributes);
-    pthread_condattr_destroy(&attributes);
-}
-
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan, dose_thread **created, report *why) {
     dose_thread *t = calloc(1, sizeof *t);
     if (!t) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     t->settings = settings;
-    t->has_seeds = true; /* computes the dose of no seeds */
-    pthread_mutex_init(&t->lock, NULL);
-    init_condition(&t->told);
+    t->news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     t->ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    trocar_status status = t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    trocar_status status = t->news >= 0 && t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (status == TROCAR_OK && plan) status = note_plan(t, plan, trocar_model_guide(model, find_template(model)).normal, why);
     if (status == TROCAR_OK) t->started = pthread_create(&t->thread, NULL, run, t) == 0;
     if (status == TROCAR_OK && !t->started) status = fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
@@ -354,24 +358,22 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
 
 void dose_thread_free(dose_thread *t) {
     if (t->started) {
-        pthread_mutex_lock(&t->lock);
-        t->stop = true;
-        pthread_cond_signal(&t->told);
-        pthread_mutex_unlock(&t->lock);
+        atomic_store(&t->stop, true);
+        wake(t->news);
         pthread_join(t->thread, NULL);
     }
     for (int i = 0; i < t->organ_count; i++) organ_free(&t->organs[i]);
-    free(t->doing.nodal);
-    free(t->wanted.nodal);
-    free(t->newest.nodal);
+    free(t->done);
+    triple_buffer_free(&t->told);
     if (t->dose) trocar_dose_free(t->dose);
     if (t->source) trocar_dose_source_free(t->source);
     free(t->values);
     free(t->levels);
-    bytes_free(&t->result);
+    byte_buffer *result = atomic_exchange(&t->result, NULL);
+    if (result) bytes_free(result);
+    free(result);
+    if (t->news >= 0) close(t->news);
     if (t->ready >= 0) close(t->ready);
-    pthread_cond_destroy(&t->told);
-    pthread_mutex_destroy(&t->lock);
     free(t);
 }
 
@@ -381,34 +383,17 @@ static trocar_dose_seed seed_at(const dose_thread *t, const float position[3], c
     return seed;
 }
 
-static void note_newest(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation) {
-    t->newest.count = seeds ? seeds->seed_count : 0;
-    for (int i = 0; i < t->newest.count; i++) {
-        t->newest.rest[i] = seed_at(t, seeds->rest_position[i], seeds->rest_direction[i]);
-        t->newest.now[i] = seed_at(t, seeds->position[i], seeds->direction[i]);
+void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation) {
+    told_state *state = triple_buffer_slot(&t->told);
+    state->count = seeds ? seeds->seed_count : 0;
+    for (int i = 0; i < state->count; i++) {
+        state->rest[i] = seed_at(t, seeds->rest_position[i], seeds->rest_direction[i]);
+        state->now[i] = seed_at(t, seeds->position[i], seeds->direction[i]);
     }
     for (int n = 0; n < t->node_count; n++)
-        for (int a = 0; a < 3; a++) t->newest.nodal[3 * n + a] = deformation && n < deformation->node_count ? deformation->displacement[n][a] : 0.0;
-}
-
-/* Whether something that gets a dose has moved since the last computation. */
-static bool has_moved(const dose_thread *t) {
-    for (int i = 0; i < t->newest.count; i++)
-        if (distance(&t->newest.now[i], &t->wanted.now[i]) > NOTICED) return true;
-    for (int i = 0; t->newest.count > 0 && i < 3 * t->node_count; i++)
-        if (fabs(t->newest.nodal[i] - t->wanted.nodal[i]) > NOTICED) return true;
-    return false;
-}
-
-void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation) {
-    pthread_mutex_lock(&t->lock);
-    note_newest(t, seeds, deformation);
-    size_t size = (size_t)t->newest.count * sizeof *t->newest.rest;
-    bool same = t->newest.count == t->wanted.count && memcmp(t->newest.rest, t->wanted.rest, size) == 0;
-    t->has_seeds |= !same;
-    t->has_motion |= same && has_moved(t);
-    if (t->has_seeds || t->has_motion) pthread_cond_signal(&t->told);
-    pthread_mutex_unlock(&t->lock);
+        for (int a = 0; a < 3; a++) state->nodal[3 * n + a] = deformation && n < deformation->node_count ? deformation->displacement[n][a] : 0.0;
+    triple_buffer_publish(&t->told);
+    wake(t->news);
 }
 
 int dose_thread_descriptor(const dose_thread *t) { return t->ready; }
@@ -416,14 +401,10 @@ int dose_thread_descriptor(const dose_thread *t) { return t->ready; }
 bool dose_thread_take(dose_thread *t, byte_buffer *section) {
     uint64_t count;
     if (read(t->ready, &count, sizeof count) < 0) return false;
-    pthread_mutex_lock(&t->lock);
-    bool has = t->has_result;
-    if (has) {
-        bytes_free(section);
-        *section = t->result;
-        t->result = (byte_buffer){0};
-        t->has_result = false;
-    }
-    pthread_mutex_unlock(&t->lock);
-    return has;
+    byte_buffer *result = atomic_exchange(&t->result, NULL);
+    if (!result) return false;
+    bytes_free(section);
+    *section = *result;
+    free(result);
+    return true;
 }

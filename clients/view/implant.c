@@ -44,6 +44,7 @@ static const char *word_of_command(int32_t command) {
 static void write_reply(json *j, const void *what) {
     const trocar_command_reply_t *reply = what;
     json_open(j, NULL, '{');
+    json_integer(j, "number", reply->seq);
     json_integer(j, "needle", reply->needle);
     json_text(j, "command", word_of_command(reply->command));
     json_bool(j, "done", reply->status == TROCAR_COMMAND_REPLY_T_DONE);
@@ -53,7 +54,6 @@ static void write_reply(json *j, const void *what) {
 
 trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why) {
     bool plans = settings->plan != NULL;
-    i->sections[IMPLANT_REPLY].passing = true;
     if (find_template(model) < 0) return plans ? fail(why, TROCAR_BAD_INPUT, "--plan: the scene has no template (guides)") : TROCAR_OK;
     trocar_status status = plans ? plan_table_read(settings->plan, &i->plan, why) : TROCAR_OK;
     if (status != TROCAR_OK) return status;

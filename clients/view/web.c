@@ -246,8 +246,6 @@ static void add_browser(web *w, browser *b, struct lws *wsi) {
     *b = (browser){.next = w->browsers, .wsi = wsi, .wants_status = true, .refused = w->browser_count == WEB_BROWSERS};
     lws_callback_on_writable(wsi);
     if (b->refused) return;
-    for (int i = 0; i < w->settings.section_count; i++)
-        if (w->settings.sections[i].passing) b->versions[i] = w->settings.sections[i].version;
     w->browsers = b;
     w->browser_count++;
 }

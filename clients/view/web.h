@@ -23,7 +23,6 @@ _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes"
 typedef struct {
     byte_buffer bytes;       /* encoded section */
     int64_t version;         /* counted up with each change; 0: nothing yet */
-    bool passing;            /* news of the moment: a browser that connects later does not get it */
 } web_section;
 
 typedef struct {

@@ -40,7 +40,7 @@ let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
 const link = new Link({
   open() { connected = true },
   closed(reason) { connected = false; refusal = reason; status = { ...status, alive: false, drives: false }; showState() },
-  received() { refusal = ''; silence.end() },
+  received() { refusal = ''; silence.end(); procedure.hearAll() },
   scene: takeScene,
   picture(picture) {
     picture.seeds = procedure.seeds

@@ -45,6 +45,7 @@ export class Procedure {
     this.seeds = NONE
     this.scene = scene
     this.available = index >= 0
+    this.connecting = true
     element('mode').hidden = !this.available
     for (const row of document.querySelectorAll('.implant-key')) row.hidden = !this.available
     if (this.available) {
@@ -100,6 +101,9 @@ export class Procedure {
 
   /* ---- received ---- */
 
+  /** All of a message from trocar-view has been heard. */
+  hearAll() { this.connecting = false }
+
   hearSeeds(seeds) {
     this.seeds = seeds
     this.left ??= seeds.seeds.length
@@ -115,7 +119,10 @@ export class Procedure {
   }
 
   /** The server's answer to a command. */
-  hearReply({ command, done, message, needle }) {
+  hearReply({ number, command, done, message, needle }) {
+    const old = number === this.answered || this.answered === undefined && this.connecting // given to a page before this one
+    this.answered = number
+    if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
     else if (done && command === 'undo') this.dropped = null
     const [words, refused] = ANSWERS[command] ?? ['', 'Refused']

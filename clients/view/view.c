@@ -257,13 +257,15 @@ static char *describe(void *context, bool drives, bool driven) {
     return text;
 }
 
-/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is in the tissue. */
+/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is not known to be outside of the tissue: of one that
+   has just been taken the last wrench may be from before it rested. */
 static bool order_hole(const view *v, const float *asked, publisher_order *order) {
     trocar_guide guide = trocar_model_guide(v->model, (int)fmaxf(-1, fminf(asked[0], 1000)));
     double column = asked[1], row = asked[2];
     if (!(column >= 0 && column <= guide.columns - 1 && row >= 0 && row <= guide.rows - 1)) return false;
     *order = (publisher_order){.kind = ORDER_HOLE, .home = hole_home(&guide, column, row, v->needle_length)};
-    return v->feed.needles[v->driven].wrench.depth == 0.0;
+    const trocar_needle_wrench_t *wrench = &v->feed.needles[v->driven].wrench;
+    return wrench->session == v->pilot.session && wrench->depth == 0.0;
 }
 
 static bool rests(const view *v, int needle) {

@@ -64,6 +64,17 @@ try {
     await shoot('hole')
   })
 
+  await check('hole and target are the same after the connection was lost', async () => {
+    await page.evaluate('trocar.procedure.setTarget(0.08)')
+    await says('target', /^C3.5, 80.0 mm/)
+    await page.evaluate('trocar.procedure.link.socket.close()')
+    await until(page, `${text('link')} === 'no connection'`)
+    await until(page, `${text('link')} === 'live'`)
+    await says('target', /^C3.5, 80.0 mm/)
+    await page.evaluate('trocar.procedure.choose(trocar.procedure.hole)')
+    await says('target', /^C3.5, 86.0 mm/)
+  })
+
   await driven('the driven needle moves in front of the hole', page, async () => {
     await says('next', /Hold W/)
     const [x, y, z] = await tip()

@@ -111,8 +111,9 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-function noticeOf({ flags = [], scene: served = '', message = '' }) {
-  const words = flags.filter((flag) => flag !== 'ramping').map((flag) => flag.replaceAll('_', ' '))
+function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
+  const handless = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
+  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && handless)).map((flag) => flag.replaceAll('_', ' '))
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
@@ -251,11 +252,12 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
+  const rests = clock.following && status.state === 'resting' // nobody feels it
+  const at = rests ? -1 : clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
   const tip = stage.needles[chosen].tip
-  if (scene.patientToMesh) element('tip').textContent = at < 0 || !tip ? '–' : patientText(scene.patientToMesh, tip.toArray())
+  if (scene.patientToMesh) element('tip').textContent = at < 0 && !rests || !tip ? '–' : patientText(scene.patientToMesh, tip.toArray())
   element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / CONTACT_NUMBERS}` : '–'
   element('lag').textContent = shown?.needles[chosen] ? `${Math.round(-180 / Math.PI * shown.needles[chosen].tipLead) + 0}°` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'

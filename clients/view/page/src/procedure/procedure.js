@@ -58,6 +58,7 @@ export class Procedure {
       }
       this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
       this.showTemplate()
+      element('needle-buttons').hidden = scene.homes.length === 1
       this.sagittal.setPlace(this.echo.view.x)
       element('dose').innerHTML = describeDose(null)
     }
@@ -348,20 +349,21 @@ export class Procedure {
     this.states = status.needles ?? []
     this.goToHole(depth)
     this.noteSeeds(chosen, depth)
-    this.listNeedles(depths, chosen)
+    this.listNeedles(chosen)
     this.showAim(tip)
     set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen, this.states[chosen]?.state) : `${state.title ?? ''}.`)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
     element('leave').disabled = !this.drive.steering || depth === 0
-    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven)
+    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // else the chosen one is as good
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
   /** Sends the driven needle to the chosen hole once it is outside of the tissue. */
   goToHole(depth) {
     if (!this.drive.steering) this.asked = null
-    if (!this.drive.steering || !this.hole || depth !== 0) return
+    const { state, owned } = this.states[this.drive.needle] ?? {}
+    if (!this.drive.steering || !this.hole || depth !== 0 || state !== 'held' || owned !== 'here') return
     const name = this.template.name(this.hole)
     if (this.asked === name) return
     this.asked = name
@@ -387,12 +389,12 @@ export class Procedure {
   }
 
   /** Those in use, and the chosen one. */
-  listNeedles(depths, chosen) {
+  listNeedles(chosen) {
     const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i)), rests = (i) => this.states[i]?.state === 'resting'
     const rows = listed.map((i) => {
       const { state, owned } = this.states[i] ?? {}, hole = this.template.holeOf(this.needles[i].line)
       return { needle: i, chosen: i === chosen, rests: rests(i), driving: this.drive.driving,
-               cells: [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', hole ? `${mm(depths[i])} mm` : '–'] }
+               cells: [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', hole ? `${mm(this.template.depthOf(this.needles[i].tip))} mm` : '–'] }
     })
     const text = JSON.stringify(rows), body = element('needles').tBodies[0]
     if (text === this.listed) return

@@ -116,7 +116,7 @@ export class SliceMarks {
     ink.fillStyle = 'rgba(159, 216, 255, 0.22)'
     ink.fillRect(low[0], low[1], high[0] - low[0], high[1] - low[1])
     ink.font = `${11 * ink.unit}px system-ui, sans-serif`
-    label(ink, 'template', (low[0] + high[0]) / 2, Math.max(low[1], high[1]) + 10 * ink.unit, GRID)
+    label(ink, 'template', (low[0] + high[0]) / 2, Math.min(low[1], high[1]) - 10 * ink.unit, GRID)
   }
 
   drawNeedles(ink) {

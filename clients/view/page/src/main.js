@@ -49,7 +49,10 @@ const link = new Link({
     if (clock.following && scene.live) picture.fresh = true
   },
   samples(samples) { history.addSamples(samples, scene.membranes) },
-  seeds(seeds) { procedure.hearSeeds(seeds) },
+  seeds(seeds) {
+    procedure.hearSeeds(seeds)
+    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // of a log: they come after their picture
+  },
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
   plan(plan) { procedure.hearPlan(plan) },
@@ -407,6 +410,7 @@ async function pose() {
   stage.look(number('view', 1))
   seek(history.end)
   showPicture()
+  procedure.show(shown, false, chosen)
   const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needles[chosen].tip[axis]) - from) / (to - from)
   setCut(axis, part > 0 && part < 1 ? part : 0.5)
   link.sendPicture(await (await takePicture(plan)).arrayBuffer())

@@ -48,10 +48,10 @@ export class Procedure {
     this.connecting = true
     element('mode').hidden = !this.available
     for (const row of document.querySelectorAll('.implant-key')) row.hidden = !this.available
+    this.models = new Seeds3D(scene.seedLength)
+    this.stage.content.add(this.models.group)
     if (this.available) {
       this.template = new Template(scene.guides[index], index)
-      this.models = new Seeds3D(scene.seedLength)
-      this.stage.content.add(this.models.group)
       for (const slice of [this.echo, this.sagittal]) {
         slice.focus = (region) => ORGANS.test(region.name)
         slice.load(scene)
@@ -306,9 +306,11 @@ export class Procedure {
 
   /** With each frame: `picture` is the one that is shown; `following`: it is live. */
   show(picture, following, chosen) {
-    if (!this.active || !this.scene) return
+    if (!this.scene) return
+    const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
+    if (!this.active) return this.showSeeds(seeds)
     this.readGamepad()
-    const seeds = (following ? this.seeds : picture?.seeds ?? NONE).seeds, nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
+    const nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
     const state = [picture?.time, seeds.length, ...seeds.flatMap(({ position }) => [...position].map((x) => x.toFixed(5))), this.plan.length, tip?.toArray().map((x) => x.toFixed(5))].join()
     if (state === this.shown) return
     this.shown = state
@@ -321,6 +323,14 @@ export class Procedure {
     this.echo.dirty = true
     this.sagittal.show(nodes, this.needles.map(({ line }) => line))
     if (element('sagittal-follow').checked) this.follow(tip)
+  }
+
+  /** Beside the plots, seeds alone are shown. */
+  showSeeds(seeds) {
+    if (seeds === this.shown) return
+    this.shown = seeds
+    this.models.show(seeds, [], null, null)
+    this.stage.dirty = true
   }
 
   /** The sagittal slice goes through the tip, or along the chosen hole while the needle is outside of the template. */

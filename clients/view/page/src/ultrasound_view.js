@@ -80,6 +80,7 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
+const FEW = 4 // needles; of more, only those in the slice are drawn, each of which costs as much as the image
 const MOVING = 0.5 // resolution with software rendering
 
 /** Planes of a slice: axis normal to it and axis to the left; y is up. `sides`: of the patient, at the left, right, upper and lower edge. */
@@ -232,7 +233,7 @@ export class Echo {
     this.flashes.forEach((flash, i) => {
       const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
       visible.value = crossing ? 1 : 0
-      flash.visible = Boolean(crossing)
+      flash.visible = Boolean(crossing) || this.flashes.length <= FEW
       if (crossing) needle.value.set(crossing.x, crossing.y)
     })
     this.aim()

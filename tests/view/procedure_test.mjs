@@ -88,7 +88,8 @@ try {
   })
 
   await driven('W pushes the needle through the hole to the target', page, async () => {
-    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.004`)
+    // Well in front of the target: a page on a busy machine sees the needle up to a second late, and must not push it out of the far side.
+    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`)
     await says('needles', /driven hereC3.5/)
     assert((await tip())[2] > 0.04)
     await shoot('at-target')

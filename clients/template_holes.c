@@ -35,8 +35,8 @@ static quat frame_of(vec3 axis, vec3 along) {
 }
 
 pose hole_entry(const trocar_guide *guide, double column, double row) {
-    vec3 along = vector(guide->across[0]);
-    vec3 place = v3_axpy((column - 0.5 * (guide->columns - 1)) * guide->spacing, along, vector(guide->origin));
-    place = v3_axpy((row - 0.5 * (guide->rows - 1)) * guide->spacing, vector(guide->across[1]), place);
-    return (pose){place, frame_of(vector(guide->normal), along)};
+    vec3 columns = vector(guide->across[0]), rows = vector(guide->across[1]), normal = vector(guide->normal);
+    vec3 place = v3_axpy((column - 0.5 * (guide->columns - 1)) * guide->spacing, columns, vector(guide->origin));
+    place = v3_axpy((row - 0.5 * (guide->rows - 1)) * guide->spacing, rows, place);
+    return (pose){place, frame_of(normal, v3_cross(rows, normal))};
 }

@@ -28,6 +28,17 @@ static void waits_in_line_with_the_hole(void **unused) {
     assert_close_vector(q_axis(home.orientation), v3(0, 0, 1), 1e-15);
 }
 
+/* Letters that run the other way: the hole is elsewhere, and the needle is not turned, so that keys and bevel are as before. */
+static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
+    (void)unused;
+    trocar_guide g = template(), mirrored = template();
+    mirrored.across[0][0] = -1;
+    pose plain = hole_home(&g, 10, 5, LENGTH), home = hole_home(&mirrored, 2, 5, LENGTH);
+    assert_close_vector(home.position, plain.position, 1e-15);
+    for (int a = 0; a < 3; a++)
+        assert_close_vector(q_rotate(home.orientation, v3(a == 0, a == 1, a == 2)), q_rotate(plain.orientation, v3(a == 0, a == 1, a == 2)), 1e-12);
+}
+
 /* Also for a template that is turned, where the needle comes from the other side or aslant. */
 static void its_axes_are_those_of_the_template(void **unused) {
     (void)unused;
@@ -69,6 +80,7 @@ static void leaves_the_template_before_it_moves_sideways(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(waits_in_line_with_the_hole),
+        cmocka_unit_test(a_mirrored_template_does_not_turn_the_needle),
         cmocka_unit_test(its_axes_are_those_of_the_template),
         cmocka_unit_test(leaves_the_template_before_it_moves_sideways),
     };

@@ -56,16 +56,22 @@ static implant open_implant(const fixture *f, const implant_settings *settings) 
     return i;
 }
 
+/* Whether the dose's JSON is that of so many seeds. */
+static bool has_seeds(const char *json, int count) {
+    static const char key[] = "\"seeds\":";
+    const char *found = strstr(json, key);
+    return found && atoi(found + sizeof key - 1) == count;
+}
+
 /* Tells the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON; `levels` follow it. */
 static const char *dose_of(implant *i, int count, const unsigned char **levels) {
-    static const char seeds_key[] = "\"seeds\":";
     trocar_seeds_t seeds = message_of(count);
     subscriber feed = {.seeds = &seeds, .seeds_heard = i->seeds_heard + 1};
     implant_hear(i, &feed);
     for (int attempt = 0; attempt < 20; attempt++) {
         const unsigned char *section = i->sections[IMPLANT_DOSE].bytes.data;
-        const char *json = section ? (const char *)section + 16 : NULL, *found = json ? strstr(json, seeds_key) : NULL;
-        if (found && atoi(found + sizeof seeds_key - 1) == count) {
+        const char *json = section ? (const char *)section + 16 : NULL;
+        if (json && has_seeds(json, count)) {
             uint32_t length;
             memcpy(&length, section + 8, sizeof length);
             *levels = section + 16 + (length + 7) / 8 * 8;
@@ -142,7 +148,7 @@ static double plain_v100(const fixture *f, const implant_settings *settings, int
 
 static void the_dose_is_that_of_the_seeds(void **state) {
     fixture *f = *state;
-    static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145}};
+    static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
     for (int round = 0; round < 4; round++) { /* seeds come, go and come again */
         int count = (const int[]){SEEDS, 1, 0, 2}[round];
@@ -153,6 +159,98 @@ static void the_dose_is_that_of_the_seeds(void **state) {
         read_numbers(json, "\"v100\":", &v100, 1);
         assert_close(v100, plain_v100(f, &settings, count), 1e-9);
     }
+    implant_close(&i);
+}
+
+/* V100 of the gland's voxels at `points` with these seeds. */
+static double covered(const implant_settings *settings, const trocar_dose_seed *seeds, const double *points, int64_t count) {
+    trocar_error why;
+    trocar_dose_source *source;
+    double *rates = malloc((size_t)count * sizeof *rates), hours;
+    int64_t inside = 0;
+    assert_int_equal(trocar_dose_source_create(settings->dose.source, &source, &why), TROCAR_OK);
+    assert_int_equal(trocar_dose_rates(source, seeds, SEEDS, points, count, rates, &why), TROCAR_OK);
+    hours = trocar_dose_hours(source, INFINITY);
+    for (int64_t i = 0; i < count; i++) inside += hours * rates[i] >= settings->dose.prescription;
+    trocar_dose_source_free(source);
+    free(rates);
+    return (double)inside / (double)count;
+}
+
+/* The tissue is stretched away from a plane, and seeds are displaced: lines and figures of the moment follow them, those at rest do not. Without
+   swelling, gland and seeds are closer to its centre. All seeds are in the gland. */
+static void each_state_has_its_own_figures(void **state) {
+    fixture *f = *state;
+    static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};
+    static float inner[SEEDS][3] = {{-0.008f, -0.005f, 0.045f}, {0.0f, 0.0f, 0.05f}, {0.01f, 0.004f, 0.055f}}, moved[SEEDS][3];
+    float *inner_rows[SEEDS], *moved_rows[SEEDS];
+    trocar_error why;
+    trocar_structure *gland;
+    trocar_mesh mesh = {.node_count = trocar_model_node_count(f->model), .tet_count = trocar_model_tet_count(f->model), .nodes = trocar_model_nodes(f->model),
+                        .tets = trocar_model_tets(f->model), .tet_region = trocar_model_tet_regions(f->model)};
+    assert_int_equal(trocar_structure_from_region(&mesh, trocar_model_find_region(f->model, "prostate", 3), 1e-3, &gland, &why), TROCAR_OK);
+    int64_t count = trocar_structure_count(gland);
+    const double *rest = trocar_structure_points(gland);
+    double *points = malloc(3 * (size_t)count * sizeof *points), centre[3] = {0}, scale = cbrt(1 / 1.3), stretch = 0.3;
+    float (*displacement)[3] = malloc((size_t)mesh.node_count * sizeof *displacement), **rows = malloc((size_t)mesh.node_count * sizeof *rows);
+    for (int n = 0; n < mesh.node_count; n++) {
+        rows[n] = displacement[n];
+        displacement[n][0] = (float)(stretch * mesh.nodes[3 * n]);
+        displacement[n][1] = displacement[n][2] = 0;
+    }
+    trocar_dose_seed now[SEEDS], out[SEEDS], later[SEEDS];
+    for (int64_t i = 0; i < 3 * count; i++) centre[i % 3] += rest[i] / (double)count;
+    for (int s = 0; s < SEEDS; s++) {
+        inner_rows[s] = inner[s], moved_rows[s] = moved[s];
+        now[s] = out[s] = later[s] = (trocar_dose_seed){.direction = {axes[s][0], axes[s][1], axes[s][2]}, .strength = settings.dose.strength};
+        for (int a = 0; a < 3; a++) {
+            moved[s][a] = a == 0 ? (float)((1 + stretch) * inner[s][a]) : inner[s][a];
+            now[s].position[a] = moved[s][a];
+            out[s].position[a] = inner[s][a];
+            later[s].position[a] = centre[a] + scale * (inner[s][a] - centre[a]);
+        }
+    }
+    implant i = open_implant(f, &settings);
+    trocar_seeds_t seeds = message_of(SEEDS);
+    seeds.rest_position = inner_rows, seeds.position = moved_rows;
+    trocar_deformation_t deformation = {.node_count = mesh.node_count, .displacement = rows};
+    subscriber feed = {.seeds = &seeds, .deformation = &deformation, .seeds_heard = i.seeds_heard + 1};
+    implant_hear(&i, &feed);
+    const char *json = NULL;
+    for (int attempt = 0; attempt < 5 && !(json && has_seeds(json, SEEDS)); attempt++) {
+        assert_true(poll(&(struct pollfd){.fd = dose_thread_descriptor(i.dose), .events = POLLIN}, 1, 60000) == 1);
+        implant_note_dose(&i);
+        json = (const char *)i.sections[IMPLANT_DOSE].bytes.data + 16;
+    }
+    double figure[3];
+    for (int k = 0; k < 3; k++) {
+        const char *found = strstr(json, (const char *const[]){"\"now\":", "\"out\":", "\"later\":"}[k]);
+        assert_non_null(found);
+        read_numbers(found, "\"v100\":", &figure[k], 1);
+    }
+    for (int64_t n = 0; n < 3 * count; n++) points[n] = n % 3 == 0 ? (1 + stretch) * rest[n] : rest[n];
+    assert_close(figure[0], covered(&settings, now, points, count), 2e-4); /* displacements in single precision */
+    assert_close(figure[1], covered(&settings, out, rest, count), 1e-9);
+    for (int64_t n = 0; n < 3 * count; n++) points[n] = centre[n % 3] + scale * (rest[n] - centre[n % 3]);
+    assert_close(figure[2], covered(&settings, later, points, count), 1e-9);
+    assert_true(figure[2] > figure[1] && figure[1] > figure[0] && figure[0] > 0);
+    free(points), free(displacement), free(rows);
+    trocar_structure_free(gland);
+    implant_close(&i);
+}
+
+/* The answer of a server that is gone is not news to a browser that connects. */
+static void answers_go_with_their_server(void **state) {
+    fixture *f = *state;
+    implant i = open_implant(f, &(implant_settings){.dose = {"I-125 6711", 0.5, 145, 1.18}});
+    trocar_command_reply_t reply = {.command = 4, .status = 1, .message = "no"};
+    subscriber feed = {.reply = &reply, .replies_heard = 1};
+    implant_hear(&i, &feed);
+    const web_section *s = &i.sections[IMPLANT_REPLY];
+    assert_true(memmem(s->bytes.data, s->bytes.length, "\"leave\"", 7) != NULL);
+    feed = (subscriber){.replies_heard = 2};
+    implant_hear(&i, &feed);
+    assert_int_equal(s->bytes.length, 0);
     implant_close(&i);
 }
 
@@ -168,7 +266,7 @@ static char *write_file(const char *text) {
 static void the_plan_has_its_own_figures(void **state) {
     fixture *f = *state;
     char *path = write_file("hole,seed,x [m],y [m],z [m],left [mm]\nC3.5,1,-0.02,-0.005,0.06,20\nG4,1,0,0,0.05,0\n");
-    implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145}};
+    implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
     remove(path);
     const unsigned char *levels;
@@ -191,21 +289,23 @@ static void mistakes_are_refused_with_place_and_remedy(void **state) {
         implant i = {.dose = NULL};
         report why = {""};
         char *path = write_file(wrong[k].text);
-        assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+        assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
         remove(path);
         if (!strstr(why.text, wrong[k].words)) fail_msg("%s", why.text);
         implant_close(&i);
     }
     implant i = {.dose = NULL};
     report why;
-    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
-    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145}}, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.dose = {"Ra-226", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(implant_open(&i, f->model, &(implant_settings){.plan = "/nowhere.csv", .dose = {"I-125 6711", 0.5, 145, 1.18}}, &why), TROCAR_BAD_INPUT);
     implant_close(&i);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_dose_is_that_of_the_seeds),
+        cmocka_unit_test(each_state_has_its_own_figures),
+        cmocka_unit_test(answers_go_with_their_server),
         cmocka_unit_test(the_plan_has_its_own_figures),
         cmocka_unit_test(mistakes_are_refused_with_place_and_remedy),
     };

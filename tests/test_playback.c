@@ -74,6 +74,43 @@ static void moment_matches_its_tick(void **unused) {
     trocar_scene_free(s);
 }
 
+/* A seed dropped at the deepest place is not in the tissue before the needle is drawn back over it, and then is. */
+static void seeds_of_a_log_are_shown(void **unused) {
+    (void)unused;
+    enum { STEPS = 100, PERIOD = 4000 /* us */ };
+    static char path[] = "/tmp/trocar-seeds-XXXXXX";
+    report why, cut;
+    trocar_scene *s;
+    timeline t;
+    close(mkstemp(path));
+    lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
+    for (int i = 0; i <= 2 * STEPS; i++) {
+        double tip = -0.002 + 0.0005 * (i <= STEPS ? i : 2 * STEPS - i);
+        trocar_needle_pose_t m = message_of_pose((pose){v3(0.005, 0.003, tip - 0.2), {1, 0, 0, 0}}, 1000000 + PERIOD * i, 7, i);
+        trocar_command_t drop = {.utime = m.utime, .session = 7, .command = TROCAR_COMMAND_T_DROP_SEED, .seeds = 1};
+        assert_int_equal(log_write_pose(log, &m, path, &why), TROCAR_OK);
+        if (i == STEPS) assert_int_equal(log_write_command(log, &drop, path, &why), TROCAR_OK);
+    }
+    lcm_eventlog_destroy(log);
+    assert_int_equal(trocar_scene_load(MESHES "/figure8.yaml", &s, &why), TROCAR_OK);
+    for (int late = 0; late < 2; late++) {
+        assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
+        assert_int_equal(playback_moment(s, path, 1e-6 * PERIOD * (STEPS + (late ? STEPS / 2 : 2)), &t, &cut, &why), TROCAR_OK);
+        const byte_buffer *picture = &t.pictures[t.picture_end - 1];
+        uint32_t kind, size, after = 0;
+        memcpy(&size, picture->data + 4, sizeof size);
+        after = 8 + (size + 7) / 8 * 8; /* the seeds follow the picture */
+        int32_t counts[3];
+        memcpy(&kind, picture->data + after, sizeof kind);
+        memcpy(counts, picture->data + after + 8, sizeof counts); /* needles, seeds in the tissue, seeds in the needle */
+        assert_int_equal(kind, SECTION_SEEDS);
+        assert_true(counts[0] == 1 && counts[1] == late && counts[2] == !late);
+        timeline_free(&t);
+    }
+    trocar_scene_free(s);
+    remove(path);
+}
+
 static void moment_after_the_end_is_refused(void **unused) {
     (void)unused;
     trocar_scene *s;
@@ -132,6 +169,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(golden_trace_is_reproduced),
         cmocka_unit_test(moment_matches_its_tick),
+        cmocka_unit_test(seeds_of_a_log_are_shown),
         cmocka_unit_test(moment_after_the_end_is_refused),
         cmocka_unit_test(truncated_log_plays_to_its_last_event),
         cmocka_unit_test(missing_log_is_reported),

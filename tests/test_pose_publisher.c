@@ -241,13 +241,51 @@ static void drops_and_takes_back_seeds(void **unused) {
     run(f, 10);
     assert_int_equal(f->commands, 0);
     tell(f, ORDER_TAKE, 0);
-    tell(f, ORDER_DROP, 0);
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_DROP, .seeds = 3});
     run(f, 10);
-    assert_true(f->commands == 1 && f->command == TROCAR_COMMAND_T_DROP_SEED && f->command_seeds == 1 && f->command_session == f->pose.session);
+    assert_true(f->commands == 1 && f->command == TROCAR_COMMAND_T_DROP_SEED && f->command_seeds == 3 && f->command_session == f->pose.session);
     int64_t first = f->command_seq;
     tell(f, ORDER_UNDO, 0);
     run(f, 10);
     assert_true(f->commands == 2 && f->command == TROCAR_COMMAND_T_UNDO && f->command_seq == first + 1);
+    close_fixture(f);
+}
+
+/* No poses while the server lets a needle rest, or hands it over: it would refuse them. An answer that is lost does not stop the needle for good. */
+static void waits_while_a_needle_changes_hands(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_TAKE, .needle = 2, .rests = true, .home = HOME, .base = {{0, 0, -0.15}, {1, 0, 0, 0}}});
+    run(f, 100);
+    assert_true(f->poses == 0 && f->commands == 1 && f->command == TROCAR_COMMAND_T_TAKE && f->command_needle == 2);
+    tell(f, ORDER_GO_ON, 0);
+    run(f, 10);
+    assert_true(f->poses == 10 && f->pose.position[2] == -0.15);
+    tell(f, ORDER_LEAVE, 0);
+    run(f, 100);
+    assert_true(f->poses == 10 && f->commands == 2 && f->command == TROCAR_COMMAND_T_LEAVE && f->command_needle == 2);
+    tell(f, ORDER_GO_ON, 0); /* it was refused */
+    run(f, 10);
+    assert_true(f->poses == 20 && f->pose.position[2] == -0.15);
+    tell(f, ORDER_LEAVE, 0);
+    run(f, 1990);
+    assert_int_equal(f->poses, 20);
+    run(f, 20);
+    assert_true(f->poses > 20);
+    close_fixture(f);
+}
+
+/* Another needle, also while it holds none. */
+static void pulls_out_a_needle_that_rests(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_REMOVE, .needle = 4});
+    run(f, 5);
+    assert_true(f->commands == 1 && f->command == TROCAR_COMMAND_T_RESET && f->command_needle == 4 && f->poses == 0);
+    tell(f, ORDER_TAKE, 0);
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_REMOVE, .needle = 4});
+    run(f, 5);
+    assert_true(f->commands == 2 && f->command_needle == 4 && f->poses == 5 && f->pose.needle == 0 && f->pose.position[0] == 0.01);
     close_fixture(f);
 }
 
@@ -261,6 +299,7 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     run(f, 125 + 2); /* 10 mm out of the template */
     assert_close(f->pose.position[0], 0.01, 1e-3);
     assert_close(f->pose.position[2], -0.2, 1e-9);
+    tell(f, ORDER_UNDO, 0); /* does not stop it */
     for (int i = 0; i < 5; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     assert_close(f->pose.position[0], 0.03, 1e-9);
     hole.home.position.x = 0;
@@ -317,6 +356,8 @@ int main(void) {
         cmocka_unit_test(needle_stops_without_orders),
         cmocka_unit_test(sends_nothing_without_a_server),
         cmocka_unit_test(drops_and_takes_back_seeds),
+        cmocka_unit_test(waits_while_a_needle_changes_hands),
+        cmocka_unit_test(pulls_out_a_needle_that_rests),
         cmocka_unit_test(goes_to_a_hole_until_it_is_steered),
         cmocka_unit_test(takes_one_needle_after_the_other),
         cmocka_unit_test(releases_the_needle),

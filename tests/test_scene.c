@@ -265,13 +265,13 @@ static void a_bad_relaxation_is_refused(void **state) {
 static void guides_are_read(void **unused) {
     (void)unused;
     scene s;
-    load_good(MINIMAL "guides:\n  - {name: template, origin: [0, 0.01, -0.03], normal: [0, 0, 1], along: [1, 0, 0], columns: 13, rows: 12, spacing: 4e-3,\n"
+    load_good(MINIMAL "guides:\n  - {name: template, origin: [0, 0.01, -0.03], normal: [0, 0, 1], along: [1, 0, 0], rows_along: [0, -1, 0], columns: 13, rows: 12, spacing: 4e-3,\n"
               "     hole_diameter: 1.5e-3, thickness: 0.015, stiffness: 4e4, friction: 0.2}\n"
               "  - {name: ring, origin: [0, 0, -0.1], normal: [0, 0, 1], hole_diameter: 2e-3}\n", &s);
     assert_int_equal(s.simulation.guide_count, 2);
     const guide_config *g = &s.simulation.guides[0], *ring = &s.simulation.guides[1];
     assert_string_equal(g->name, "template");
-    assert_true(g->origin.y == 0.01 && g->normal.z == 1.0 && g->along.x == 1.0 && g->columns == 13 && g->rows == 12 && g->spacing == 4e-3);
+    assert_true(g->origin.y == 0.01 && g->normal.z == 1.0 && g->along.x == 1.0 && g->rows_along.y == -1.0 && g->columns == 13 && g->rows == 12 && g->spacing == 4e-3);
     assert_true(g->hole_diameter == 1.5e-3 && g->thickness == 0.015 && g->stiffness == 4e4 && g->friction == 0.2 && g->line == 5);
     assert_true(ring->columns == 1 && ring->rows == 1 && ring->spacing == 5e-3 && ring->thickness == 0.02 && ring->stiffness == 50e3 && ring->friction == 0.1);
     assert_int_equal(ring->line, 7);
@@ -285,6 +285,8 @@ static void impossible_guides_are_refused(void **unused) {
         {GUIDE_OF("normal: [0, 0, 1], hole_diameter: 1.2e-3"), ":4: guides[0].hole_diameter: a hole of 0.0012 m is smaller than the needle's outer diameter of 0.00127 m"},
         {GUIDE_OF("normal: [0, 0, 1], hole_diameter: 2e-3, columns: 2"), ":4: guides[0].along: missing"},
         {GUIDE_OF("normal: [0, 0, 1], along: [0, 0, 3], hole_diameter: 2e-3, rows: 3"), ":4: guides[0].along: parallel to the normal"},
+        {GUIDE_OF("normal: [0, 0, 1], along: [1, 0, 0], rows_along: [1, 0.5, 0], hole_diameter: 2e-3, rows: 3"), ":4: guides[0].rows_along: not across the columns"},
+        {GUIDE_OF("normal: [0, 0, 1], along: [1, 0, 0], rows_along: [0, 0, 1], hole_diameter: 2e-3, rows: 3"), ":4: guides[0].rows_along: not across the columns"},
         {GUIDE_OF("normal: [0, 0, 1], along: [1, 0, 0], hole_diameter: 2e-3, rows: 3, spacing: 1e-3"), ":4: guides[0].spacing: holes of 0.002 m overlap"},
         {GUIDE_OF("normal: [0, 0, .nan], hole_diameter: 2e-3"), ":4: guides[0].normal: "},
         {GUIDE_OF("normal: [0, 0, 1], hole_diameter: 0"), ":4: guides[0].hole_diameter: "},

@@ -112,7 +112,7 @@ typedef struct {
     web *web;
     timeline timeline;
     byte_buffer scene;
-    int takes, releases;
+    int takes, releases, leaves, removals;
     bool no_server;          /* driving is not allowed */
 } fixture;
 
@@ -125,6 +125,8 @@ static void act(void *context, const web_action *action) {
     fixture *f = context;
     f->takes += action->kind == ACTION_TAKE;
     f->releases += action->kind == ACTION_RELEASE;
+    f->leaves += action->kind == ACTION_LEAVE;
+    f->removals += action->kind == ACTION_REMOVE;
 }
 
 static bool may_drive(void *context, uint32_t needle) { return needle == 0 && !((fixture *)context)->no_server; }
@@ -273,6 +275,31 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
+/* Only the driver leaves its needle, and pulls out others; while nobody drives, anyone pulls them out. */
+static void only_the_driver_handles_needles(void **unused) {
+    (void)unused;
+    fixture f;
+    static client clients[2];
+    client *driver = &clients[0], *other = &clients[1];
+    open_fixture(&f, 0);
+    join(&f, driver);
+    join(&f, other);
+    say(other, BINARY, ACTION_REMOVE, WEB_ACTION_BYTES);
+    while (f.removals == 0) go_round(&f, clients, 2);
+    say(driver, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
+    while (f.takes == 0) go_round(&f, clients, 2);
+    say(other, BINARY, ACTION_LEAVE, WEB_ACTION_BYTES);
+    say(other, BINARY, ACTION_REMOVE, WEB_ACTION_BYTES);
+    for (int i = 0; i < 5; i++) go_round(&f, clients, 2);
+    assert_true(f.leaves == 0 && f.removals == 1);
+    say(driver, BINARY, ACTION_LEAVE, WEB_ACTION_BYTES);
+    say(driver, BINARY, ACTION_REMOVE, WEB_ACTION_BYTES);
+    while (f.leaves == 0 || f.removals == 1) go_round(&f, clients, 2);
+    assert_true(f.leaves == 1 && f.removals == 2);
+    for (int i = 0; i < 2; i++) close(clients[i].socket);
+    close_fixture(&f);
+}
+
 /* Silent browsers take all places: the next one is told so, and gets a place once they have timed out. Sockets that never send a
    request block nobody. */
 static void idle_connections_do_not_block_others(void **unused) {
@@ -354,6 +381,7 @@ int main(void) {
         cmocka_unit_test(missing_page_is_reported),
         cmocka_unit_test(hanging_browser_delays_nobody_and_is_disconnected),
         cmocka_unit_test(needle_is_released_when_driving_is_not_allowed),
+        cmocka_unit_test(only_the_driver_handles_needles),
         cmocka_unit_test(idle_connections_do_not_block_others),
         cmocka_unit_test(other_sites_are_refused_on_every_protocol),
         cmocka_unit_test(invalid_message_closes_the_connection),

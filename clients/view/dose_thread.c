@@ -3,7 +3,9 @@
 
 #include <errno.h>
 #include <math.h>
+#include <poll.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -11,62 +13,57 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "base/triple_buffer.h"
 #include "exchange.h"
 #include "hole_approach.h"
 #include "json.h"
+#include "organ_dose.h"
+#include "timing.h"
 
 enum {
     ORGANS = 3,
-    CURVE = 101,             /* points of a dose-volume histogram */
     VOXELS = 1500000,        /* of the grid, at most */
     NICENESS = 15,
 };
 
-static const double ORGAN_SPACING = 1e-3; /* m */
+static const double GRID_SPACING = 1e-3;  /* m */
 static const double MARGIN = 0.02;        /* m, of the grid around the target */
-static const double TOP = 3.0;            /* prescriptions: largest dose of the grid's bytes and of the histograms */
+static const double NOTICED = 1e-4;       /* m, by which something has to move for the dose to be computed anew */
+static const int64_t PAUSE = 500000000;   /* ns, least time between computations because of motion alone */
 
+/* A seed whose dose is in the grid. */
 typedef struct {
-    const char *name;        /* the scene's */
-    bool is_target;
-    trocar_structure *structure;
-    trocar_dose *dose;
-    double *values;          /* Gy; sorted after summarise */
-    trocar_dvh_summary planned;
-} organ;
-
-/* A seed whose dose is in. */
-typedef struct {
-    double place[6];         /* position and direction */
-    int32_t ids[ORGANS + 1]; /* in each dose; the last one is the grid's */
+    trocar_dose_seed rest, now; /* where it lies at rest, which does not change; and where the grid has it */
+    int32_t id;
 } counted_seed;
 
+/* What the thread is told. */
 typedef struct {
     int count;
-    double places[TROCAR_MAX_SEEDS][6];
-} seed_places;
+    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the tissue at rest, and as it is displaced */
+    double nodal[];          /* displacements [nodes][3], m */
+} told_state;
 
 struct dose_thread {
     const dose_settings *settings;
     trocar_dose_source *source;
     organ organs[ORGANS];
-    int organ_count;
+    int organ_count, node_count;
+    shrinkage shrunk;        /* of the target, organs[0], if there is one */
     trocar_dose_grid grid;
     trocar_dose *dose;
     double *values;
     unsigned char *levels;
-    bool has_plan;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
+    told_state *done;        /* what was computed last */
 
     pthread_t thread;
     bool started;
-    int ready;               /* eventfd */
-    pthread_mutex_t lock;    /* of what follows */
-    pthread_cond_t told;
-    seed_places wanted;
-    bool has_news, stop, has_result;
-    byte_buffer result;
+    triple_buffer told;      /* told_state. No locks between the threads: with its low priority this one might keep them for long */
+    int news, ready;         /* eventfds: there is something new for the thread, and from it */
+    atomic_bool stop;
+    _Atomic(byte_buffer *) result; /* NULL: taken */
 };
 
 /* ---- organs and grid ---------------------------------------------------------------------------------------------------- */
@@ -81,18 +78,6 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-static trocar_status add_organ(dose_thread *t, const trocar_model *m, const trocar_mesh *mesh, int region, bool is_target, report *why) {
-    organ *o = &t->organs[t->organ_count++];
-    o->is_target = is_target;
-    o->name = trocar_model_region_name(m, region);
-    trocar_status status = trocar_structure_from_region(mesh, region, ORGAN_SPACING, &o->structure, why);
-    if (status != TROCAR_OK) return status;
-    int64_t count = trocar_structure_count(o->structure);
-    o->values = malloc((size_t)count * sizeof *o->values);
-    if (!o->values) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
-    return trocar_dose_create_points(t->source, trocar_structure_points(o->structure), count, &o->dose, why);
-}
-
 /* A box around the target, or around the whole tissue if there is none. */
 static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, voxels = 1.0;
@@ -104,8 +89,8 @@ static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
             high[a] = fmax(high[a], x + MARGIN);
         }
     }
-    for (int a = 0; a < 3; a++) voxels *= (high[a] - low[a]) / ORGAN_SPACING + 1.0;
-    trocar_dose_grid grid = {.spacing = ORGAN_SPACING * fmax(1.0, cbrt(voxels / VOXELS))};
+    for (int a = 0; a < 3; a++) voxels *= (high[a] - low[a]) / GRID_SPACING + 1.0;
+    trocar_dose_grid grid = {.spacing = GRID_SPACING * fmax(1.0, cbrt(voxels / VOXELS))};
     for (int a = 0; a < 3; a++) {
         grid.origin[a] = low[a];
         grid.counts[a] = (int32_t)((high[a] - low[a]) / grid.spacing) + 1;
@@ -122,8 +107,20 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
                         .tets = trocar_model_tets(m), .tet_region = trocar_model_tet_regions(m)};
     for (int i = 0; status == TROCAR_OK && i < ORGANS; i++) {
         int region = find_organ(m, WORDS[i]);
-        if (region >= 0) status = add_organ(t, m, &mesh, region, i == 0, why);
+        if (region < 0) continue;
+        organ *o = &t->organs[t->organ_count++];
+        status = organ_create(o, m, &mesh, region, why);
+        o->is_target = i == 0;
+        o->shrinks = i < 2; /* the urethra runs through the gland */
     }
+    if (status != TROCAR_OK) return status;
+    t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
+    if (t->organ_count > 0) organ_centre(&t->organs[0], t->shrunk.centre);
+    t->node_count = mesh.node_count;
+    size_t size = sizeof(told_state) + 3 * (size_t)mesh.node_count * sizeof(double);
+    t->done = calloc(1, size);
+    if (!t->done) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
+    status = triple_buffer_create(&t->told, size, why);
     if (status != TROCAR_OK) return status;
     t->grid = choose_grid(&mesh, find_organ(m, WORDS[0]));
     status = trocar_dose_create(t->source, &t->grid, &t->dose, why);
@@ -136,54 +133,73 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-static trocar_dose *dose_at(dose_thread *t, int i) { return i < t->organ_count ? t->organs[i].dose : t->dose; }
+/* m, how far a seed is from where it was. */
+static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
+    double most = 0.0;
+    for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
+    return most;
+}
 
 /* A seed that does not fit, which a server does not send, is left out. */
-static void add_seed(dose_thread *t, const double place[6]) {
+static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
-    trocar_dose_seed seed = {.strength = t->settings->strength};
+    *s = (counted_seed){.rest = *rest, .now = *now};
     report ignored;
-    memcpy(s->place, place, sizeof s->place);
-    memcpy(seed.position, place, sizeof seed.position);
-    memcpy(seed.direction, place + 3, sizeof seed.direction);
-    for (int i = 0; i <= t->organ_count; i++)
-        if (trocar_dose_add(dose_at(t, i), &seed, &s->ids[i], &ignored) != TROCAR_OK) {
-            while (--i >= 0) trocar_dose_remove(dose_at(t, i), s->ids[i], &ignored);
-            return;
-        }
-    t->count++;
+    if (trocar_dose_add(t->dose, now, &s->id, &ignored) == TROCAR_OK) t->count++;
 }
 
 static void remove_seed(dose_thread *t, int index) {
     report ignored;
-    for (int i = 0; i <= t->organ_count; i++) trocar_dose_remove(dose_at(t, i), t->counted[index].ids[i], &ignored);
+    trocar_dose_remove(t->dose, t->counted[index].id, &ignored);
     t->counted[index] = t->counted[--t->count];
 }
 
-/* Removes what is no longer there, adds what is new: a place at rest does not change. */
-static void count_seeds(dose_thread *t, const seed_places *wanted) {
+static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *now) {
+    report ignored;
+    if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
+}
+
+/* Brings the grid up to date: a seed is known by its place at rest. */
+static void count_seeds(dose_thread *t, const told_state *state) {
     bool found[TROCAR_MAX_SEEDS] = {false};
     for (int k = t->count - 1; k >= 0; k--) {
         int i = 0;
-        while (i < wanted->count && (found[i] || memcmp(wanted->places[i], t->counted[k].place, sizeof wanted->places[i]) != 0)) i++;
-        if (i < wanted->count) found[i] = true;
-        else remove_seed(t, k);
+        while (i < state->count && (found[i] || memcmp(&state->rest[i], &t->counted[k].rest, sizeof state->rest[i]) != 0)) i++;
+        if (i == state->count) {
+            remove_seed(t, k);
+            continue;
+        }
+        found[i] = true;
+        move_seed(t, &t->counted[k], &state->now[i]);
     }
-    for (int i = 0; i < wanted->count; i++)
-        if (!found[i]) add_seed(t, wanted->places[i]);
+    for (int i = 0; i < state->count; i++)
+        if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
+}
+
+/* The seeds of the target follow it when it shrinks. */
+static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
+    for (int i = 0; i < state->count; i++) {
+        shrunk[i] = state->rest[i];
+        if (t->shrunk.scale < 1.0 && organ_contains(&t->organs[0], state->rest[i].position)) shrink(&t->shrunk, state->rest[i].position, shrunk[i].position);
+    }
+}
+
+static void compute_organs(dose_thread *t, const told_state *state, bool other_seeds) {
+    static _Thread_local trocar_dose_seed shrunk[TROCAR_MAX_SEEDS];
+    double prescription = t->settings->prescription;
+    if (other_seeds) shrink_seeds(t, state, shrunk);
+    for (organ *o = t->organs; o < t->organs + t->organ_count; o++) {
+        organ_compute(o, DOSE_NOW, t->source, state->now, state->count, prescription, state->nodal, &t->shrunk);
+        if (!other_seeds) continue;
+        organ_compute(o, DOSE_NEEDLES_OUT, t->source, state->rest, state->count, prescription, NULL, &t->shrunk);
+        organ_compute(o, DOSE_SWELLING_GONE, t->source, shrunk, state->count, prescription, NULL, &t->shrunk);
+    }
 }
 
 /* ---- results ------------------------------------------------------------------------------------------------------------ */
 
-static trocar_dvh_summary summarise(const dose_thread *t, organ *o) {
-    report ignored;
-    int64_t count = trocar_structure_count(o->structure);
-    trocar_dose_values(o->dose, o->values);
-    trocar_dvh_sort(o->values, count, &ignored);
-    return trocar_dvh_summarise(o->values, count, trocar_structure_voxel(o->structure), t->settings->prescription);
-}
-
-static void write_figures(json *j, const char *name, const trocar_dvh_summary *s) {
+static void write_result(json *j, const char *name, const organ_result *r) {
+    const trocar_dvh_summary *s = &r->summary;
     json_open(j, name, '{');
     json_number(j, "d90", s->d90);
     json_number(j, "d10", s->d10);
@@ -192,21 +208,18 @@ static void write_figures(json *j, const char *name, const trocar_dvh_summary *s
     json_number(j, "v150", s->v150);
     json_number(j, "v200", s->v200);
     json_number(j, "v100cm3", s->v100_cm3);
+    json_numbers(j, "curve", r->curve, DVH_POINTS);
     json_close(j, '}');
 }
 
-static void write_organ(const dose_thread *t, json *j, organ *o) {
-    trocar_dvh_summary s = summarise(t, o);
-    double curve[CURVE];
-    for (int i = 0; i < CURVE; i++)
-        curve[i] = trocar_dvh_volume(o->values, trocar_structure_count(o->structure), TOP * t->settings->prescription * i / (CURVE - 1));
+static void write_organ(json *j, const organ *o) {
+    static const char *const names[DOSE_STATES] = {"planned", "now", "out", "later"};
     json_open(j, NULL, '{');
     json_text(j, "name", o->name);
     json_bool(j, "target", o->is_target);
-    json_number(j, "volume", s.volume_cm3);
-    write_figures(j, "now", &s);
-    if (t->has_plan) write_figures(j, "planned", &o->planned);
-    json_numbers(j, "curve", curve, CURVE);
+    json_number(j, "volume", o->results[DOSE_NOW].summary.volume_cm3);
+    for (int state = 0; state < DOSE_STATES; state++)
+        if (o->results[state].known) write_result(j, names[state], &o->results[state]);
     json_close(j, '}');
 }
 
@@ -217,20 +230,21 @@ static void write_dose(dose_thread *t, FILE *out) {
     json_text(&j, "source", trocar_dose_source_get(t->source).name);
     json_number(&j, "strength", t->settings->strength);
     json_number(&j, "prescription", t->settings->prescription);
-    json_number(&j, "top", TOP);
+    json_number(&j, "top", DVH_TOP);
+    json_number(&j, "swelling", t->settings->swelling);
     json_integer(&j, "seeds", t->count);
     json_numbers(&j, "origin", t->grid.origin, 3);
     json_number(&j, "spacing", t->grid.spacing);
     json_numbers(&j, "counts", counts, 3);
     json_open(&j, "organs", '[');
-    for (int i = 0; i < t->organ_count; i++) write_organ(t, &j, &t->organs[i]);
+    for (int i = 0; i < t->organ_count; i++) write_organ(&j, &t->organs[i]);
     json_close(&j, ']');
     json_close(&j, '}');
 }
 
 static void find_levels(dose_thread *t) {
     int64_t count = trocar_dose_point_count(t->dose);
-    double scale = UINT8_MAX / (TOP * t->settings->prescription);
+    double scale = UINT8_MAX / (DVH_TOP * t->settings->prescription);
     trocar_dose_values(t->dose, t->values);
     for (int64_t i = 0; i < count; i++) t->levels[i] = (unsigned char)fmin(UINT8_MAX, 0.5 + scale * t->values[i]);
 }
@@ -253,56 +267,88 @@ static byte_buffer encode(dose_thread *t) {
 
 /* ---- thread ------------------------------------------------------------------------------------------------------------- */
 
-/* False: stop. */
-static bool wait_for_seeds(dose_thread *t, seed_places *wanted) {
-    pthread_mutex_lock(&t->lock);
-    while (!t->has_news && !t->stop) pthread_cond_wait(&t->told, &t->lock);
-    bool stop = t->stop;
-    t->has_news = false;
-    *wanted = t->wanted;
-    pthread_mutex_unlock(&t->lock);
-    return !stop;
+static bool has_other_seeds(const told_state *now, const told_state *before) {
+    return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
+/* Whether anything moved that gets or gives a dose. */
+static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
+    if (now->count == 0) return false;
+    for (int i = 0; i < now->count; i++)
+        if (distance(&now->now[i], &before->now[i]) > NOTICED) return true;
+    for (int i = 0; i < 3 * t->node_count; i++)
+        if (fabs(now->nodal[i] - before->nodal[i]) > NOTICED) return true;
+    return false;
+}
+
+/* Waits until there is something new, or for so many ns; negative: without an end. */
+static void wait_for_news(const dose_thread *t, int64_t patience) {
+    const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
+    uint64_t count;
+    if (ppoll(&(struct pollfd){.fd = t->news, .events = POLLIN}, 1, patience < 0 ? NULL : &limit, NULL) > 0 && read(t->news, &count, sizeof count) < 0) return;
+}
+
+static void publish(dose_thread *t, byte_buffer result) {
+    byte_buffer *given = malloc(sizeof *given);
+    if (!given || result.length == 0) {
+        bytes_free(&result);
+        free(given);
+        return;
+    }
+    *given = result;
+    byte_buffer *old = atomic_exchange(&t->result, given);
+    if (old) bytes_free(old);
+    free(old);
+    wake(t->ready);
+}
+
+/* While the tissue moves, at most half of the time is spent here. */
 static void *run(void *context) {
     dose_thread *t = context;
     setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* of this thread alone */
-    static _Thread_local seed_places wanted;
-    while (wait_for_seeds(t, &wanted)) {
-        count_seeds(t, &wanted);
-        byte_buffer result = encode(t);
-        pthread_mutex_lock(&t->lock);
-        bytes_free(&t->result);
-        t->result = result;
-        t->has_result = result.length > 0;
-        pthread_mutex_unlock(&t->lock);
-        wake(t->ready);
+    int64_t rested = 0; /* ns, monotonic: until then motion alone is no reason */
+    for (bool first = true; !atomic_load(&t->stop);) {
+        const told_state *state = triple_buffer_read(&t->told, NULL);
+        int64_t began = monotonic_ns();
+        bool other_seeds = first || has_other_seeds(state, t->done), moved = has_moved(t, state, t->done);
+        if (!other_seeds && !(moved && began >= rested)) {
+            wait_for_news(t, moved ? rested - began : -1);
+            continue;
+        }
+        first = false;
+        count_seeds(t, state);
+        compute_organs(t, state, other_seeds);
+        publish(t, encode(t));
+        memcpy(t->done, state, sizeof *state + 3 * (size_t)t->node_count * sizeof *state->nodal);
+        int64_t ended = monotonic_ns(), spent = ended - began;
+        rested = ended + (spent > PAUSE ? spent : PAUSE);
     }
     return NULL;
 }
 
-/* The plan's dose, before there are any seeds. */
-static void note_plan(dose_thread *t, const plan_table *plan, const double direction[3]) {
-    static const seed_places none = {.count = 0};
+/* The plan's dose in the organs. */
+static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], report *why) {
+    trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
+    if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     for (int i = 0; i < plan->count; i++) {
-        const double *x = plan->seeds[i].position;
-        add_seed(t, (double[6]){x[0], x[1], x[2], direction[0], direction[1], direction[2]});
+        seeds[i].strength = t->settings->strength;
+        memcpy(seeds[i].position, plan->seeds[i].position, sizeof seeds[i].position);
+        memcpy(seeds[i].direction, direction, sizeof seeds[i].direction);
     }
-    for (int i = 0; i < t->organ_count; i++) t->organs[i].planned = summarise(t, &t->organs[i]);
-    t->has_plan = true;
-    count_seeds(t, &none);
+    for (int i = 0; i < t->organ_count; i++)
+        organ_compute(&t->organs[i], DOSE_PLANNED, t->source, seeds, plan->count, t->settings->prescription, NULL, &t->shrunk);
+    free(seeds);
+    return TROCAR_OK;
 }
 
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan, dose_thread **created, report *why) {
     dose_thread *t = calloc(1, sizeof *t);
     if (!t) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");
     t->settings = settings;
-    t->has_news = true; /* computes the dose of no seeds */
-    pthread_mutex_init(&t->lock, NULL);
-    pthread_cond_init(&t->told, NULL);
+    t->news = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     t->ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    trocar_status status = t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    if (status == TROCAR_OK && plan) note_plan(t, plan, trocar_model_guide(model, find_template(model)).normal);
+    trocar_status status = t->news >= 0 && t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    if (status == TROCAR_OK && plan) status = note_plan(t, plan, trocar_model_guide(model, find_template(model)).normal, why);
     if (status == TROCAR_OK) t->started = pthread_create(&t->thread, NULL, run, t) == 0;
     if (status == TROCAR_OK && !t->started) status = fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
     if (status == TROCAR_OK) *created = t;
@@ -312,50 +358,42 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
 
 void dose_thread_free(dose_thread *t) {
     if (t->started) {
-        pthread_mutex_lock(&t->lock);
-        t->stop = true;
-        pthread_cond_signal(&t->told);
-        pthread_mutex_unlock(&t->lock);
+        atomic_store(&t->stop, true);
+        wake(t->news);
         pthread_join(t->thread, NULL);
     }
-    for (int i = 0; i < t->organ_count; i++) {
-        organ *o = &t->organs[i];
-        if (o->dose) trocar_dose_free(o->dose);
-        if (o->structure) trocar_structure_free(o->structure);
-        free(o->values);
-    }
+    for (int i = 0; i < t->organ_count; i++) organ_free(&t->organs[i]);
+    free(t->done);
+    triple_buffer_free(&t->told);
     if (t->dose) trocar_dose_free(t->dose);
     if (t->source) trocar_dose_source_free(t->source);
     free(t->values);
     free(t->levels);
-    bytes_free(&t->result);
+    byte_buffer *result = atomic_exchange(&t->result, NULL);
+    if (result) bytes_free(result);
+    free(result);
+    if (t->news >= 0) close(t->news);
     if (t->ready >= 0) close(t->ready);
-    pthread_cond_destroy(&t->told);
-    pthread_mutex_destroy(&t->lock);
     free(t);
 }
 
-static seed_places places_of(const trocar_seeds_t *seeds) {
-    seed_places places = {.count = seeds ? seeds->seed_count : 0};
-    for (int i = 0; i < places.count; i++)
-        for (int a = 0; a < 3; a++) {
-            places.places[i][a] = seeds->rest_position[i][a];
-            places.places[i][3 + a] = seeds->rest_direction[i][a];
-        }
-    return places;
+static trocar_dose_seed seed_at(const dose_thread *t, const float position[3], const float direction[3]) {
+    trocar_dose_seed seed = {.strength = t->settings->strength};
+    for (int a = 0; a < 3; a++) seed.position[a] = position[a], seed.direction[a] = direction[a];
+    return seed;
 }
 
-void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds) {
-    seed_places wanted = places_of(seeds);
-    pthread_mutex_lock(&t->lock);
-    size_t size = (size_t)wanted.count * sizeof *wanted.places;
-    bool same = wanted.count == t->wanted.count && memcmp(wanted.places, t->wanted.places, size) == 0;
-    if (!same) {
-        t->wanted = wanted;
-        t->has_news = true;
-        pthread_cond_signal(&t->told);
+void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation) {
+    told_state *state = triple_buffer_slot(&t->told);
+    state->count = seeds ? seeds->seed_count : 0;
+    for (int i = 0; i < state->count; i++) {
+        state->rest[i] = seed_at(t, seeds->rest_position[i], seeds->rest_direction[i]);
+        state->now[i] = seed_at(t, seeds->position[i], seeds->direction[i]);
     }
-    pthread_mutex_unlock(&t->lock);
+    for (int n = 0; n < t->node_count; n++)
+        for (int a = 0; a < 3; a++) state->nodal[3 * n + a] = deformation && n < deformation->node_count ? deformation->displacement[n][a] : 0.0;
+    triple_buffer_publish(&t->told);
+    wake(t->news);
 }
 
 int dose_thread_descriptor(const dose_thread *t) { return t->ready; }
@@ -363,14 +401,10 @@ int dose_thread_descriptor(const dose_thread *t) { return t->ready; }
 bool dose_thread_take(dose_thread *t, byte_buffer *section) {
     uint64_t count;
     if (read(t->ready, &count, sizeof count) < 0) return false;
-    pthread_mutex_lock(&t->lock);
-    bool has = t->has_result;
-    if (has) {
-        bytes_free(section);
-        *section = t->result;
-        t->result = (byte_buffer){0};
-        t->has_result = false;
-    }
-    pthread_mutex_unlock(&t->lock);
-    return has;
+    byte_buffer *result = atomic_exchange(&t->result, NULL);
+    if (!result) return false;
+    bytes_free(section);
+    *section = *result;
+    free(result);
+    return true;
 }

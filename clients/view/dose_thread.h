@@ -1,11 +1,12 @@
-/* Thread of low priority that computes the dose of the seeds in the tissue at rest: on a grid, and in the organs. Each change of the seeds
-   costs one addition or removal; when they change faster than that, only the newest are computed. */
+/* Thread of low priority that computes the dose of the seeds: on a grid in space, where the displaced tissue has them now; and in the organs, see
+   organ_dose.h. Changes that come while it computes wait, and only the newest are computed. */
 #ifndef TROCAR_DOSE_THREAD_H
 #define TROCAR_DOSE_THREAD_H
 
 #include "base/report.h"
 #include "plan_table.h"
 #include "trocar.h"
+#include "trocar_deformation_t.h"
 #include "trocar_seeds_t.h"
 #include "wire_format.h"
 
@@ -13,6 +14,7 @@ typedef struct {
     const char *source;      /* name of a seed model in the library, or path of a table that ends in .yaml */
     double strength;         /* U, of each seed */
     double prescription;     /* Gy */
+    double swelling;         /* volume of the gland on the day of the implant over that after it, at least 1 */
 } dose_settings;
 
 typedef struct dose_thread dose_thread;
@@ -23,8 +25,8 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
                                  dose_thread **created, report *why);
 void dose_thread_free(dose_thread *t);
 
-/* These are the seeds now; NULL: none. Does not wait. */
-void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds);
+/* These are the seeds and the tissue now; NULL: none, and at rest. Does not wait. */
+void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation);
 
 /* Readable when there is a new result. */
 int dose_thread_descriptor(const dose_thread *t);

@@ -7,7 +7,7 @@
 #include "rate_control.h"
 #include "template_holes.h"
 
-/* In line with a hole, with the tip a little in front of the face where needles enter. x and y of this pose are along the columns and rows.
+/* In line with a hole, with the tip a little in front of the face where needles enter. Its y is along the rows.
    `column` and `row` from 0; one half more is between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 

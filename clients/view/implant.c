@@ -34,11 +34,19 @@ static void write_plan(json *j, const void *what) {
     json_close(j, ']');
 }
 
+static const char *word_of_command(int32_t command) {
+    static const char *const words[] = {[TROCAR_COMMAND_T_RESET] = "remove", [TROCAR_COMMAND_T_LEAVE] = "leave", [TROCAR_COMMAND_T_TAKE] = "take",
+                                        [TROCAR_COMMAND_T_DROP_SEED] = "drop", [TROCAR_COMMAND_T_UNDO] = "undo"};
+    bool known = command >= 0 && (size_t)command < sizeof words / sizeof *words && words[command];
+    return known ? words[command] : "other";
+}
+
 static void write_reply(json *j, const void *what) {
     const trocar_command_reply_t *reply = what;
     json_open(j, NULL, '{');
+    json_integer(j, "number", reply->seq);
     json_integer(j, "needle", reply->needle);
-    json_text(j, "command", reply->command == TROCAR_COMMAND_T_DROP_SEED ? "drop" : reply->command == TROCAR_COMMAND_T_UNDO ? "undo" : "other");
+    json_text(j, "command", word_of_command(reply->command));
     json_bool(j, "done", reply->status == TROCAR_COMMAND_REPLY_T_DONE);
     json_text(j, "message", reply->message);
     json_close(j, '}');
@@ -59,18 +67,19 @@ void implant_close(implant *i) {
     *i = (implant){.dose = NULL};
 }
 
-static void take_seeds(implant *i, const trocar_seeds_t *seeds) {
+static void take_seeds(implant *i, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation) {
     static const trocar_seeds_t none = {0};
     web_section *s = &i->sections[IMPLANT_SEEDS];
     bytes_clear(&s->bytes);
     encode_seeds(&s->bytes, seeds ? seeds : &none);
     s->version++;
-    if (i->dose) dose_thread_tell(i->dose, seeds);
+    if (i->dose) dose_thread_tell(i->dose, seeds, deformation);
 }
 
 void implant_hear(implant *i, const subscriber *feed) {
-    if (feed->seeds_heard != i->seeds_heard) take_seeds(i, feed->seeds);
+    if (feed->seeds_heard != i->seeds_heard) take_seeds(i, feed->seeds, feed->deformation);
     if (feed->replies_heard != i->replies_heard && feed->reply) set_json(&i->sections[IMPLANT_REPLY], SECTION_REPLY, write_reply, feed->reply);
+    else if (feed->replies_heard != i->replies_heard) bytes_clear(&i->sections[IMPLANT_REPLY].bytes); /* of the previous server */
     i->seeds_heard = feed->seeds_heard;
     i->replies_heard = feed->replies_heard;
 }

@@ -15,7 +15,7 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     viewer_messages messages;
-    int probes_done;         /* poses of the probe so far */
+    int probes_done, commands_done; /* poses of the probe, and commands, so far */
     int gaps;
 } playback;
 
@@ -36,10 +36,21 @@ static void clean_up(playback *p) {
     pose_log_free(&p->poses);
 }
 
+/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. */
+static void run_commands(playback *p, int pose) {
+    report ignored;
+    for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
+        const trocar_command_t *c = &p->poses.commands[p->commands_done].command;
+        if (c->command == TROCAR_COMMAND_T_DROP_SEED) trocar_sim_drop_seeds(p->sim, 0, c->seeds, c->spacing, &ignored);
+        if (c->command == TROCAR_COMMAND_T_UNDO) trocar_sim_undo_seed(p->sim, 0, &ignored);
+    }
+}
+
 static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {
     double time = pose_log_time(&p->poses, tick), dt = pose_log_interval(&p->poses, tick, trocar_model_rate(p->model), &p->gaps);
     trocar_pose base = library_pose(pose_of_message(&p->poses.poses[tick]));
     trocar_output output;
+    run_commands(p, tick);
     trocar_status status = pose_log_move_probe(&p->poses, tick, p->model, p->sim, &p->probes_done, why);
     if (status == TROCAR_OK) status = trocar_sim_step(p->sim, 0, &base, dt, &output, why);
     if (status != TROCAR_OK) return status;
@@ -57,7 +68,10 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     viewer_messages_make_tracks(&p->messages, 0, tick);
     const needle_shown needles[] = {{&p->messages.contacts, &p->messages.tracks}};
     trocar_probe probe = trocar_picture_probe(p->messages.picture);
-    return timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &probe, &p->messages.deformation, why);
+    status = timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &probe, &p->messages.deformation, why);
+    if (status != TROCAR_OK || p->poses.command_count == 0) return status;
+    viewer_messages_make_seeds(&p->messages, tick);
+    return timeline_add_seeds(t, &p->messages.seeds, why);
 }
 
 trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why) {

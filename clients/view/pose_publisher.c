@@ -21,6 +21,7 @@ static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server takes 100 poses
 static const double LONGEST_STEP = 0.01;       /* s, longest time step */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
+static const int64_t HANDOVER = 2000000000; /* ns after which a hand-over without an answer is given up */
 
 /* From where the probe was when it began to move. */
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
@@ -46,15 +47,34 @@ void publisher_tell(pose_publisher *p, const publisher_order *order) {
 
 void publisher_hear(pose_publisher *p, int64_t now) { atomic_store_explicit(&p->heard, now, memory_order_release); }
 
-static void publish_command(pose_publisher *p, int32_t what) {
-    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what, .needle = p->needle, .seq = ++p->command_seq,
-                          .seeds = what == TROCAR_COMMAND_T_DROP_SEED};
+static void publish_command(pose_publisher *p, int32_t what, int needle, int seeds) {
+    trocar_command_t m = {.utime = wall_us(), .session = p->session, .command = what, .needle = needle, .seq = ++p->command_seq, .seeds = seeds};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
 }
 
+/* A command for the needle that it holds. */
+static void publish_own(pose_publisher *p, int32_t what, int seeds) {
+    if (p->holding) publish_command(p, what, p->needle, seeds);
+}
+
 static void release(pose_publisher *p) {
-    if (p->holding) publish_command(p, TROCAR_COMMAND_T_RELEASE);
-    p->holding = false;
+    publish_own(p, TROCAR_COMMAND_T_RELEASE, 0);
+    p->holding = p->waiting = false;
+}
+
+static void begin_to_wait(pose_publisher *p, int64_t now) {
+    p->waiting = true;
+    p->waits_since = now;
+}
+
+static void take(pose_publisher *p, const publisher_order *order, int64_t now) {
+    p->holding = true;
+    p->needle = order->needle;
+    p->home = order->home;
+    rate_control_begin(&p->drive, p->home, order->base);
+    if (!order->rests) return;
+    publish_own(p, TROCAR_COMMAND_T_TAKE, 0);
+    begin_to_wait(p, now);
 }
 
 static bool is_still(const rate_control_command *c) {
@@ -76,33 +96,37 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
         return true;
     }
     p->ordered = now;
-    p->command = order->command;
-    p->approaching &= order->kind == ORDER_STEER && is_still(&order->command);
     switch (order->kind) {
+    case ORDER_STEER:
+        p->command = order->command;
+        p->approaching &= is_still(&order->command);
+        break;
     case ORDER_TAKE:
         if (p->holding) break;
-        p->holding = true;
-        p->needle = order->needle;
-        p->home = order->home;
-        rate_control_begin(&p->drive, p->home, order->base);
+        p->approaching = false;
+        p->command = (rate_control_command){0};
+        take(p, order, now);
         break;
     case ORDER_RESET:
-        if (p->holding) publish_command(p, TROCAR_COMMAND_T_RESET);
+        publish_own(p, TROCAR_COMMAND_T_RESET, 0);
         rate_control_begin(&p->drive, p->home, p->home);
+        p->approaching = false;
         break;
     case ORDER_HOLE:
         p->home = order->home;
         rate_control_begin(&p->drive, p->home, p->drive.base);
         p->approaching = true;
         break;
-    case ORDER_DROP:
-        if (p->holding) publish_command(p, TROCAR_COMMAND_T_DROP_SEED);
+    case ORDER_DROP: publish_own(p, TROCAR_COMMAND_T_DROP_SEED, order->seeds); break;
+    case ORDER_UNDO: publish_own(p, TROCAR_COMMAND_T_UNDO, 0); break;
+    case ORDER_LEAVE:
+        publish_own(p, TROCAR_COMMAND_T_LEAVE, 0);
+        p->approaching = false;
+        begin_to_wait(p, now);
         break;
-    case ORDER_UNDO:
-        if (p->holding) publish_command(p, TROCAR_COMMAND_T_UNDO);
-        break;
-    case ORDER_STEER:
     case ORDER_PROBE: break;
+    case ORDER_GO_ON: p->waiting = false; break;
+    case ORDER_REMOVE: publish_command(p, TROCAR_COMMAND_T_RESET, order->needle, 0); break;
     case ORDER_RELEASE:
     case ORDER_END:
         release(p);
@@ -146,7 +170,8 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     p->probing &= alive;
     if (goes_on) move_probe(p, now, dt);
     if (!goes_on || !p->holding) return goes_on;
-    if (!alive) {
+    p->waiting &= now - p->waits_since < HANDOVER;
+    if (p->waiting || !alive) {
         rate_control_begin(&p->drive, p->home, p->drive.base); /* at rest */
         return true;
     }

@@ -10,12 +10,27 @@
 #include "rate_control.h"
 #include "base/spsc_ring.h"
 
-typedef enum { ORDER_TAKE, ORDER_STEER, ORDER_RESET, ORDER_HOLE, ORDER_DROP, ORDER_UNDO, ORDER_PROBE, ORDER_RELEASE, ORDER_END } order_kind;
+typedef enum {
+    ORDER_TAKE,
+    ORDER_STEER,
+    ORDER_RESET,
+    ORDER_HOLE,
+    ORDER_DROP,
+    ORDER_UNDO,
+    ORDER_LEAVE,             /* the needle is to rest; no poses meanwhile, until GO_ON or RELEASE, or for two seconds */
+    ORDER_GO_ON,             /* the server has handed the resting needle over, or has refused to leave it */
+    ORDER_REMOVE,            /* pulls out a needle that rests */
+    ORDER_PROBE,
+    ORDER_RELEASE,
+    ORDER_END
+} order_kind;
 
 typedef struct {
     order_kind kind;
-    int needle;              /* TAKE: which one, */
-    pose home, base;         /* where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose;
+    int needle;              /* TAKE, REMOVE: which one */
+    bool rests;              /* TAKE: it rests, and is handed over before there are poses, as in LEAVE */
+    int seeds;               /* DROP: how many */
+    pose home, base;         /* TAKE: where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose;
                                 PROBE: where the probe is */
     rate_control_command command;   /* STEER, PROBE */
 } publisher_order;
@@ -35,6 +50,8 @@ typedef struct {
     pose home;               /* of that needle */
     bool holding;
     bool approaching;        /* on the way home */
+    bool waiting;            /* for the server: see ORDER_LEAVE */
+    int64_t waits_since;     /* ns, monotonic */
     int64_t ordered;         /* ns, monotonic: last order */
     int64_t seq;             /* sequence number of the last pose, */
     int64_t command_seq;     /* and of the last command */

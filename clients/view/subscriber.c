@@ -7,12 +7,14 @@
 #include "message_fit.h"
 #include "messages.h"
 #include "timing.h"
+#include "trocar_command_t.h"
 #include "trocar_deformation_t.h"
 #include "trocar_probe_wrench_t.h"
 
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
+static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench knows its owner better than the last status */
 
 /* ---- the channels ---- */
 
@@ -39,7 +41,9 @@ static void forget_needles(subscriber *f) {
 static void forget_seeds(subscriber *f) {
     if (f->seeds) trocar_seeds_t_destroy(f->seeds);
     if (f->reply) trocar_command_reply_t_destroy(f->reply);
+    if (f->deformation) trocar_deformation_t_destroy(f->deformation);
     f->seeds = NULL;
+    f->deformation = NULL;
     f->reply = NULL;
     f->seeds_heard++;
     f->replies_heard++;
@@ -75,7 +79,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     note_server(f, &w);
     n->wrench = w;
     f->tick = w.tick;
-    f->heard = monotonic_ns();
+    n->heard = f->heard = monotonic_ns();
     plot_sample s = sample_of_wrench(subscriber_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
     s.lateness_max = (float)f->timing.lateness_max;
@@ -167,7 +171,7 @@ static void on_reply(const lcm_recv_buf_t *received, const char *channel, void *
         f->refused++;
         return;
     }
-    if (m.server == f->choice.followed && m.session == f->session) {
+    if (m.server == f->choice.followed && m.session == f->session && m.command != TROCAR_COMMAND_T_RELEASE) {
         if (f->reply) trocar_command_reply_t_destroy(f->reply);
         f->reply = trocar_command_reply_t_copy(&m);
         f->replies_heard++;
@@ -218,6 +222,10 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         known |= contacts != NULL;
     }
     complete |= f->probe.placed && !known;
+    if (m.server == f->choice.followed) {
+        if (f->deformation) trocar_deformation_t_destroy(f->deformation);
+        f->deformation = trocar_deformation_t_copy(&m);
+    }
     if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &f->probe, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
@@ -250,6 +258,12 @@ bool subscriber_shows(const subscriber *f) {
     bool shows = f->probe.placed != 0;
     for (int i = 0; i < f->needle_count; i++) shows |= f->needles[i].contacts != NULL;
     return shows;
+}
+
+int64_t subscriber_owner(const subscriber *f, int needle) {
+    const needle_feed *n = &f->needles[needle];
+    bool newer = n->heard != 0 && monotonic_ns() - n->heard < NEWS;
+    return newer || !n->status ? n->wrench.session : n->status->owner;
 }
 
 bool subscriber_base(const subscriber *f, int needle, pose *base) {

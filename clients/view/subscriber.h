@@ -8,6 +8,7 @@
 #include "server_choice.h"
 #include "timeline.h"
 #include "trocar_command_reply_t.h"
+#include "trocar_deformation_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_seeds_t.h"
@@ -16,6 +17,7 @@
 /* The newest messages about one needle. */
 typedef struct {
     trocar_needle_wrench_t wrench;
+    int64_t heard;           /* ns, monotonic: its arrival; 0: none yet. The server sends none of a needle that rests */
     trocar_contacts_t *contacts; /* NULL before the first */
     trocar_tracks_t *tracks; /* NULL before the first */
     trocar_status_t *status; /* NULL before the first */
@@ -35,7 +37,8 @@ typedef struct {
     trocar_probe probe;      /* the newest; not placed before the first message about it */
     int64_t probe_owner;     /* session that moves it, 0: nobody yet */
     trocar_seeds_t *seeds;   /* NULL before the first */
-    trocar_command_reply_t *reply; /* to the last command of `session`, NULL: none yet */
+    trocar_deformation_t *deformation; /* likewise */
+    trocar_command_reply_t *reply; /* to the last command of `session` other than RELEASE, NULL: none yet */
     int64_t session;         /* that gives commands; set by the owner */
     int64_t seeds_heard, replies_heard; /* so far, from all servers; a change of server counts as well */
     server_choice choice;    /* only messages of the followed server are used */
@@ -55,6 +58,9 @@ double subscriber_time(const subscriber *f);
 
 /* Whether there is something to show a picture of: a needle or the probe. */
 bool subscriber_shows(const subscriber *f);
+
+/* The session that owns the needle, 0: none, as far as is known. */
+int64_t subscriber_owner(const subscriber *f, int needle);
 
 /* Pose of the needle's base in the server; false if unknown. */
 bool subscriber_base(const subscriber *f, int needle, pose *base);

@@ -89,6 +89,14 @@ trocar_status timeline_add_picture(timeline *t, double time, const needle_shown 
     return place->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
 }
 
+trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why) {
+    byte_buffer *newest = &t->pictures[(size_t)(t->picture_end - 1) % t->picture_room];
+    t->picture_bytes -= newest->room;
+    encode_seeds(newest, seeds);
+    t->picture_bytes += newest->room;
+    return newest->failed ? fail(why, TROCAR_NO_MEMORY, "no memory for a picture") : TROCAR_OK;
+}
+
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor) {
     return cursor->picture < t->picture_end || cursor->sample < t->sample_end;
 }

@@ -42,6 +42,9 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
+/* Adds the seeds of the newest picture, after it. Of a log only: live, seeds come by themselves. */
+trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
+
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);
 
 /* Appends the samples, then the pictures that are new to the reader (live: the newest picture only), up to about `most` bytes. */

@@ -30,6 +30,8 @@ const char *argp_program_version = "trocar-view " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
+static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns without an answer, as in pose_publisher.c */
+static const double FAR = 0.5;  /* m from its home: a needle that was removed */
 
 /* Content and size of a picture. */
 typedef struct {
@@ -49,6 +51,9 @@ typedef struct {
     implant_settings implant;
     web_settings web;
 } options;
+
+/* A resting needle changes hands: until the server has answered, the browser keeps it although it rests. */
+typedef enum { HANDING_NOTHING, HANDING_LEFT, HANDING_TAKEN } handover;
 
 typedef struct {
     const options *options;
@@ -70,6 +75,10 @@ typedef struct {
     pose_publisher pilot;
     implant implant;
     int driven;              /* needle that a browser drives, or drove last */
+    bool driving;            /* a browser drives it */
+    handover handing;        /* whether that needle is being left or taken, */
+    int64_t handing_since;   /* ns, monotonic */
+    int64_t replies_heeded;  /* value of subscriber.replies_heard */
     pthread_t pilot_thread;
     bool piloting;           /* the publisher's thread runs */
     int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
@@ -82,7 +91,7 @@ typedef struct {
 /* ---- command line ---- */
 
 enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
-       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_PLAN };
+       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_SWELLING, OPTION_PLAN };
 
 enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; rendered at twice the resolution for anti-aliasing */ };
 
@@ -107,6 +116,7 @@ static const struct argp_option option_list[] = {
     {"source", OPTION_SOURCE, "NAME", 0, "Seed model: \"I-125 6711\" (default), \"Pd-103 200\", or the path of a table that ends in .yaml", 3},
     {"strength", OPTION_STRENGTH, "U", 0, "Air-kerma strength of each seed (default 0.5)", 3},
     {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
+    {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the gland on the day of the implant over that when its swelling has gone (default 1.18)", 3},
     {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.plan show --out writes", 3},
     {0},
 };
@@ -142,6 +152,7 @@ static error_t parse_implant_option(int key, char *text, struct argp_state *stat
     case OPTION_SOURCE: i->dose.source = text, o->live_option = "--source"; break;
     case OPTION_STRENGTH: i->dose.strength = parse_number(state, "strength", text, 1e-3, 1000), o->live_option = "--strength"; break;
     case OPTION_PRESCRIPTION: i->dose.prescription = parse_number(state, "prescription", text, 1, 1e4), o->live_option = "--prescription"; break;
+    case OPTION_SWELLING: i->dose.swelling = parse_number(state, "swelling", text, 1, 2), o->live_option = "--swelling"; break;
     case OPTION_PLAN: i->plan = text, o->live_option = "--plan"; break;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -257,13 +268,47 @@ static char *describe(void *context, bool drives, bool driven) {
     return text;
 }
 
-/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is in the tissue. */
+/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is not known to be outside of the tissue: of one that
+   has just been taken the last wrench may be from before it rested. */
 static bool order_hole(const view *v, const float *asked, publisher_order *order) {
     trocar_guide guide = trocar_model_guide(v->model, (int)fmaxf(-1, fminf(asked[0], 1000)));
     double column = asked[1], row = asked[2];
     if (!(column >= 0 && column <= guide.columns - 1 && row >= 0 && row <= guide.rows - 1)) return false;
     *order = (publisher_order){.kind = ORDER_HOLE, .home = hole_home(&guide, column, row, v->needle_length)};
-    return v->feed.needles[v->driven].wrench.depth == 0.0;
+    const trocar_needle_wrench_t *wrench = &v->feed.needles[v->driven].wrench;
+    return wrench->session == v->pilot.session && wrench->depth == 0.0;
+}
+
+static bool rests(const view *v, int needle) {
+    const trocar_status_t *status = v->feed.needles[needle].status;
+    return status && status->state == TROCAR_STATUS_T_RESTING;
+}
+
+/* In front of the template's hole that is closest to a base; `otherwise` without a template. */
+static pose home_of_base(const view *v, pose base, pose otherwise) {
+    int template = find_template(v->model);
+    if (template < 0) return otherwise;
+    trocar_guide g = trocar_model_guide(v->model, template);
+    vec3 from = v3_sub(base.position, load_vec3(g.origin));
+    double column = round(v3_dot(from, load_vec3(g.across[0])) / g.spacing + 0.5 * (g.columns - 1));
+    double row = round(v3_dot(from, load_vec3(g.across[1])) / g.spacing + 0.5 * (g.rows - 1));
+    return hole_home(&g, fmax(0, fmin(column, g.columns - 1)), fmax(0, fmin(row, g.rows - 1)), v->needle_length);
+}
+
+static void begin_handover(view *v, handover what) {
+    v->handing = what;
+    v->handing_since = monotonic_ns();
+}
+
+static publisher_order order_take(view *v, int needle) {
+    publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(v, needle), .home = v->homes[needle], .base = v->homes[needle]};
+    pose base;
+    if (subscriber_base(&v->feed, needle, &base) && v3_norm(v3_sub(base.position, order.home.position)) < FAR) order.base = base;
+    if (order.rests) order.home = home_of_base(v, order.base, order.home);
+    v->driven = needle;
+    v->driving = true;
+    begin_handover(v, order.rests ? HANDING_TAKEN : HANDING_NOTHING);
+    return order;
 }
 
 static void act(void *context, const web_action *action) {
@@ -272,16 +317,13 @@ static void act(void *context, const web_action *action) {
     const float *c = action->steer;
     publisher_order order = {.command = {c[0], c[1], c[2], c[3], c[4], c[5]}};
     switch (action->kind) {
-    case ACTION_TAKE:
-        v->driven = (int)action->needle;
-        order.kind = ORDER_TAKE;
-        order.needle = v->driven;
-        order.home = order.base = v->homes[v->driven];
-        subscriber_base(&v->feed, v->driven, &order.base);
-        break;
+    case ACTION_TAKE: order = order_take(v, (int)action->needle); break;
     case ACTION_STEER: order.kind = ORDER_STEER; break;
     case ACTION_RESET: order.kind = ORDER_RESET; break;
-    case ACTION_DROP: order.kind = ORDER_DROP; break;
+    case ACTION_DROP:
+        order.kind = ORDER_DROP;
+        order.seeds = (int)fmaxf(1, fminf(c[0], 16)); /* one if it is no number */
+        break;
     case ACTION_UNDO: order.kind = ORDER_UNDO; break;
     case ACTION_PROBE:
         if (!v->feed.probe.placed) return;
@@ -289,11 +331,45 @@ static void act(void *context, const web_action *action) {
         order.base = load_pose(v->feed.probe.base.position, v->feed.probe.base.orientation);
         break;
     case ACTION_HOLE:
-        if (!order_hole(v, c, &order)) return;
+        if (v->handing != HANDING_NOTHING || !order_hole(v, c, &order)) return;
         break;
-    default: order.kind = ORDER_RELEASE; break;
+    case ACTION_LEAVE:
+        if (v->handing != HANDING_NOTHING) return;
+        order.kind = ORDER_LEAVE;
+        begin_handover(v, HANDING_LEFT);
+        break;
+    case ACTION_REMOVE:
+        if (action->needle >= (uint32_t)v->needle_count || !rests(v, (int)action->needle)) return;
+        order.kind = ORDER_REMOVE;
+        order.needle = (int)action->needle;
+        break;
+    default:
+        order.kind = ORDER_RELEASE;
+        v->driving = false;
+        v->handing = HANDING_NOTHING;
+        break;
     }
     publisher_tell(&v->pilot, &order);
+}
+
+/* The server's answer to the hand-over of the driven needle. */
+static void heed_reply(view *v) {
+    const trocar_command_reply_t *reply = v->feed.reply;
+    bool is_new = v->feed.replies_heard != v->replies_heeded;
+    v->replies_heeded = v->feed.replies_heard;
+    if (!is_new || !reply || reply->needle != v->driven || v->handing == HANDING_NOTHING) return;
+    bool left = reply->command == TROCAR_COMMAND_T_LEAVE, taken = reply->command == TROCAR_COMMAND_T_TAKE, done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
+    if (!left && !taken) return;
+    if (left == done) web_let_go(v->web); /* it rests */
+    else publisher_tell(&v->pilot, &(publisher_order){.kind = ORDER_GO_ON});
+    if (left) v->handing = HANDING_NOTHING; /* that it has been taken is seen in its status a little later */
+}
+
+/* Ends a hand-over of which no more is to be expected. */
+static void watch_handover(view *v) {
+    const trocar_status_t *status = v->feed.needles[v->driven].status;
+    bool taken = v->handing == HANDING_TAKEN && status && status->state == TROCAR_STATUS_T_HELD;
+    if (taken || monotonic_ns() - v->handing_since > HANDOVER_PATIENCE) v->handing = HANDING_NOTHING;
 }
 
 /* Receives messages. After a change of server the driving browser loses the needle, because the new server starts without an
@@ -302,23 +378,25 @@ static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
     if (v->feed.servers != v->servers) web_let_go(v->web);
     v->servers = v->feed.servers;
+    heed_reply(v);
+    watch_handover(v);
     implant_hear(&v->implant, &v->feed);
 }
 
-/* Whether a server is running and this needle neither rests nor is owned by another client. */
+/* Whether a server is running and this needle neither rests, unless it is being handed over, nor is owned by another client. */
 static bool is_free(const view *v, int needle) {
-    int64_t owner = v->feed.needles[needle].wrench.session;
+    int64_t owner = subscriber_owner(&v->feed, needle);
     const trocar_status_t *status = v->feed.needles[needle].status;
-    bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD;
+    bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD || (needle == v->driven && v->handing != HANDING_NOTHING);
     return subscriber_alive(&v->feed) && held && (owner == 0 || owner == v->pilot.session);
 }
 
-/* Receives pending messages first. */
+/* Receives pending messages first. A browser that drives none may take a needle that rests. */
 static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
     if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
     receive(v);
-    return is_free(v, (int)needle);
+    return is_free(v, (int)needle) || (!v->driving && subscriber_alive(&v->feed) && rests(v, (int)needle));
 }
 
 static void take_png(void *context, const void *png, size_t size) {
@@ -380,7 +458,7 @@ static void find_box(view *v) {
 
 /* The scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
 static pose find_home(const view *v, int needle) {
-    double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2); /* m, to both sides in turn */
+    double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, to both sides in turn */
     pose start;
     if (find_start(v->scene, NULL, NULL, &start)) {
         start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0)));
@@ -548,7 +626,7 @@ static trocar_status take_picture(view *v, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = INFINITY, .implant.dose = {"I-125 6711", 0.5, 145.0}, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
+    options o = {.at = INFINITY, .implant.dose = {"I-125 6711", 0.5, 145.0, 1.18}, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
     realtime_flush_denormals();   /* as in trocar-replay, so that results are the same */
 

@@ -202,8 +202,12 @@ static void take_action(web *w, browser *b, const web_action *action) {
     case ACTION_HOLE:
     case ACTION_DROP:
     case ACTION_UNDO:
+    case ACTION_LEAVE:
     case ACTION_PROBE:
         if (w->driver == b) w->settings.act(w->settings.context, action);
+        break;
+    case ACTION_REMOVE:
+        if (!w->driver || w->driver == b) w->settings.act(w->settings.context, action);
         break;
     default: break;
     }
@@ -219,7 +223,7 @@ static bool take_message(web *w, browser *b) {
         w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
         return true;
     }
-    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_PROBE || action.kind == ACTION_PICTURE) return false;
+    if (m->length != sizeof action || action.kind < ACTION_ACKNOWLEDGE || action.kind > ACTION_LAST || action.kind == ACTION_PICTURE) return false;
     take_action(w, b, &action);
     return true;
 }

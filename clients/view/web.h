@@ -10,11 +10,12 @@ typedef struct web web;
 enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 4 };
 
 /* Message from a browser; little-endian, 32 bytes. */
-typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO, ACTION_PROBE } action_kind;
+typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
+               ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_LAST = ACTION_PROBE } action_kind;
 typedef struct {
     uint32_t kind;
-    float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row */
-    uint32_t needle;         /* ACTION_TAKE */
+    float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row; ACTION_DROP: seeds */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
@@ -38,7 +39,7 @@ typedef struct {
     int section_count;
     void *context;           /* passed to the functions below */
     char *(*describe)(void *context, bool drives, bool driven);  /* state as JSON, freed by the caller; NULL: none */
-    void (*act)(void *context, const web_action *action);        /* action of the driving browser */
+    void (*act)(void *context, const web_action *action);        /* action of the driving browser; ACTION_REMOVE also of another while none drives */
     bool (*may_drive)(void *context, uint32_t needle);  /* whether a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;

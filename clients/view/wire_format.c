@@ -173,6 +173,7 @@ static void append_description(byte_buffer *b, const trocar_scene *s, const troc
     double patient_to_mesh[16];
     if (trocar_model_patient_to_mesh(m, patient_to_mesh)) json_numbers(&j, "patientToMesh", patient_to_mesh, 16);
     json_number(&j, "seedLength", trocar_model_seed_size(m).length);
+    json_number(&j, "seedSpacing", trocar_model_seed_size(m).spacing);
     write_regions(&j, s, m);
     write_membranes(&j, s, m);
     write_guides(&j, m);

@@ -4,6 +4,7 @@
 
 static const double SKIN_CONTACT = 1e-5; /* m, by which a plate may reach into the tissue: one that rests on the skin touches it */
 static const double LEAST_SINE = 1e-3;   /* of the angle between the normal and the direction of the columns */
+static const double LEAST_SQUARE = 0.7;  /* cosine of the angle between the given direction of the rows and the perpendicular to the columns */
 
 guide_config guide_defaults(void) {
     return (guide_config){.columns = 1, .rows = 1, .spacing = 5e-3, .thickness = 20e-3, .stiffness = 50e3, .friction = 0.1};
@@ -17,6 +18,28 @@ static vec3 direction_of(vec3 v) {
 
 static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
 
+/* Any direction across the normal, for a plate with one hole. */
+static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
+
+/* Unit vectors along columns and rows. `square`: cosine of the angle between the given direction of the rows and the one used. */
+static void find_axes(const guide_config *given, vec3 across[2], double *square) {
+    vec3 normal = direction_of(given->normal), along = is_zero(given->along) ? some_direction_across(normal) : direction_of(given->along);
+    across[0] = v3_unit(v3_axpy(-v3_dot(along, normal), normal, along));
+    across[1] = v3_cross(normal, across[0]);
+    *square = is_zero(given->rows_along) ? 1.0 : v3_dot(direction_of(given->rows_along), across[1]);
+    if (*square >= 0.0) return;
+    across[1] = v3_scale(-1.0, across[1]);
+    *square = -*square;
+}
+
+/* Whether the given direction of the rows is across the columns and in the plate. The columns' direction must be good. */
+static bool has_square_rows(const guide_config *g) {
+    vec3 across[2];
+    double square;
+    find_axes(g, across, &square);
+    return square >= LEAST_SQUARE;
+}
+
 const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, report *words) {
     bool grid = g->columns * g->rows > 1;
     words->text[0] = '\0';
@@ -26,6 +49,8 @@ const char *guide_fault(const guide_config *g, double needle_diameter, const cha
         *key = "along", snprintf(words->text, sizeof words->text, "missing: a plate of %d x %d holes needs the direction of its columns", g->columns, g->rows);
     else if (!is_zero(g->along) && v3_norm(v3_cross(direction_of(g->normal), direction_of(g->along))) < LEAST_SINE)
         *key = "along", snprintf(words->text, sizeof words->text, "parallel to the normal: give a direction in the plate");
+    else if (!has_square_rows(g))
+        *key = "rows_along", snprintf(words->text, sizeof words->text, "not across the columns in the plate: give a direction perpendicular to the normal and to along, or leave it out");
     else if (g->hole_diameter < needle_diameter)
         *key = "hole_diameter", snprintf(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",
                                          g->hole_diameter, needle_diameter);
@@ -34,16 +59,12 @@ const char *guide_fault(const guide_config *g, double needle_diameter, const cha
     return words->text[0] ? words->text : NULL;
 }
 
-/* Any direction across the normal, for a plate with one hole. */
-static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
-
 guide guide_make(const guide_config *given, double needle_diameter) {
     guide g = {.origin = given->origin, .normal = direction_of(given->normal), .columns = given->columns, .rows = given->rows,
                .spacing = given->spacing, .hole_radius = 0.5 * given->hole_diameter, .clearance = 0.5 * (given->hole_diameter - needle_diameter),
                .thickness = given->thickness, .stiffness = given->stiffness, .friction = given->friction};
-    vec3 along = is_zero(given->along) ? some_direction_across(g.normal) : direction_of(given->along);
-    g.across[0] = v3_unit(v3_axpy(-v3_dot(along, g.normal), g.normal, along));
-    g.across[1] = v3_cross(g.normal, g.across[0]);
+    double square;
+    find_axes(given, g.across, &square);
     return g;
 }
 

@@ -19,6 +19,7 @@ typedef struct {
     vec3 origin;             /* m, middle of the grid on the front face, where needles enter */
     vec3 normal;             /* direction in which needles pass through; any length */
     vec3 along;              /* direction along which columns are counted; any length; zero: not given */
+    vec3 rows_along;         /* direction along which rows are counted; its side of `along` counts; zero: normal x along */
     int columns, rows;
     double spacing;          /* m, between the axes of neighbouring holes */
     double hole_diameter;    /* m */
@@ -32,7 +33,7 @@ typedef struct {
 typedef struct {
     vec3 origin;             /* m */
     vec3 normal;             /* unit vectors: through the plate, */
-    vec3 across[2];          /* along which columns are counted, and rows; right-handed: normal = across[0] x across[1] */
+    vec3 across[2];          /* along which columns are counted, and rows; perpendicular to the normal, of either handedness */
     int columns, rows;
     double spacing;          /* m */
     double hole_radius;      /* m */

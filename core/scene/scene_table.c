@@ -95,6 +95,8 @@ const row SCENE_TABLE[] = {
     {"guides[].origin", "m", POINT, GUIDE(origin), .list = GUIDES, .required = true, .doc = "middle of the holes on the front face, where needles enter"},
     {"guides[].normal", "", POINT, GUIDE(normal), .list = GUIDES, .required = true, .doc = "direction in which needles pass through; any length"},
     {"guides[].along", "", POINT, GUIDE(along), .list = GUIDES, .doc = "direction along which columns are counted; required for more than one hole"},
+    {"guides[].rows_along", "", POINT, GUIDE(rows_along), .list = GUIDES,
+     .doc = "direction along which rows are counted, perpendicular to along; default: the normal x along. Give it where letters run the other way"},
     {"guides[].columns", "", COUNT, GUIDE(columns), &HOLES, .list = GUIDES, .doc = "of holes"},
     {"guides[].rows", "", COUNT, GUIDE(rows), &HOLES, .list = GUIDES, .doc = "of holes"},
     {"guides[].spacing", "m", NUMBER, GUIDE(spacing), &POSITIVE, .list = GUIDES, .doc = "between the axes of neighbouring holes"},

@@ -56,6 +56,12 @@ class Case(unittest.TestCase):
 
 
 class Holes(Case):
+    def test_letters_run_from_the_patients_right_and_numbers_from_the_back(self):
+        guide, frame = MODEL.guides[0], plans.Frame(MODEL)
+        left, posterior, _ = frame.position(plans.hole_axis(guide, "A1")).T
+        self.assertAlmostEqual(float(left), -30)
+        self.assertAlmostEqual(float(posterior), 30)
+
     def test_names(self):
         self.assertEqual([plans.hole_name(*at) for at in ((0, 0), (2, 5), (12, 12), (25, 1), (26, 0), (99, 99))], ["A1", "C3.5", "M7", "Z1.5", "AA1", "CV50.5"])
         for column in range(100):
@@ -74,9 +80,9 @@ class Reader(Case):
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
         # Column F is the sixth of 13, 5 mm apart, whose seventh is in the middle; row 4 the seventh of 13; the face is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
-        np.testing.assert_allclose(first.position, [-0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
-        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [5, 0, 72.5], atol=1e-9)
-        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([5, 0, 72.5]), first.position, atol=1e-12)
+        np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
+        np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 72.5], atol=1e-9)
+        np.testing.assert_allclose(plans.Frame(MODEL).to_mesh([-5, 0, 72.5]), first.position, atol=1e-12)
 
     def test_written_and_read_again(self):
         plan = plans.read(EXAMPLE)
@@ -223,7 +229,7 @@ class Dicom(Case):
     def test_seeds_that_were_left_are_exported(self):
         """Tilted and displaced ones, one of them of a needle outside of the template."""
         tilt = np.array([0.6, 0.0, 0.8])
-        placed = [plans.Placed(1, "template", "F4", np.array([-0.005, 0.001, 0.066]), tilt), plans.Placed(2, "template", "F4", np.array([-0.005, 0.001, 0.0575]), tilt),
+        placed = [plans.Placed(1, "template", "F4", np.array([0.005, 0.001, 0.066]), tilt), plans.Placed(2, "template", "F4", np.array([0.005, 0.001, 0.0575]), tilt),
                   plans.Placed(3, "", "", np.array([0.0101, 0.002, 0.05]), np.array([0, 0, 1.0]))]
         rtplan.export(plans.read(EXAMPLE), MODEL, self.out / "left.dcm", placed=placed)
         points = dumped(self.out / "left.dcm")
@@ -240,7 +246,7 @@ class Dicom(Case):
         self.refused(r"its template is \"template\"; the scene has plate: .*--template", rtplan.read, path, with_guide(name="plate"))
         self.assertEqual(rtplan.read(path, with_guide(name="plate"), "plate").template, "plate")
         self.refused("has 13x13 5 mm of holes; the scene's has 13x11 5 mm", rtplan.read, path, with_guide(rows=11))
-        self.refused(r"channel 1: the seed at \(10.0, 10.0, 67.5\) mm is 2.0 mm from the axis of the closest hole, E3", rtplan.read, path,
+        self.refused(r"channel 1: the seed at \(-10.0, 10.0, 67.5\) mm is 2.0 mm from the axis of the closest hole, E3", rtplan.read, path,
                      with_guide(origin=[0.002, 0, -0.025]))
         data = pydicom.dcmread(path)
 
@@ -348,11 +354,11 @@ class Program(Case):
         self.assertEqual(self.run_plan("check", EXAMPLE, *scene), (0, f"{EXAMPLE}: 16 needles, 60 seeds: 60 in prostate\n", ""))
         status, said, _ = self.run_plan("show", EXAMPLE, *scene)
         self.assertEqual((status, len(said.splitlines())), (0, 61))
-        self.assertRegex(said, r"(?m)^ +F4 +1 +-0.005000 +0.000000 +0.072500 +5.000 +-?0.000 +72.500$")
+        self.assertRegex(said, r"(?m)^ +F4 +1 +0.005000 +0.000000 +0.072500 +-5.000 +-?0.000 +72.500$")
         self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--out", self.out / "a.dcm")[0], 0)
         self.assertEqual(self.run_plan("import", self.out / "a.dcm", *scene, "--out", self.out / "a.yaml")[0], 0)
         self.assertEqual(self.run_plan("check", self.out / "a.yaml", *scene)[0], 0)
-        table = self.write("seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],rest_along_x,rest_along_y,rest_along_z\n1,template,F4,-5e-3,0,0.0715,0,0,1\n", "seeds.csv")
+        table = self.write("seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],rest_along_x,rest_along_y,rest_along_z\n1,template,F4,5e-3,0,0.0715,0,0,1\n", "seeds.csv")
         self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--seeds", table, "--out", self.out / "b.dcm")[0], 0)
         self.assertEqual(len(dumped(self.out / "b.dcm")), 2)
         status, said, _ = self.run_plan("compare", EXAMPLE, table, *scene)

@@ -35,9 +35,9 @@ const press = async (key, done) => {
   await until(page, done)
 }
 
-// Two planned seeds in C3.5, which is 4 columns beside the middle one and 1 row below it, 5 mm each; another one elsewhere.
+// Two planned seeds in C3.5, which is 4 columns to the patient's right of the middle one and 1 row below it, 5 mm each; another one elsewhere.
 const plan = path.join(OUT, 'plan.csv')
-await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,-0.02,-0.005,0.05875\nC3.5,2,-0.02,-0.005,0.04875\nF4,1,-0.005,0,0.06\n')
+await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
 let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page
 try {
   server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
@@ -64,10 +64,21 @@ try {
     await shoot('hole')
   })
 
+  await check('hole and target are the same after the connection was lost', async () => {
+    await page.evaluate('trocar.procedure.setTarget(0.08)')
+    await says('target', /^C3.5, 80.0 mm/)
+    await page.evaluate('trocar.procedure.link.socket.close()')
+    await until(page, `${text('link')} === 'no connection'`)
+    await until(page, `${text('link')} === 'live'`)
+    await says('target', /^C3.5, 80.0 mm/)
+    await page.evaluate('trocar.procedure.choose(trocar.procedure.hole)')
+    await says('target', /^C3.5, 86.0 mm/)
+  })
+
   await driven('the driven needle moves in front of the hole', page, async () => {
     await says('next', /Hold W/)
     const [x, y, z] = await tip()
-    assert(Math.abs(x + 0.020) < 1e-4 && Math.abs(y + 0.005) < 1e-4 && z < -0.025, `${[x, y, z]}`)
+    assert(Math.abs(x - 0.020) < 1e-4 && Math.abs(y + 0.005) < 1e-4 && z < -0.025, `${[x, y, z]}`)
     await shoot('in-front')
   })
 
@@ -77,7 +88,8 @@ try {
   })
 
   await driven('W pushes the needle through the hole to the target', page, async () => {
-    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.004`)
+    // Well in front of the target: a page on a busy machine sees the needle up to a second late, and must not push it out of the far side.
+    await press('w', `trocar.procedure.tipError(trocar.stage.needles[0].tip).along < 0.018`)
     await says('needles', /driven hereC3.5/)
     assert((await tip())[2] > 0.04)
     await shoot('at-target')
@@ -95,7 +107,7 @@ try {
     await says('answer', /Seed 1 is in the tissue/)
     const [seed] = await page.evaluate('trocar.procedure.seeds.seeds.map(({ hole, restPosition }) => ({ hole, place: [...restPosition] }))')
     assert.equal(seed.hole, 2 + 13 * 5, 'in C3.5')
-    assert(Math.hypot(seed.place[0] + 0.020, seed.place[1] + 0.005) < 0.003, `${seed.place}`)
+    assert(Math.hypot(seed.place[0] - 0.020, seed.place[1] + 0.005) < 0.003, `${seed.place}`)
   })
 
   await check('its dose is drawn and summed up', async () => {
@@ -112,6 +124,50 @@ try {
     await says('answer', /The last seed is taken back/)
     await until(page, `/Dose of 0 seeds/.test(${text('dose')})`)
     await says('target', /^C3.5, 86.0 mm/) // again the first planned seed
+  })
+
+  await driven('a strand is dropped, and taken back while it is in the needle', page, async () => {
+    await page.selectOption('#strand', '2')
+    await page.click('#drop')
+    await until(page, 'trocar.procedure.seeds.pending[0] === 2')
+    await says('next', /to leave the strand of 2/)
+    await press('u', 'trocar.procedure.seeds.pending[0] === 0')
+    await page.selectOption('#strand', '1')
+  })
+
+  await driven('the needle is left in, and rests', page, async () => {
+    if (!await page.evaluate("trocar.procedure.states[0].state === 'resting'")) await page.keyboard.press('e')
+    await until(page, "trocar.procedure.states[0].state === 'resting' && !trocar.status.drives")
+    await says('needles', /0restingC3.5/)
+    await says('next', /Needle 0 rests/)
+    await shoot('resting')
+  })
+
+  await check('a new needle goes to another hole, and not to a taken one', async () => {
+    await page.click('#fresh')
+    await until(page, 'trocar.status.drives && trocar.status.needle === 1 && trocar.chosen === 1')
+    await page.fill('#hole', 'C3.5')
+    await page.press('#hole', 'Enter')
+    await says('answer', /Needle 0 is in hole C3.5/)
+    await page.fill('#hole', 'G4')
+    await page.press('#hole', 'Enter')
+    await until(page, 'Math.abs(trocar.stage.needles[1].tip?.x ?? 1) < 1e-4 && trocar.stage.needles[1].tip.z > -0.05')
+    await shoot('second-needle')
+  })
+
+  await check('the resting needle is taken again where it is, and pulled out when it rests', async () => {
+    const lies = await page.evaluate('trocar.stage.needles[0].tip.z')
+    await page.click('#take') // lets go of the second one
+    await until(page, '!trocar.status.drives')
+    await page.click('button[aria-label="Take needle 0"]')
+    await until(page, "trocar.status.drives && trocar.status.needle === 0 && trocar.status.state === 'held'")
+    await says('answer', /Needle 0 is held again/)
+    assert(Math.abs(await page.evaluate('trocar.stage.needles[0].tip.z') - lies) < 1e-3)
+    await page.keyboard.press('e')
+    await until(page, "trocar.procedure.states[0].state === 'resting' && !trocar.status.drives")
+    await page.click('button[aria-label="Pull out needle 0"]')
+    await says('answer', /Needle 0 is out/)
+    await until(page, `!/0restingC3.5/.test(${text('needles')})`)
   })
 
   await hold(page)

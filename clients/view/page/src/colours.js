@@ -24,8 +24,10 @@ export const TRACK = '#e63946' // that a needle has cut
 export const GUIDED = '#f06bd0' // contact with a guide
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
 
-/** The needles' hubs. */
-export const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
+const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
+
+/** Of a needle's hub. */
+export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
 export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }] // parts of the prescription
 export const SEED = '#7dff6b', PLANNED = '#c79bff', TARGET = '#ffffff'

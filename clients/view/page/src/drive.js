@@ -124,24 +124,30 @@ export class Drive {
 
   toggle() {
     if (this.elements.take.disabled) return
+    if (!this.driving) return this.take()
     this.asked = true
     this.lost = ''
-    if (this.driving) this.link.release()
-    else this.link.take(this.needle)
+    this.link.release()
+  }
+
+  take() {
+    this.asked = true
+    this.lost = ''
+    this.link.take(this.needle)
   }
 
   /** `status` as sent by trocar-view, `state` from stateOf. The needle does not move unless the live picture is shown, that is, neither
    *  in the past nor without data. */
   show(status, state) {
-    const { take, note, controls } = this.elements, past = state.name === 'past', driving = status.drives && status.alive
+    const { take, note, controls } = this.elements, rests = status.state === 'resting', past = state.name === 'past', driving = status.drives && status.alive
     if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was restarted'}.`
     if (driving !== this.driving) this.asked = false
     this.driving = driving
-    this.steering = driving && ['live', 'stale'].includes(state.name)
+    this.steering = driving && ['live', 'stale'].includes(state.name) && !['leaving', 'resting', 'taking'].includes(status.state)
     if (!this.steering) this.rest()
     controls.hidden = !this.driving
     controls.inert = !this.steering
-    take.textContent = this.driving ? 'Let go' : 'Drive the needle'
+    take.textContent = this.driving ? 'Let go' : rests ? 'Take the needle' : 'Drive the needle'
     take.classList.toggle('held', this.driving)
     take.disabled = !this.driving && (state.name !== 'live' || status.driven || status.owned === 'elsewhere')
     note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : 'W pushes in, S pulls out.') : this.lost || this.reason(status, state)

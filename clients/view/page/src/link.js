@@ -1,7 +1,7 @@
 // WebSocket to trocar-view: reconnects automatically; acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
-const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, PROBE = 10
+const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12
 const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
@@ -50,8 +50,13 @@ export class Link {
   steer(command) { this.send(STEER, command) }
   /** The driven needle goes in front of this hole, unless it is in the tissue. */
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
-  drop() { this.send(DROP) }
+  /** A seed, or a strand of several. */
+  drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
+  /** The driven needle is to rest. */
+  leave() { this.send(LEAVE) }
+  /** Pulls out a needle that rests. */
+  remove(needle) { this.send(REMOVE, [], null, needle) }
   /** As steer, of the probe. */
   moveProbe(command) { this.send(PROBE, command) }
   sendPicture(png) { this.send(PICTURE, [], png) }

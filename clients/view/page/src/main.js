@@ -1,6 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
-import { CONTACT, GUIDED, HUBS, rampCss, regionColour, TRACK } from './colours.js'
+import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
 import { Echo } from './ultrasound_view.js'
@@ -41,7 +41,7 @@ let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
 const link = new Link({
   open() { connected = true },
   closed(reason) { connected = false; refusal = reason; status = { ...status, alive: false, drives: false }; showState() },
-  received() { refusal = ''; silence.end() },
+  received() { refusal = ''; silence.end(); procedure.hearAll() },
   scene: takeScene,
   picture(picture) {
     picture.seeds = procedure.seeds
@@ -50,7 +50,10 @@ const link = new Link({
     if (clock.following && scene.live) picture.fresh = true
   },
   samples(samples) { history.addSamples(samples, scene.membranes) },
-  seeds(seeds) { procedure.hearSeeds(seeds) },
+  seeds(seeds) {
+    procedure.hearSeeds(seeds)
+    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // of a log: they come after their picture
+  },
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
   plan(plan) { procedure.hearPlan(plan) },
@@ -65,7 +68,7 @@ const link = new Link({
 
 const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
-const procedure = new Procedure({ stage, echo, drive, link }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice })
+const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice })
 
 function takeScene(received) {
   scene = received
@@ -113,8 +116,9 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-function noticeOf({ flags = [], scene: served = '', message = '' }) {
-  const words = flags.filter((flag) => flag !== 'ramping').map((flag) => flag.replaceAll('_', ' '))
+function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
+  const handless = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
+  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && handless)).map((flag) => flag.replaceAll('_', ' '))
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
@@ -254,11 +258,12 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const at = clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
+  const rests = clock.following && status.state === 'resting' // nobody feels it
+  const at = rests ? -1 : clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
   const tip = stage.needles[chosen].tip
-  if (scene.patientToMesh) element('tip').textContent = at < 0 || !tip ? '–' : patientText(scene.patientToMesh, tip.toArray())
+  if (scene.patientToMesh) element('tip').textContent = at < 0 && !rests || !tip ? '–' : patientText(scene.patientToMesh, tip.toArray())
   element('contacts').textContent = shown?.needles[chosen] ? `${shown.needles[chosen].contacts.length / CONTACT_NUMBERS}` : '–'
   element('lag').textContent = shown?.needles[chosen] ? `${Math.round(-180 / Math.PI * shown.needles[chosen].tipLead) + 0}°` : '–'
   element('tick').textContent = status.alive && at >= 0 ? `${(1e6 * value(10)).toFixed(0)} µs` : '–'
@@ -326,7 +331,7 @@ function listNeedles() {
 function choose(needle) {
   chosen = history.needle = drive.needle = needle
   element('needle').value = needle
-  element('needle-choice').querySelector('i').style.background = HUBS[needle]
+  element('needle-choice').querySelector('i').style.background = hubColour(needle)
   latency = []
   if (status.needles) status = { ...status, ...status.needles[needle] }
   if (shown && element('follow').checked) followTip()
@@ -408,6 +413,7 @@ async function pose() {
   stage.look(number('view', 1))
   seek(history.end)
   showPicture()
+  procedure.show(shown, false, chosen)
   const axis = asked.get('cut') ?? '', from = stage.box.min[axis], to = stage.box.max[axis], part = (number('place', stage.needles[chosen].tip[axis]) - from) / (to - from)
   setCut(axis, part > 0 && part < 1 ? part : 0.5)
   link.sendPicture(await (await takePicture(plan)).arrayBuffer())

@@ -8,8 +8,8 @@ import { Slicer } from './slicer.js'
 
 const VERTEX = `
   attribute vec3 rest; attribute float grey;
-  varying vec3 seed; varying float level; varying vec2 place;
-  void main() { seed = rest; level = grey; place = vec2(position.ACROSS, position.y); gl_Position = projectionMatrix * modelViewMatrix * vec4(place, 0.0, 1.0); }`
+  varying vec3 seed, here; varying float level; varying vec2 place;
+  void main() { seed = rest; here = position; level = grey; place = vec2(position.ACROSS, position.y); gl_Position = projectionMatrix * modelViewMatrix * vec4(place, 0.0, 1.0); }`
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
@@ -23,7 +23,7 @@ const FAN = `
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
   }`
 
-// Isodose lines: the dose belongs to the tissue at rest and is drawn where that tissue is now.
+// Isodose lines of the seeds where they are now.
 const DOSE = `
   precision highp sampler3D;
   uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose
@@ -31,7 +31,7 @@ const DOSE = `
     return mix(under, vec4(colour, under.a), slope > 0.0 ? 1.0 - smoothstep(0.7, 1.5, abs(at - level) / slope) : 0.0);
   }
   vec4 isodose(vec4 under) {
-    vec3 at = (seed - doseOrigin) / doseSize;
+    vec3 at = (here - doseOrigin) / doseSize;
     bool inside = doseTop > 0.0 && all(greaterThan(at, vec3(0.0))) && all(lessThan(at, vec3(1.0)));
     float level = inside ? doseTop * texture(dose, at.zyx).r : 0.0, slope = fwidth(level);
     if (!inside) return under;
@@ -41,7 +41,7 @@ const DOSE = `
 // Speckle of two grain sizes fixed to the tissue, elongated across the beam, attenuated with depth.
 const FRAGMENT = `
   precision highp float;
-  varying vec3 seed; varying float level; varying vec2 place;
+  varying vec3 seed, here; varying float level; varying vec2 place;
   ${FAN}
   float hash(vec3 p) { p = fract(p * vec3(0.1031, 0.1030, 0.0973)); p += dot(p, p.yxz + 33.33); return fract((p.x + p.y) * p.z); }
   float noise(vec3 p) {
@@ -80,6 +80,7 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
+const FEW = 4 // needles; of more, only those in the slice are drawn, each of which costs as much as the image
 const MOVING = 0.5 // resolution with software rendering
 
 /** Planes of a slice: axis normal to it and axis to the left; y is up. `sides`: of the patient, at the left, right, upper and lower edge. */
@@ -232,6 +233,7 @@ export class Echo {
     this.flashes.forEach((flash, i) => {
       const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
       visible.value = crossing ? 1 : 0
+      flash.visible = Boolean(crossing) || this.flashes.length <= FEW
       if (crossing) needle.value.set(crossing.x, crossing.y)
     })
     this.aim()

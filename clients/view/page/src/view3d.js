@@ -3,7 +3,7 @@ import * as THREE from 'three'
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
 import { discard } from './buffers.js'
-import { HUBS, ramp } from './colours.js'
+import { hubColour, ramp } from './colours.js'
 import { drawGuides } from './guides.js'
 import { Needle } from './needle.js'
 import { Tracks } from './tracks.js'
@@ -32,9 +32,11 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
+const WAITING = 4 // of more needles, only the first is shown before it is held
+
 /** Picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
-  const needles = homes.map(({ position, orientation: [w, x, y, z] }) => {
+  const needles = homes.slice(0, homes.length > WAITING ? 1 : WAITING).map(({ position, orientation: [w, x, y, z] }) => {
     const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
     return { orientation: [w, x, y, z], joints: new Float32Array([...position, ...tip]), contacts: new Float32Array(0) }
   })
@@ -98,7 +100,7 @@ export class Stage {
     if (this.content) discard(this.content.removeFromParent())
     this.scene = scene
     this.anatomy = new Anatomy(scene, this.texture, new Slicer(scene), this.clipping)
-    this.needles = scene.homes.map((home, i) => new Needle(scene, HUBS[i]))
+    this.needles = scene.homes.map((home, i) => new Needle(scene, hubColour(i)))
     this.guides = drawGuides(scene.guides)
     this.tracks = new Tracks(scene)
     const place = new THREE.BufferAttribute(scene.nodes, 3), box = new THREE.Box3().setFromBufferAttribute(place)

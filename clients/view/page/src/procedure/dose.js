@@ -3,9 +3,13 @@ import * as THREE from 'three'
 import { ISODOSE } from '../colours.js'
 
 const WIDTH = 300, HEIGHT = 118, LEFT = 30, RIGHT = 6, TOP = 6, BOTTOM = 27
-const COLOURS = ['#d9607a', '#c9952b', '#5a8fd0'] // of the organs' curves
-const percent = (part) => `${Math.round(100 * part)} %`
-const gray = (dose) => `${Math.round(dose)} Gy`
+const STATES = [ // side by side
+  { key: 'planned', name: 'plan', title: 'The plan, in the tissue at rest', colour: '#a97be8', dash: '2 3' },
+  { key: 'now', name: 'now', title: 'In the tissue as the needles have displaced it', colour: '#d9607a', dash: '' },
+  { key: 'out', name: 'out', title: 'After the needles are out: the tissue at rest', colour: '#c9952b', dash: '7 3' },
+  { key: 'later', name: 'later', title: 'After the swelling of the gland has gone', colour: '#5a8fd0', dash: '7 3 1 3' },
+]
+const OTHERS = ['#3f9c8a', '#8d8f96'] // colours of the other organs' curves
 
 /** Gives the slices the dose as a texture. */
 export function shadeSlices(slices, dose) {
@@ -22,7 +26,14 @@ export function shadeSlices(slices, dose) {
   }
 }
 
-const swatch = (colour) => `<svg class="swatch" viewBox="0 0 14 3"><rect width="14" height="3" fill="${colour}"/></svg>`
+const swatch = (colour, dash = '') => `<svg class="swatch" viewBox="0 0 18 3"><line y1="1.5" x2="18" y2="1.5" stroke="${colour}" stroke-width="3" stroke-dasharray="${dash}"/></svg>`
+
+/** The target's curves in each state, and those of the other organs now. */
+function curvesOf(organs) {
+  const target = organs.find((organ) => organ.target), others = organs.filter((organ) => !organ.target)
+  return [...(target ? STATES.filter(({ key }) => target[key]).map(({ key, name, colour, dash }) => ({ values: target[key].curve, name: `${target.name}, ${name}`, colour, dash })) : []),
+          ...others.map((organ, i) => ({ values: organ.now.curve, name: `${organ.name}, now`, colour: OTHERS[i], dash: '' }))]
+}
 
 function histogram({ organs, top, prescription }) {
   const x = (part) => LEFT + part / top * (WIDTH - LEFT - RIGHT), y = (part) => TOP + (1 - part) * (HEIGHT - TOP - BOTTOM)
@@ -30,32 +41,36 @@ function histogram({ organs, top, prescription }) {
   const grid = [0, 0.5, 1].map((part) => line(LEFT, y(part), WIDTH - RIGHT, y(part), 'class="grid"') + `<text x="${LEFT - 4}" y="${y(part) + 3}" text-anchor="end">${100 * part}</text>`)
   const doses = ISODOSE.map(({ level, colour }) => line(x(level), TOP, x(level), HEIGHT - BOTTOM, `stroke="${colour}" stroke-width="1.5"`))
   const ticks = Array.from({ length: top + 1 }, (_, i) => `<text x="${x(i)}" y="${HEIGHT - BOTTOM + 11}" text-anchor="${i === top ? 'end' : 'middle'}">${Math.round(i * prescription)}</text>`)
-  const curves = organs.map(({ curve }, i) => `<polyline points="${curve.map((volume, k) => `${x(top * k / (curve.length - 1)).toFixed(1)},${y(volume).toFixed(1)}`).join(' ')}" fill="none" stroke="${COLOURS[i]}" stroke-width="2"/>`)
+  const curves = curvesOf(organs).map(({ values, colour, dash }) => `<polyline points="${values.map((volume, k) => `${x(top * k / (values.length - 1)).toFixed(1)},${y(volume).toFixed(1)}`).join(' ')}" fill="none" stroke="${colour}" stroke-width="1.8" stroke-dasharray="${dash}"/>`)
   return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="Dose-volume histogram">${[...grid, ...doses, ...ticks, ...curves].join('')}
     <text x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 4}" text-anchor="middle">at least this dose (Gy) in this part of the volume (%)</text></svg>`
 }
 
-/** Rows of a name, a value of the figures, and the customary aim. */
-const TARGET_ROWS = [['D90', (f) => gray(f.d90), (p) => `over ${gray(p)}`], ['V100', (f) => percent(f.v100), () => 'over 95 %'],
-                     ['V150', (f) => percent(f.v150), () => 'under 60 %'], ['V200', (f) => percent(f.v200), () => 'under 20 %']]
-const OTHER_ROWS = { urethra: [['D10', (f) => gray(f.d10), () => ''], ['D30', (f) => gray(f.d30), () => '']], rectum: [['V100', (f) => `${f.v100cm3.toFixed(1)} cm³`, () => 'under 1 cm³']] }
+/** Rows: a name with its unit, a value of the figures, and the customary aim. */
+const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
+const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => `over ${gray(p)}`], ['V100, %', (f) => percent(f.v100), () => 'over 95'],
+                     ['V150, %', (f) => percent(f.v150), () => 'under 60'], ['V200, %', (f) => percent(f.v200), () => 'under 20']]
+const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), () => ''], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => 'under 1']] }
 
+/** The states side by side. */
 function figures({ organs, prescription }) {
-  const planned = organs.some((organ) => organ.planned), escape = (text) => text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`)
+  const states = STATES.filter(({ key }) => organs.some((organ) => organ[key])), escape = (text) => text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`)
   const rows = organs.flatMap((organ) => {
     const kind = Object.keys(OTHER_ROWS).find((name) => organ.name.toLowerCase().includes(name)), list = organ.target ? TARGET_ROWS : OTHER_ROWS[kind] ?? []
-    return list.map(([name, show, aim]) => `<tr><th scope="row">${escape(organ.name)} ${name}</th><td>${show(organ.now)}</td>${planned ? `<td>${show(organ.planned)}</td>` : ''}<td>${aim(prescription)}</td></tr>`)
+    return list.map(([name, show, aim]) => `<tr><th scope="row">${organ.target ? '' : `${escape(organ.name)} `}${name}</th>${states.map(({ key }) => `<td>${organ[key] ? show(organ[key]) : ''}</td>`).join('')}<td>${aim(prescription)}</td></tr>`)
   })
-  return `<table class="figures"><thead><tr><td></td><th>now</th>${planned ? '<th>plan</th>' : ''}<th>usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
+  const heads = states.map(({ name, title }) => `<th scope="col" title="${title}">${name}</th>`).join('')
+  return `<table class="figures"><thead><tr><td></td>${heads}<th scope="col">usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
 }
 
 /** HTML of the histogram, the legend and the figures. */
 export function describeDose(dose) {
   if (!dose) return '<p class="quiet">The dose is being computed.</p>'
-  const { seeds, strength, source, prescription, organs } = dose
-  const lines = ISODOSE.map(({ level, colour }) => `<span>${swatch(colour)}${gray(level * prescription)}</span>`).join(' ')
-  const curves = organs.map(({ name, volume }, i) => `<span>${swatch(COLOURS[i])}${name.replace(/[&<>]/g, '')}, ${volume.toFixed(0)} cm³</span>`).join(' ')
-  if (seeds === 0 && !organs.some(({ planned }) => planned)) return `<h2>Dose</h2><p class="quiet">No seeds yet. Prescribed: ${gray(prescription)}, with seeds of ${source.replace(/[&<>]/g, '')}, ${strength} U each.</p>`
-  return `<h2>Dose of ${seeds === 1 ? '1 seed' : `${seeds} seeds`}</h2><p class="quiet">${source.replace(/[&<>]/g, '')}, ${strength} U each; prescribed: ${gray(prescription)}.</p>
-    <p class="key">Lines on the images: ${lines}</p>${organs.length ? `${figures(dose)}${histogram(dose)}<p class="key">${curves}</p>` : '<p class="quiet">The scene has no region named prostate or gland.</p>'}`
+  const { seeds, strength, source, prescription, organs, swelling } = dose, plain = (text) => text.replace(/[&<>]/g, '')
+  const lines = ISODOSE.map(({ level, colour }) => `<span>${swatch(colour)}${gray(level * prescription)} Gy</span>`).join(' ')
+  const curves = curvesOf(organs).map(({ name, colour, dash }) => `<span>${swatch(colour, dash)}${plain(name)}</span>`).join(' ')
+  if (seeds === 0 && !organs.some(({ planned }) => planned)) return `<h2>Dose</h2><p class="quiet">No seeds yet. Prescribed: ${gray(prescription)} Gy, with seeds of ${plain(source)}, ${strength} U each.</p>`
+  const volumes = organs.map(({ name, volume }) => `${plain(name)} ${volume.toFixed(0)} cm³`).join(', ')
+  return `<h2>Dose of ${seeds === 1 ? '1 seed' : `${seeds} seeds`}</h2><p class="quiet">${plain(source)}, ${strength} U each; prescribed: ${gray(prescription)} Gy; ${volumes}.</p>
+    <p class="key">Lines on the images: ${lines}</p>${organs.length ? `${figures(dose)}<p class="quiet">now: as the needles have pushed the tissue; out: needles out; later: swelling gone (volume ÷ ${swelling}).</p>${histogram(dose)}<p class="key">${curves}</p>` : '<p class="quiet">The scene has no region named prostate or gland.</p>'}`
 }

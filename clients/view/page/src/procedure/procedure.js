@@ -11,6 +11,14 @@ const ORGANS = /prostate|gland|urethra|rectum/i
 const IN_LINE = 5e-4 // m, of the tip with the hole's axis
 const AT_TARGET = 1e-3 // m
 const NONE = { pending: [], seeds: [] }
+const ANSWERS = { // to a command that was carried out, or refused; #: the needle
+  drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
+  undo: ['The last seed is taken back.', 'Nothing taken back'],
+  leave: ['Needle # rests in template and tissue.', 'Needle # not left'],
+  take: ['Needle # is held again.', 'Needle # not taken'],
+  remove: ['Needle # is out.', 'Needle # not pulled out'],
+}
+const STRAND = 16 // seeds at most
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
@@ -18,8 +26,8 @@ const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
 export class Procedure {
-  constructor({ stage, echo, drive, link }) {
-    Object.assign(this, { stage, echo, drive, link, available: false, active: false, seeds: NONE, plan: [] })
+  constructor({ stage, echo, drive, link, choose }) {
+    Object.assign(this, { stage, echo, drive, link, chooseNeedle: choose, available: false, active: false, seeds: NONE, plan: [], states: [] })
     this.sagittal = new Echo(element('sagittal-echo'), element('sagittal-marks'), SAGITTAL)
     this.reset()
     for (const slice of [echo, this.sagittal]) new SliceMarks(this, slice)
@@ -27,33 +35,42 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: 0, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
   }
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
-    const chosen = this.scene?.path === scene.path ? this.hole : null // the page was disconnected
+    const before = this.scene?.path === scene.path ? { hole: this.hole, rest: this.target?.rest, planned: this.planned } : {} // the page was disconnected
     this.reset()
     this.seeds = NONE
     this.scene = scene
     this.available = index >= 0
+    this.connecting = true
     element('mode').hidden = !this.available
     for (const row of document.querySelectorAll('.implant-key')) row.hidden = !this.available
+    this.models = new Seeds3D(scene.seedLength)
+    this.stage.content.add(this.models.group)
     if (this.available) {
       this.template = new Template(scene.guides[index], index)
-      this.models = new Seeds3D(scene.seedLength)
-      this.stage.content.add(this.models.group)
       for (const slice of [this.echo, this.sagittal]) {
         slice.focus = (region) => ORGANS.test(region.name)
         slice.load(scene)
       }
       this.echo.include(this.template.corners().map((point) => [point.x, point.y]))
       this.showTemplate()
+      element('needle-buttons').hidden = scene.homes.length === 1
       this.sagittal.setPlace(this.echo.view.x)
       element('dose').innerHTML = describeDose(null)
     }
     this.setActive(this.available)
-    if (chosen && this.available) this.choose(chosen)
+    if (before.hole && this.available) this.restore(before)
+  }
+
+  /** The hole and the target, wherever it was moved to. */
+  restore({ hole, rest, planned }) {
+    this.hole = hole
+    this.setTarget(this.template.depthOf(rest))
+    this.planned = planned
   }
 
   /** Moves the sagittal view so that the template is in it, beside the organs. */
@@ -85,7 +102,13 @@ export class Procedure {
 
   /* ---- received ---- */
 
-  hearSeeds(seeds) { this.seeds = seeds }
+  /** All of a message from trocar-view has been heard. */
+  hearAll() { this.connecting = false }
+
+  hearSeeds(seeds) {
+    this.seeds = seeds
+    this.left ??= seeds.seeds.length
+  }
 
   hearPlan(plan) { this.plan = plan.map(({ hole, position }) => ({ hole, point: new MaterialPoint(this.scene, new THREE.Vector3(...position)) })) }
 
@@ -96,12 +119,17 @@ export class Procedure {
     element('dose').innerHTML = describeDose(dose)
   }
 
-  /** The server's answer to "Drop seed" or "Undo". */
-  hearReply({ command, done, message, needle }) {
-    if (done && command === 'drop') this.dropped = { needle, depth: null }
+  /** The server's answer to a command. */
+  hearReply({ number, command, done, message, needle }) {
+    const old = number === this.answered || this.answered === undefined && this.connecting // given to a page before this one
+    this.answered = number
+    if (old) return
+    if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
     else if (done && command === 'undo') this.dropped = null
-    const words = { drop: 'The seed is at the tip, still in the needle.', undo: 'The last seed is taken back.' }[command] ?? ''
-    this.say(done ? words : `${command === 'drop' ? 'No seed dropped' : 'Nothing taken back'}: ${message}.`, !done)
+    const [words, refused] = ANSWERS[command] ?? ['', 'Refused']
+    if (!done && command === 'leave') this.drive.asked = false
+    const named = (text) => text.replace('#', needle)
+    this.say(named(done ? words : `${refused}: ${message}.`), !done)
   }
 
   say(text, bad = false) {
@@ -115,6 +143,10 @@ export class Procedure {
     element('hole-form').addEventListener('submit', (event) => { event.preventDefault(); this.chooseTyped() })
     element('drop').addEventListener('click', (event) => { this.drop(); event.currentTarget.blur() })
     element('undo').addEventListener('click', (event) => { this.undo(); event.currentTarget.blur() })
+    element('leave').addEventListener('click', (event) => { this.leave(); event.currentTarget.blur() })
+    element('fresh').addEventListener('click', (event) => { this.takeNew(); event.currentTarget.blur() })
+    for (let count = 2; count <= STRAND; count++) element('strand').append(new Option(`${count}`, count))
+    element('strand').addEventListener('change', (event) => { set(element('drop'), event.target.value > 1 ? 'Drop strand of' : 'Drop seed'); event.target.blur() })
     for (const button of element('panes').children) button.addEventListener('click', () => this.choosePane(button.dataset.pane))
     element('trus').addEventListener('pointermove', (event) => this.hover(this.active ? this.holeAt(event) : null))
     element('trus').addEventListener('pointerleave', () => this.hover(null))
@@ -133,7 +165,8 @@ export class Procedure {
 
   /** Handles a key; returns whether it was one of this mode. */
   key(event) {
-    const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select() }[event.code]
+    const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select(), KeyE: () => this.leave(), KeyF: () => this.takeNew(),
+                     KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[event.code]
     if (!action || !this.active || event.repeat) return false
     action()
     return true
@@ -166,6 +199,8 @@ export class Procedure {
   }
 
   choose(hole) {
+    const taken = this.needleIn(hole)
+    if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
     element('hole').value = this.template.name(hole)
@@ -199,8 +234,61 @@ export class Procedure {
     if (Math.abs(z) > 0.5) this.setTarget((across - this.template.place(this.hole).z) / z)
   }
 
-  drop() { if (this.drive.steering) this.link.drop(); else this.say('Press “Drive the needle” first.', true) }
+  drop() { if (this.drive.steering) this.link.drop(Number(element('strand').value)); else this.say('Press “Drive the needle” first.', true) }
   undo() { if (this.drive.steering) this.link.undo(); else this.say('Press “Drive the needle” first.', true) }
+
+  /* ---- several needles ---- */
+
+  /** The needle in this hole of the template, -1: none. */
+  needleIn({ column, row }) {
+    return this.needles.findIndex(({ line }) => {
+      const hole = this.template.holeOf(line)
+      return hole?.column === column && hole.row === row
+    })
+  }
+
+  /** Whether it rests, is held, or is in the template. */
+  isInUse(needle) {
+    const { state, owned } = this.states[needle] ?? {}
+    return Boolean(state) && (state !== 'held' || owned !== 'nobody' || Boolean(this.template.holeOf(this.needles[needle].line)))
+  }
+
+  leave() {
+    if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
+    this.drive.asked = true // no surprise when it is let go
+    this.link.leave()
+  }
+
+  /** Takes the first needle that is not in use. The chosen hole stays if it is free. */
+  takeNew() {
+    if (this.drive.driving) return this.say(`Press “Leave it in”, or draw needle ${this.drive.needle} out and press “Let go”.`, true)
+    const needle = this.needles.findIndex((_, i) => this.states[i]?.state === 'held' && !this.isInUse(i))
+    if (needle < 0) return this.say(`All ${this.needles.length} needles are in use: pull one out.`, true)
+    if (this.hole && this.needleIn(this.hole) >= 0) this.forgetHole()
+    this.say('')
+    this.take(needle)
+  }
+
+  take(needle) {
+    this.chooseNeedle(needle)
+    this.drive.take()
+  }
+
+  remove(needle) {
+    if (this.states[needle]?.state !== 'resting') return this.say(`Needle ${needle} does not rest. Draw it out (hold S).`, true)
+    this.link.remove(needle)
+  }
+
+  chooseNext() {
+    if (this.drive.driving) return this.say('Let go of the needle first.', true)
+    const count = this.needles.length, next = Array.from({ length: count }, (_, i) => (this.drive.needle + 1 + i) % count).find((i) => this.isInUse(i))
+    if (next !== undefined) this.chooseNeedle(next)
+  }
+
+  forgetHole() {
+    Object.assign(this, { hole: null, target: null, targetNow: null, planned: false, shown: '' })
+    element('hole').value = ''
+  }
 
   /** A and B of a gamepad. */
   readGamepad() {
@@ -218,9 +306,11 @@ export class Procedure {
 
   /** With each frame: `picture` is the one that is shown; `following`: it is live. */
   show(picture, following, chosen) {
-    if (!this.active || !this.scene) return
+    if (!this.scene) return
+    const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
+    if (!this.active) return this.showSeeds(seeds)
     this.readGamepad()
-    const seeds = (following ? this.seeds : picture?.seeds ?? NONE).seeds, nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
+    const nodes = this.stage.anatomy.place.array, tip = this.needles[chosen].tip
     const state = [picture?.time, seeds.length, ...seeds.flatMap(({ position }) => [...position].map((x) => x.toFixed(5))), this.plan.length, tip?.toArray().map((x) => x.toFixed(5))].join()
     if (state === this.shown) return
     this.shown = state
@@ -233,6 +323,14 @@ export class Procedure {
     this.echo.dirty = true
     this.sagittal.show(nodes, this.needles.map(({ line }) => line))
     if (element('sagittal-follow').checked) this.follow(tip)
+  }
+
+  /** Beside the plots, seeds alone are shown. */
+  showSeeds(seeds) {
+    if (seeds === this.shown) return
+    this.shown = seeds
+    this.models.show(seeds, [], null, null)
+    this.stage.dirty = true
   }
 
   /** The sagittal slice goes through the tip, or along the chosen hole while the needle is outside of the template. */
@@ -258,20 +356,24 @@ export class Procedure {
   describe(status, state, history, chosen) {
     if (!this.active) return
     const tip = this.needles[chosen].tip, depths = history.tracks.map(({ count, columns }) => (count ? columns[7][count - 1] : 0)), depth = depths[chosen]
+    this.states = status.needles ?? []
     this.goToHole(depth)
     this.noteSeeds(chosen, depth)
-    this.listNeedles(status, depths)
+    this.listNeedles(chosen)
     this.showAim(tip)
-    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen) : `${state.title ?? ''}.`)
+    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen, this.states[chosen]?.state) : `${state.title ?? ''}.`)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
+    element('leave').disabled = !this.drive.steering || depth === 0
+    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // else the chosen one is as good
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
   /** Sends the driven needle to the chosen hole once it is outside of the tissue. */
   goToHole(depth) {
     if (!this.drive.steering) this.asked = null
-    if (!this.drive.steering || !this.hole || depth !== 0) return
+    const { state, owned } = this.states[this.drive.needle] ?? {}
+    if (!this.drive.steering || !this.hole || depth !== 0 || state !== 'held' || owned !== 'here') return
     const name = this.template.name(this.hole)
     if (this.asked === name) return
     this.asked = name
@@ -281,10 +383,14 @@ export class Procedure {
   /** Says when a seed has stayed in the tissue. */
   noteSeeds(chosen, depth) {
     const { seeds, pending } = this.seeds
-    if (pending[chosen] > 0) this.dropped ??= { needle: chosen, depth: null }
-    if (this.dropped?.needle === chosen && pending[chosen] > 0) this.dropped.depth ??= depth
+    if (this.left === null) return // none heard of yet
+    if (pending[chosen] > 0) this.dropped ??= { needle: chosen, depth: null, seeds: pending[chosen] }
+    if (this.dropped?.needle === chosen && pending[chosen] > 0) {
+      this.dropped.depth ??= depth
+      this.dropped.seeds = Math.max(this.dropped.seeds, pending[chosen])
+    }
     if (seeds.length > this.left) {
-      this.dropped = null
+      if (!(pending[chosen] > 0)) this.dropped = null
       this.say(`Seed ${seeds.length} is in the tissue.`)
     }
     if (seeds.length !== this.left && this.hole) this.aimAtPlan()
@@ -292,19 +398,37 @@ export class Procedure {
     set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
   }
 
-  listNeedles(status, depths) {
-    const rows = this.needles.map(({ line }, i) => {
-      const { state, owned } = status.needles?.[i] ?? {}, hole = this.template.holeOf(line)
-      return [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', `${mm(depths[i])} mm`]
+  /** Those in use, and the chosen one. */
+  listNeedles(chosen) {
+    const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i)), rests = (i) => this.states[i]?.state === 'resting'
+    const rows = listed.map((i) => {
+      const { state, owned } = this.states[i] ?? {}, hole = this.template.holeOf(this.needles[i].line)
+      return { needle: i, chosen: i === chosen, rests: rests(i), driving: this.drive.driving,
+               cells: [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', hole ? `${mm(this.template.depthOf(this.needles[i].tip))} mm` : '–'] }
     })
     const text = JSON.stringify(rows), body = element('needles').tBodies[0]
     if (text === this.listed) return
     this.listed = text
-    body.replaceChildren(...rows.map((cells) => {
-      const row = document.createElement('tr')
-      row.append(...cells.map((cell) => Object.assign(document.createElement('td'), { textContent: cell })))
-      return row
-    }))
+    const focus = document.activeElement?.getAttribute('aria-label')
+    body.replaceChildren(...rows.map((row) => this.rowOf(row)))
+    if (focus) [...body.querySelectorAll('button')].find((button) => button.getAttribute('aria-label') === focus)?.focus()
+  }
+
+  rowOf({ needle, chosen, rests, driving, cells }) {
+    const row = document.createElement('tr'), buttons = document.createElement('td')
+    const button = (text, title, act, disabled) => {
+      const made = Object.assign(document.createElement('button'), { textContent: text, title, disabled })
+      made.setAttribute('aria-label', `${text} needle ${needle}`)
+      made.addEventListener('click', act)
+      buttons.append(made)
+    }
+    if (rests) {
+      button('Take', 'Hold it again, where it is (T if it is the chosen one)', () => this.take(needle), driving)
+      button('Pull out', 'Remove it from the tissue (Z if it is the chosen one)', () => this.remove(needle), false)
+    }
+    row.classList.toggle('chosen', chosen)
+    row.append(...cells.map((cell) => Object.assign(document.createElement('td'), { textContent: cell })), buttons)
+    return row
   }
 
   /** m: how far the tip has to go along the needle, and how far it is beside the target. */
@@ -321,20 +445,23 @@ export class Procedure {
     set(element('tip-error'), `${mm(Math.abs(along))} mm ${along >= 0 ? 'to go' : 'too deep'}, ${mm(aside)} mm beside`)
   }
 
-  nextStep(tip, depth, chosen) {
+  nextStep(tip, depth, chosen, needleState) {
+    if (needleState === 'leaving') return 'The needle is let go.'
+    if (needleState === 'taking') return 'The needle is handed over.'
+    if (needleState === 'resting') return `Needle ${chosen} rests. Press “New needle” for another hole, or “Take the needle” to hold it again.`
     if (!this.hole) return 'Click on a hole in the image across, or type its name, such as C3.5.'
     const name = this.template.name(this.hole)
     if (!this.drive.steering && depth > 0) return 'The needle is in the tissue. Press “Drive the needle” to take it there.'
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
     if (this.seeds.pending[chosen] > 0) {
-      const rest = this.dropped?.depth == null ? this.seedLength : this.seedLength - (this.dropped.depth - depth)
-      return `Draw the needle back ${mm(Math.max(rest, 0))} mm (hold S) to leave the seed.`
+      const { seeds = this.seeds.pending[chosen], depth: from } = this.dropped ?? {}, length = (seeds - 1) * this.scene.seedSpacing + this.seedLength
+      return `Draw the needle back ${mm(Math.max(length - ((from ?? depth) - depth), 0))} mm (hold S) to leave the ${seeds > 1 ? `strand of ${seeds}` : 'seed'}.`
     }
     const current = this.template.holeOf(this.needles[chosen].line)
     if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (hold S) before it can go to hole ${name}.`
     if (depth === 0 && (!tip || this.template.aside(tip, this.hole).length() > IN_LINE)) return `The needle moves to hole ${name}.`
     if (depth === 0) return 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
-    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, or draw the needle out.'
+    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, draw the needle out, or press “Leave it in” and take a new one.'
     const { along } = this.tipError(tip)
     if (along > AT_TARGET) return `Push on (W): ${mm(along)} mm to the target. Then press “Drop seed”.`
     if (along < -AT_TARGET) return `Draw the needle back (S): ${mm(-along)} mm to the target. Then press “Drop seed”.`

@@ -1,6 +1,6 @@
 // What is drawn on the slices: the template's holes, the patient's sides, needles, seeds, the plan and the target.
 import * as THREE from 'three'
-import { HUBS, PLANNED, SEED, TARGET } from '../colours.js'
+import { hubColour, PLANNED, SEED, TARGET } from '../colours.js'
 import { columnName } from './template.js'
 
 const NEAR = { x: 0.0025, z: 0.003 } // m from the slice up to which seeds are drawn as in it
@@ -116,7 +116,7 @@ export class SliceMarks {
     ink.fillStyle = 'rgba(159, 216, 255, 0.22)'
     ink.fillRect(low[0], low[1], high[0] - low[0], high[1] - low[1])
     ink.font = `${11 * ink.unit}px system-ui, sans-serif`
-    label(ink, 'template', (low[0] + high[0]) / 2, Math.max(low[1], high[1]) + 10 * ink.unit, GRID)
+    label(ink, 'template', (low[0] + high[0]) / 2, Math.min(low[1], high[1]) - 10 * ink.unit, GRID)
   }
 
   drawNeedles(ink) {
@@ -130,7 +130,7 @@ export class SliceMarks {
         points.forEach((point, k) => ink[k ? 'lineTo' : 'moveTo'](...this.pixel(point)))
         ink.stroke()
       }
-      ring(ink, this.pixel(points.at(-1)), 3.5, HUBS[i % HUBS.length], 2, true)
+      ring(ink, this.pixel(points.at(-1)), 3.5, hubColour(i), 2, true)
     })
   }
 

@@ -1,0 +1,55 @@
+/* The dose in an organ: as planned, now, when the needles are out, and when the gland's swelling has gone. */
+#ifndef TROCAR_ORGAN_DOSE_H
+#define TROCAR_ORGAN_DOSE_H
+
+#include <stdbool.h>
+
+#include "base/report.h"
+#include "trocar.h"
+
+typedef enum {
+    DOSE_PLANNED,            /* of the plan's seeds, in the tissue at rest */
+    DOSE_NOW,                /* seeds and voxels where the displaced tissue has them */
+    DOSE_NEEDLES_OUT,        /* in the tissue at rest */
+    DOSE_SWELLING_GONE,      /* the same after the gland, with the seeds in it, has shrunk uniformly about its centre */
+    DOSE_STATES
+} dose_state;
+
+enum { DVH_POINTS = 101 };   /* of a dose-volume histogram: doses from 0 to DVH_TOP */
+#define DVH_TOP 3.0          /* prescriptions */
+
+typedef struct {
+    bool known;
+    trocar_dvh_summary summary;
+    double curve[DVH_POINTS]; /* fraction of the volume that gets the dose or more */
+} organ_result;
+
+/* How a gland shrinks: a length becomes `scale` of it, about the centre. */
+typedef struct { double centre[3], scale; } shrinkage;
+
+typedef struct {
+    const char *name;        /* the scene's */
+    bool is_target, shrinks; /* with the gland */
+    trocar_structure *structure;
+    double *points, *doses;  /* scratch */
+    organ_result results[DOSE_STATES];
+} organ;
+
+/* Voxels of 1 mm of a region of dimension 3; `mesh` is needed for this call only. Errors as trocar_structure_from_region. */
+trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, report *why);
+void organ_free(organ *o);
+
+/* Mean of the voxels' centres. */
+void organ_centre(const organ *o, double centre[3]);
+
+/* Whether a point at rest lies in it, to a voxel. */
+bool organ_contains(const organ *o, const double point[3]);
+
+/* Computes the results of one state. `nodal`: displacements [nodes][3], NULL: at rest; of DOSE_NOW. `shrunk`: of DOSE_SWELLING_GONE.
+   Seeds have to be given where they are in that state. */
+void organ_compute(organ *o, dose_state state, const trocar_dose_source *source, const trocar_dose_seed *seeds, int count, double prescription,
+                   const double *nodal, const shrinkage *shrunk);
+
+void shrink(const shrinkage *s, const double from[3], double to[3]);
+
+#endif

@@ -38,7 +38,7 @@ bad_input() {
     refuses --start "$device" --start 1,2,nan
     refuses /nowhere/x.log "$device" --write-log /nowhere/x.log
     refuses /nowhere/x.csv "$device" --csv /nowhere/x.csv
-    local template=$source/meshes/implant.yaml row=E3,1,-0.01,-0.01,0.0675
+    local template=$source/meshes/implant.yaml row=E3,1,0.01,-0.01,0.0675
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row >plan.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/0.0675/0.18} >deep.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/E3/E9} >hole.csv

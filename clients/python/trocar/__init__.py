@@ -222,6 +222,10 @@ class Scene:
         except ValueError:
             return value
 
+    def names(self, list_: str) -> list[str]:
+        """Names of the entries of "regions", "membranes" or "guides"."""
+        return [str(self[f"{list_}[{i}].name"]) for i in range(lib.trocar_scene_count(self._handle, list_.encode()))]
+
     def set_mesh(self, mesh: Mesh) -> None:
         """Sets the mesh from arrays instead of a file; they are copied."""
         nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
@@ -263,7 +267,7 @@ class Model:
         options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only})
         _check(lib.trocar_model_create(scene._handle, options, handle, why), why)
         self._handle = ffi.gc(handle[0], lib.trocar_model_free)
-        self._guide_names = [str(scene["guides[%d].name" % i]) for i in range(lib.trocar_scene_count(scene._handle, b"guides"))]
+        self._guide_names = scene.names("guides")
 
     def derive(self, scene: Scene) -> Model:
         """A model of another scene that shares this one's mesh, stiffness and inverse: milliseconds. The scenes may differ in needle, friction,
@@ -273,7 +277,7 @@ class Model:
         model = Model.__new__(Model)
         base = self._handle  # lives as long as the derived model
         model._handle = ffi.gc(handle[0], lambda derived, _base=base: lib.trocar_model_free(derived))
-        model._guide_names = [str(scene["guides[%d].name" % i]) for i in range(lib.trocar_scene_count(scene._handle, b"guides"))]
+        model._guide_names = scene.names("guides")
         return model
 
     @property

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import csv
+import ctypes
 import fcntl
 import gc
 import io
@@ -185,10 +186,19 @@ class TaskFile:
 # ---- processes ------------------------------------------------------------------------------------------------------------------------------
 
 
+def _use_one_thread() -> None:
+    """In a child: OpenMP's threads stayed in the parent, and CHOLMOD would wait for them for ever."""
+    try:
+        ctypes.CDLL("libgomp.so.1").omp_set_num_threads(1)
+    except OSError:    # CHOLMOD without OpenMP
+        pass
+
+
 def _child(write: int, work: Callable[[], tuple[str, list[float]]]) -> None:
     """In the child: sends the outcome and ends."""
     status = 1
     try:
+        _use_one_thread()
         signal.signal(signal.SIGINT, signal.SIG_IGN)     # of the terminal: the parent ends its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:

@@ -21,11 +21,8 @@ As a program:
 """
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")    # each run has its own process
-
 import argparse
+import os
 import re
 import shlex
 import shutil

@@ -187,9 +187,9 @@ class TaskFile:
 
 
 def _use_one_thread() -> None:
-    """In a child: OpenMP's threads stayed in the parent, and CHOLMOD would wait for them for ever."""
+    """In a child: OpenMP's threads stayed in the parent, and CHOLMOD, which asks for a fixed number of them, would wait for them for ever."""
     try:
-        ctypes.CDLL("libgomp.so.1").omp_set_num_threads(1)
+        ctypes.CDLL("libgomp.so.1").omp_set_max_active_levels(0)
     except OSError:    # CHOLMOD without OpenMP
         pass
 

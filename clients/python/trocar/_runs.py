@@ -126,9 +126,13 @@ def heading(study: Study) -> list[str]:
     return ["run", "status", *study.parameter_columns(), *study.result_columns()]
 
 
-def read_rows(path: Path, study: Study) -> tuple[list[Row], int]:
-    """The whole rows of a task's file, and their length in bytes with the heading: what comes after was cut off by a kill."""
-    data = path.read_bytes()
+def read_rows(path: Path, study: Study) -> list[Row]:
+    """The whole rows of a task's file."""
+    return _parse_rows(path, path.read_bytes(), study)[0]
+
+
+def _parse_rows(path: Path, data: bytes, study: Study) -> tuple[list[Row], int]:
+    """The whole rows, and their length in bytes with the heading: what comes after was cut off by a kill."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -159,8 +163,9 @@ class TaskFile:
         except OSError:
             os.close(self._file)
             raise BadStudy(f"{path}: another process carries out this task: wait for it, or stop it") from None
-        self.rows, end = read_rows(path, study)
-        self.torn = os.fstat(self._file).st_size - end    # bytes
+        size = os.fstat(self._file).st_size
+        self.rows, end = _parse_rows(path, os.pread(self._file, size, 0), study)    # closing another descriptor would end the lock
+        self.torn = size - end    # bytes
         os.ftruncate(self._file, end)
         if end == 0:
             os.write(self._file, line_of(heading(study)).encode())
@@ -304,7 +309,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     file = TaskFile(task_path(out, task), study)
     if file.torn:
         say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
-    done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study)[0])}
+    done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study))}
     groups = groups_of(study, samples)
     mine = np.arange(len(samples)) % task[1] == task[0] - 1
     left = sorted((int(i) for i in np.flatnonzero(mine) if i not in done), key=lambda i: (groups.of_run[i], i))

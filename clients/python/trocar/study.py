@@ -61,7 +61,7 @@ def results(study: Study, out: Path) -> list[Row]:
     """The rows in all files of the folder, in order. BadStudy for files of another study, or with different rows of one run."""
     samples, rows = study.samples(), {}
     for path in row_files(out):
-        for row in read_rows(path, study)[0]:
+        for row in read_rows(path, study):
             if not 0 <= row.index < len(samples) or not np.array_equal(row.parameters, samples[row.index]):
                 raise BadStudy(f"{path}: run {row.index} has other parameters than the study: choose another folder with --out")
             if row.index in rows and cells_of(rows[row.index]) != cells_of(row):
@@ -249,7 +249,7 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--task", type=_task, help="only part i of N, for a cluster or GNU parallel; nothing is collected", metavar="i/N")
     added.add_argument("--engine", choices=("local", "slurm"), default="local", help="slurm: write a job array and submit it (default: local)")
     added.add_argument("--tasks", type=_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
-    added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, such as --sbatch=--time=60; may be repeated", metavar="OPTION")
+    added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, with its dashes; may be repeated", metavar="OPTION")
     added.add_argument("--wait", action="store_true", help="with Slurm: wait for the job and collect")
     added.add_argument("--hdf5", action="store_true", help="also write result.h5")
     added.add_argument("--quiet", action="store_true", help="print no progress")

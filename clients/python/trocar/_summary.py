@@ -58,7 +58,7 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
-    matplotlib.rcParams["svg.hashsalt"] = "trocar"    # the same file each time
+    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # the same file each time; text stays text
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])

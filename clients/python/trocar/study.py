@@ -267,7 +267,12 @@ def _stop(number: int, _: Any) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The program; returns its exit status."""
-    given = _options().parse_args(arguments)
+    options = _options()
+    given = options.parse_args(arguments)
+    if given.command == "run" and given.engine == "slurm" and given.task:
+        options.error("--task is for a single task: Slurm's tasks are counted by --tasks")
+    if given.command == "run" and given.wait and given.engine != "slurm":
+        options.error("--wait is for --engine slurm")
     signal.signal(signal.SIGTERM, _stop)
     try:
         return given.call(given)

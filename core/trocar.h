@@ -244,7 +244,12 @@ typedef struct trocar_model_options {
    afterwards. BAD_INPUT, NO_MEMORY, NUMERIC. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
-TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations */
+TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations, and after models derived from it */
+
+/* A model of another scene that shares the mesh, stiffness and inverse of `base`, which must outlive it: milliseconds, and a little
+   memory. The scenes may differ in needle, friction, cutting, membranes' strength, stiffening, relaxation, guides, contacts and seeds.
+   BAD_INPUT, with the key, if mesh, stiffness or inverse would be others, and for meshes that came as arrays; NO_MEMORY. */
+TROCAR_API trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error);
 
 /* All strings and arrays are the model's and live as long as it does. */
 TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed"; "" with mesh_only */

@@ -75,7 +75,8 @@ cmake --install "$build" --prefix "$work/local" >cmake.txt || fail "$(cat cmake.
 names_what_is_there "" "$work/local"
 "$work/local/bin/trocar-server" --version >version
 
-# Every program prints its version and has a man page with its options and a completion file.
+# Every program prints its version and has a man page with its options and a completion file. One is Python's.
+export PYTHONPATH=$prefix/lib/python3/dist-packages TROCAR_LIBRARY=$libraries/libtrocar.so PYTHONDONTWRITEBYTECODE=1
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
     grep -qE "^$program [0-9.]+$" <<<"$("$path" --version)" || fail "$program --version"
@@ -86,6 +87,7 @@ for path in "$prefix"/bin/*; do
     done
     [ -f "$prefix/share/bash-completion/completions/$program" ] || fail "no completion of $program"
 done
+unset PYTHONPATH TROCAR_LIBRARY
 
 # The completions that bash offers after this line.
 offers() {
@@ -101,6 +103,7 @@ offers trocar-server --sc | grep -q '^--scene=' || fail "trocar-server --sc<TAB>
 offers trocar-device --script fig | grep -qx figure8 || fail "trocar-device --script fig<TAB>: $(offers trocar-device --script fig)"
 offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers trocar-bench t)"
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
+offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 touch scene.yaml scene.csv
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"

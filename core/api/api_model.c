@@ -7,31 +7,61 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model, trocar_error *error) {
-    trocar_error ignored, *why = error ? error : &ignored;
-    *model = NULL;
+/* An allocated model with what the scene says beside the simulation's parts; *config is for these. */
+static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, report *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
     trocar_model *m = calloc(1, sizeof *m);
     if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
-    simulation_config config = scene->values.simulation;
-    config.scene_path = scene->values.path;
-    if (options) {
-        config.progress = (inverse_progress){options->progress, options->context};
-        if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
-    }
+    *config = scene->values.simulation;
+    config->scene_path = scene->values.path;
     m->rate_hz = scene->values.rate_hz;
     m->start = scene->values.start;
     memcpy(m->patient_to_mesh, scene->values.patient_to_mesh, sizeof m->patient_to_mesh);
-    m->mesh_only = options && options->mesh_only;
-    floating_mode before = flush_denormals();
-    status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
-    restore_floating_mode(before);
+    *model = m;
+    return TROCAR_OK;
+}
+
+static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
+    if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* a file that was not read */
     m->parts.config.mesh_given = NULL; /* the scene's, which may go */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
     return status;
+}
+
+trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_model *m = NULL;
+    simulation_config config;
+    *model = NULL;
+    trocar_status status = begin_model(scene, &m, &config, why);
+    if (status != TROCAR_OK) return status;
+    if (options) {
+        config.progress = (inverse_progress){options->progress, options->context};
+        if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
+    }
+    m->mesh_only = options && options->mesh_only;
+    floating_mode before = flush_denormals();
+    status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
+    restore_floating_mode(before);
+    return end_model(m, status, model);
+}
+
+trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    trocar_model *m = NULL;
+    simulation_config config;
+    *model = NULL;
+    if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model with the mesh only has no stiffness to share");
+    trocar_status status = begin_model(scene, &m, &config, why);
+    if (status != TROCAR_OK) return status;
+    config.insertion.most_steps = base->parts.config.insertion.most_steps;
+    floating_mode before = flush_denormals();
+    status = simulation_derive(&base->parts, &config, &m->parts, why);
+    restore_floating_mode(before);
+    return end_model(m, status, model);
 }
 
 void trocar_model_free(trocar_model *model) {

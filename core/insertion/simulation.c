@@ -237,20 +237,79 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     return status;
 }
 
-trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
-    memset(s, 0, sizeof *s);
-    call_once(&blas_once, use_one_blas_thread);
+static trocar_status check_placement(const simulation_config *config, report *why) {
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
     if (config->volumetric != STRAIN_BY_ELEMENT && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: a moved node would change strains averaged beyond the elements around it; "
                     "choose volumetric_strain: element");
-    trocar_status status = simulation_create_mesh(config, s, why);
+    return TROCAR_OK;
+}
+
+trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
+    memset(s, 0, sizeof *s);
+    call_once(&blas_once, use_one_blas_thread);
+    trocar_status status = check_placement(config, why);
+    if (status == TROCAR_OK) status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
     status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
     if (status == TROCAR_OK) status = check_probe_surface(s, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
+    if (status == TROCAR_OK) status = build_insertion(s, why);
+    if (status != TROCAR_OK) simulation_free(s);
+    return status;
+}
+
+/* ---- sharing the inverse ---------------------------------------------------------------------------------------------- */
+
+/* The first key of which mesh, stiffness or inverse depend and that differs; NULL: none does. `text` has room for a key. */
+static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
+    if (strcmp(a->mesh_path, b->mesh_path) != 0) return "mesh";
+    if (a->mesh_unit != b->mesh_unit) return "mesh_unit";
+    if (a->region_count != b->region_count) return "regions";
+    for (int i = 0; i < a->region_count; i++) {
+        const region_config *r = &a->regions[i], *q = &b->regions[i];
+        bool same_modulus = r->material.youngs_modulus == q->material.youngs_modulus, same_ratio = r->material.poisson_ratio == q->material.poisson_ratio;
+        if (strcmp(r->name, q->name) == 0 && same_modulus && same_ratio) continue;
+        snprintf(text, size, "regions[%d].%s", i, strcmp(r->name, q->name) != 0 ? "name" : same_modulus ? "poisson_ratio" : "youngs_modulus");
+        return text;
+    }
+    if (a->fixed_count != b->fixed_count) return "fixed";
+    for (int i = 0; i < a->fixed_count; i++)
+        if (strcmp(a->fixed[i], b->fixed[i]) != 0) return "fixed";
+    if (a->volumetric != b->volumetric) return "volumetric_strain";
+    if (a->inverse != b->inverse) return "inverse";
+    if (a->remeshing != b->remeshing) return "remeshing";
+    /* The nodes of a condensed inverse lie around the first membrane and the probe, unless the scene gives them. */
+    bool same_region = a->roi.region_count == b->roi.region_count && a->roi.radius == b->roi.radius &&
+                       memcmp(&a->roi.from, &b->roi.from, sizeof a->roi.from) == 0 && memcmp(&a->roi.to, &b->roi.to, sizeof a->roi.to) == 0;
+    for (int i = 0; i < a->roi.region_count && same_region; i++) same_region = strcmp(a->roi.regions[i], b->roi.regions[i]) == 0;
+    if (!same_region) return "region_of_interest";
+    if (strcmp(a->membrane_count > 0 ? a->membranes[0].name : "", b->membrane_count > 0 ? b->membranes[0].name : "") != 0) return "membranes[0].name";
+    return strcmp(a->probe.surface, b->probe.surface) != 0 ? "probe.surface" : NULL;
+}
+
+trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why) {
+    char text[64];
+    memset(s, 0, sizeof *s);
+    if (config->mesh_given || base->config.mesh_path[0] == '\0')
+        return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh came as arrays shares nothing: build this one by itself");
+    const char *key = stiffness_key_that_differs(&base->config, config, text, sizeof text);
+    if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from the model whose stiffness is to be shared: build this one by itself", key);
+    trocar_status status = check_placement(config, why);
+    if (status != TROCAR_OK) return status;
+    s->config = *config;
+    s->shares = true;
+    s->mesh = base->mesh;
+    s->tissue = base->tissue;
+    s->inverse = base->inverse;
+    s->about_inverse = base->about_inverse;
+    status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = bind_guides(s, why);
+    if (status == TROCAR_OK) status = bind_probe(s, why);
+    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);
     return status;
@@ -274,9 +333,11 @@ void simulation_free(simulation *s) {
     free(s->workspace);
     free(s->field_scratch);
     remesher_free(s->remesher);
-    inverse_free(s->inverse);
-    if (s->tissue.mesh) tissue_free(&s->tissue);
-    mesh_free(&s->mesh);
+    if (!s->shares) {
+        inverse_free(s->inverse);
+        if (s->tissue.mesh) tissue_free(&s->tissue);
+        mesh_free(&s->mesh);
+    }
     memset(s, 0, sizeof *s);
 }
 

@@ -46,6 +46,7 @@ typedef struct {
 
 typedef struct {
     simulation_config config;
+    bool shares;                        /* mesh, tissue and inverse are those of another simulation, which frees them */
     mesh mesh;
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
@@ -71,7 +72,11 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
 /* Reads the mesh and builds all that is constant, or frees everything and says why. */
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
 
-/* The same, and what one run of it needs: remesher, workspace, field_scratch. */
+/* Builds what is constant for a configuration with the same mesh and stiffness as `base`, and shares its mesh, tissue and inverse. `base`
+   must outlive it. BAD_INPUT, with the key, if the stiffness or the inverse would be another one, and for a mesh that came as arrays. */
+trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why);
+
+/* The same as simulation_create_model, and what one run of it needs: remesher, workspace, field_scratch. */
 trocar_status simulation_create(const simulation_config *config, simulation *s, report *why);
 void simulation_free(simulation *s);
 

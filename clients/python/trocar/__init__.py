@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._dose import DVH, Dose, Source, Structure
-from ._library import Error, _check, ffi, lib
+from ._library import _STATUS, Error, _check, ffi, lib
 
 __all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
@@ -222,6 +222,10 @@ class Scene:
         except ValueError:
             return value
 
+    def names(self, list_: str) -> list[str]:
+        """Names of the entries of "regions", "membranes" or "guides"."""
+        return [str(self[f"{list_}[{i}].name"]) for i in range(lib.trocar_scene_count(self._handle, list_.encode()))]
+
     def set_mesh(self, mesh: Mesh) -> None:
         """Sets the mesh from arrays instead of a file; they are copied."""
         nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
@@ -263,7 +267,18 @@ class Model:
         options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only})
         _check(lib.trocar_model_create(scene._handle, options, handle, why), why)
         self._handle = ffi.gc(handle[0], lib.trocar_model_free)
-        self._guide_names = [str(scene["guides[%d].name" % i]) for i in range(lib.trocar_scene_count(scene._handle, b"guides"))]
+        self._guide_names = scene.names("guides")
+
+    def derive(self, scene: Scene) -> Model:
+        """A model of another scene that shares this one's mesh, stiffness and inverse: milliseconds. The scenes may differ in needle, friction,
+        cutting, membranes' strength, relaxation, guides and seeds. Error, with the key, if the stiffness would be another one."""
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
+        _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
+        model = Model.__new__(Model)
+        base = self._handle  # lives as long as the derived model
+        model._handle = ffi.gc(handle[0], lambda derived, _base=base: lib.trocar_model_free(derived))
+        model._guide_names = scene.names("guides")
+        return model
 
     @property
     def nodes(self) -> npt.NDArray[np.float64]:
@@ -387,6 +402,21 @@ class Sim:
         out = self._out
         return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
                       out.passes, out.switches)
+
+    def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0) -> npt.NDArray[Any]:
+        """A `step` for each of the poses (steps, 7), faster than a loop in Python around it. Returns a structured array (steps,) with the
+        fields of `Output`. Error with the number of the step that failed."""
+        given = np.ascontiguousarray(poses, np.float64)
+        if given.ndim != 2 or given.shape[1] != 7:
+            raise ValueError("poses are (steps, 7); got shape %s" % (given.shape,))
+        outputs, why = np.zeros(len(given), _OUTPUT), ffi.new("trocar_error *")
+        pose = ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given))
+        output = ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True))
+        for i in range(len(given)):
+            status = lib.trocar_sim_step(self._handle, needle, pose + i, dt, output + i, why)
+            if status != lib.TROCAR_OK:
+                raise Error("step %d: %s" % (i, ffi.string(why.text).decode(errors="replace")), _STATUS[status])
+        return outputs
 
     def set_probe(self, pose: npt.ArrayLike) -> None:
         """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` presses it there, before its tick."""

@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Error, Guide, Model, Scene, Sim
+from ._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "compare", "guide_of", "hole_axis", "hole_name", "hole_number",
            "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "write"]
@@ -133,86 +134,7 @@ def _grid_words(columns: int, rows: int) -> str:
 # ---- reading and writing --------------------------------------------------------------------------------------------------------
 
 
-class _Reader:
-    """A YAML document read key by key, with file and line of what is wrong."""
-
-    def __init__(self, path: str):
-        try:
-            import yaml
-        except ImportError as missing:
-            raise BadPlan(f"{path}: reading plans needs Debian's python3-yaml: {missing}") from missing
-        self.path, self.yaml = path, yaml
-        try:
-            with open(path, encoding="utf-8") as file:
-                root = yaml.compose(file, Loader=yaml.SafeLoader)
-        except OSError as error:
-            raise BadPlan(f"{path}: cannot be opened: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            raise BadPlan(f"{path}: not a text file in UTF-8") from error
-        except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            raise BadPlan(f"{path}:{mark.line + 1 if mark else 1}: not YAML: {error.problem or error.context}") from error
-        except yaml.YAMLError as error:
-            raise BadPlan(f"{path}: not YAML: {error}") from error
-        except RecursionError as error:
-            raise BadPlan(f"{path}: lists within lists, too deep for a plan") from error
-        if root is None:
-            raise BadPlan(f"{path}:1: empty: a plan has template, columns, rows, spacing and needles")
-        self.root = root
-
-    def fail(self, node: Any, words: str) -> BadPlan:
-        return BadPlan(f"{self.path}:{self.line(node)}: {words}")
-
-    @staticmethod
-    def line(node: Any) -> int:
-        return node.start_mark.line + 1
-
-    def mapping(self, node: Any, place: str, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Any]:
-        known = (*required, *optional)
-        if not isinstance(node, self.yaml.MappingNode):
-            raise self.fail(node, f"{place or 'a plan'}: write keys and values: {', '.join(known)}")
-        found: dict[str, Any] = {}
-        for key, value in node.value:
-            name = str(key.value)
-            if name not in known:
-                raise self.fail(key, f"{place + ': ' if place else ''}unknown key \"{name}\": there are {', '.join(known)}")
-            if name in found:
-                raise self.fail(key, f"{place + ': ' if place else ''}\"{name}\" is given twice: remove one")
-            found[name] = value
-        for name in required:
-            if name not in found:
-                raise self.fail(node, f"{place + ': ' if place else ''}missing key \"{name}\"")
-        return found
-
-    def items(self, node: Any, place: str) -> list[Any]:
-        if not isinstance(node, self.yaml.SequenceNode):
-            raise self.fail(node, f"{place}: write a list")
-        return node.value
-
-    def text(self, node: Any, place: str) -> str:
-        if not isinstance(node, self.yaml.ScalarNode) or not node.value.strip():
-            raise self.fail(node, f"{place}: write a name")
-        return node.value.strip()
-
-    def number(self, node: Any, place: str, least: float = 0.0) -> float:
-        """A number above `least`. YAML 1.1 takes 5e-3 for text, so the text is converted here."""
-        try:
-            value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
-        except ValueError:
-            value = math.nan
-        if not (value > least and math.isfinite(value)):
-            given = f"\"{node.value}\"" if isinstance(node, self.yaml.ScalarNode) else "a list"
-            raise self.fail(node, f"{place}: {given}: write a number above {least:g}")
-        return value
-
-    def count(self, node: Any, place: str) -> int:
-        value = self.number(node, place)
-        if value != int(value) or value > 100:
-            raise self.fail(node, f"{place}: \"{node.value}\": write a whole number from 1 to 100")
-        return int(value)
-
-
-def _read_needle(reader: _Reader, node: Any, place: str, plan: Plan) -> Needle:
+def _read_needle(reader: Reader, node: Any, place: str, plan: Plan) -> Needle:
     keys = reader.mapping(node, place, ("hole", "depth", "seeds"))
     name = reader.text(keys["hole"], f"{place}.hole")
     at = hole_number(name)
@@ -238,7 +160,7 @@ def _read_needle(reader: _Reader, node: Any, place: str, plan: Plan) -> Needle:
 
 def read(path: str | PathLike[str]) -> Plan:
     """Reads a plan. BadPlan with file, line and remedy for anything that it does not understand."""
-    reader = _Reader(fspath(path))
+    reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
     keys = reader.mapping(reader.root, "", ("template", "columns", "rows", "spacing", "needles"), ("source",))
     plan = Plan(reader.text(keys["template"], "template"), reader.count(keys["columns"], "columns"), reader.count(keys["rows"], "rows"),
                 reader.number(keys["spacing"], "spacing"), path=fspath(path), line=reader.line(keys["template"]))

@@ -1,0 +1,428 @@
+"""The definition of a study: its file, its samples, and what it records."""
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+from dataclasses import dataclass, field
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import Error, Model, Scene, keys
+from . import motion as motions
+from ._quantities import QUANTITIES, Quantity, locate
+from ._reader import Reader
+from .plan import BadPlan
+
+METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
+MOST_RUNS = 10_000_000
+_UNKNOWN = -math.inf
+
+# Keys of which mesh, stiffness or inverse depend: runs that differ in them cannot share a model's.
+_STIFFNESS = ("youngs_modulus", "poisson_ratio")
+
+
+class BadStudy(Exception):
+    """A study that cannot be used: file, line and remedy."""
+
+
+@dataclass
+class Parameter:
+    """A parameter of a study: a key of the scene, or "motion." and what of the motion."""
+
+    name: str
+    unit: str
+    kind: str                 # uniform, log_uniform, normal or values
+    numbers: list[float]      # limits, mean and standard deviation, or the values
+    within: tuple[float, float] | None = None    # limits of a normal distribution
+    steps: int = 0            # of a grid
+    line: int = 0
+
+    def quantile(self, u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values of numbers from 0 to 1."""
+        if self.kind == "values":
+            return np.asarray(self.numbers)[np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)]
+        a, b = self.numbers
+        if self.kind == "uniform":
+            return a + (b - a) * u
+        if self.kind == "log_uniform":
+            return a * (b / a) ** u
+        from scipy.stats import norm
+        low, high = (norm.cdf((limit - a) / b) for limit in self.within) if self.within else (0.0, 1.0)
+        tiny = 2.0 ** -54    # a Sobol point may be 0
+        return a + b * norm.ppf(np.clip(low + (high - low) * u, tiny, 1.0 - tiny))
+
+    def levels(self) -> list[float]:
+        """On a grid."""
+        return self.numbers if self.kind == "values" else self.quantile(np.linspace(0.0, 1.0, self.steps)).tolist()
+
+    def extremes(self) -> list[float]:
+        return list(self.within or ()) if self.kind == "normal" else [min(self.numbers), max(self.numbers)]
+
+
+@dataclass
+class Measure:
+    """What is recorded, as one or more columns."""
+
+    name: str                 # of the quantity
+    quantity: Quantity
+    option: Any = None        # name of a membrane or region; (3,) m of a target
+    at: float | None = None   # s; None: at the end, or over the whole motion
+
+    def columns(self) -> list[str]:
+        about = f"({self.option})" if isinstance(self.option, str) else ""
+        when = "" if self.at is None else f"@{self.at:g}"
+        return [f"{self.name}{about}{'.' + part if part else ''}{when} [{self.quantity.unit}]" for part in self.quantity.parts]
+
+
+@dataclass
+class Study:
+    """A study, as its file says it."""
+
+    path: str
+    scene_path: str
+    settings: dict[str, str]            # keys of the scene, the same in all runs
+    motion: Any                         # of trocar.motion
+    parameters: list[Parameter]
+    method: str
+    count: int
+    seed: int
+    measures: list[Measure]
+    frames_every: float = 0.0           # s; 0: no frames
+    plan: str = ""                      # path, "" without a plan
+    inputs: dict[str, str] = field(default_factory=dict)    # files beside the scene: what they are for, and their path
+    described: str = ""                 # motion and so on, in words, for the manifest
+    _scene: Scene | None = None
+
+    def samples(self) -> npt.NDArray[np.float64]:
+        """(runs, parameters) values: of seed and index alone."""
+        p = len(self.parameters)
+        if self.method == "grid":
+            return np.array(list(itertools.product(*(parameter.levels() for parameter in self.parameters))))
+        if self.method == "saltelli":
+            from .sensitivity import design
+            unit = design(p, self.count, self.seed)
+        elif self.method == "random":
+            unit = np.random.default_rng(self.seed).random((self.count, p))
+        else:
+            from scipy.stats import qmc
+            sampler = qmc.Sobol(p, scramble=True, seed=self.seed) if self.method == "sobol" else qmc.LatinHypercube(p, seed=self.seed)
+            unit = sampler.random(self.count)
+        return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
+
+    def scene(self) -> Scene:
+        """The scene with the study's settings, without a run's parameters."""
+        scene = Scene.load(self.scene_path)
+        for key, value in self.settings.items():
+            scene[key] = value
+        return scene
+
+    def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
+        """The scene of one run."""
+        scene = self.scene()
+        for parameter, value in zip(self.parameters, values):
+            if not parameter.name.startswith("motion."):
+                scene[parameter.name] = float(value)
+        if sparse:
+            scene["inverse"] = "sparse"
+        return scene
+
+    def run_motion(self, values: npt.NDArray[np.float64]) -> Any:
+        """The motion of one run."""
+        by = {parameter.name.removeprefix("motion."): float(value) for parameter, value in zip(self.parameters, values) if parameter.name.startswith("motion.")}
+        return self.motion.adjusted(**by)
+
+    def stiffness_columns(self) -> list[int]:
+        """Parameters that give a run a stiffness of its own."""
+        return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
+
+    def parameter_columns(self) -> list[str]:
+        return [f"{p.name} [{p.unit}]" if p.unit else p.name for p in self.parameters]
+
+    def result_columns(self) -> list[str]:
+        return [column for measure in self.measures for column in measure.columns()]
+
+    def manifest(self) -> dict[str, str]:
+        """All that the results depend on, in words: for telling studies apart."""
+        digest = lambda path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        scene = self.scene()
+        mesh = str(scene["mesh"])
+        found = {"scene": digest(self.scene_path), "mesh": digest(mesh), "settings": repr(sorted(self.settings.items())), "motion": self.described,
+                 "samples": f"{self.method}, {self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
+                 "frames": f"every {self.frames_every:g} s" if self.frames_every else "none"}
+        for p in self.parameters:
+            found[f"parameter {p.name}"] = f"{p.kind} {p.numbers} {p.within or ''} {p.steps or ''}"
+        found.update({what: digest(path) for what, path in self.inputs.items()})
+        return found
+
+
+# ---- reading ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _units() -> dict[str, str]:
+    return {key.key: key.unit for key in keys()}
+
+
+_MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s"}
+
+
+class _StudyReader:
+    def __init__(self, path: str):
+        self.reader = Reader(path, "study", BadStudy, "scene, motion, samples, parameters and record")
+        self.folder = Path(path).parent
+
+    def file(self, node: Any, place: str) -> str:
+        name = str(self.folder / self.reader.text(node, place))
+        if not Path(name).is_file():
+            raise self.reader.fail(node, f"{place}: no file {name}: paths are relative to the study's file")
+        return name
+
+    def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
+        """Sets a key that there is."""
+        try:
+            scene[key]
+            scene[key] = value
+        except Error as error:
+            raise self.reader.fail(node, f"{place}: {error}") from error
+
+    def pose(self, node: Any, place: str) -> npt.NDArray[np.float64]:
+        items = self.reader.items(node, place)
+        numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3, _UNKNOWN)
+        if len(numbers) == 7 and abs(math.hypot(*numbers[3:]) - 1.0) > 1e-3:
+            raise self.reader.fail(node, f"{place}: the quaternion has length {math.hypot(*numbers[3:]):.4g}: write w, x, y, z of length 1")
+        return np.array(numbers if len(numbers) == 7 else [*numbers, 1.0, 0.0, 0.0, 0.0])
+
+    def motion(self, node: Any, study: Study) -> Any:
+        kinds = ("script", "straight", "poses", "plan")
+        given = self.reader.mapping(node, "motion", (), (*kinds, "start", "speed"))
+        chosen = [kind for kind in kinds if kind in given]
+        if len(chosen) != 1:
+            raise self.reader.fail(node, f"motion: write one of {', '.join(kinds)}")
+        kind = chosen[0]
+        allowed = {"script": ("start", "speed"), "straight": ("start",), "poses": (), "plan": ("speed",)}[kind]
+        for key in ("start", "speed"):
+            if key in given and key not in allowed:
+                raise self.reader.fail(given[key], f"motion.{key}: not with \"{kind}\"{': write it below straight' if kind == 'straight' else ''}")
+        start = self.pose(given["start"], "motion.start") if "start" in given else None
+        speed = self.reader.number(given["speed"], "motion.speed") if "speed" in given else None
+        if kind == "script":
+            name = self.reader.text(given[kind], "motion.script")
+            if name not in motions.SCRIPTS:
+                raise self.reader.fail(given[kind], f"motion.script: no script \"{name}\": there are {', '.join(motions.SCRIPTS)}")
+            found = motions.script(name, speed or 1.0, start)
+        elif kind == "straight":
+            keys_ = self.reader.mapping(given[kind], "motion.straight", ("depth", "speed"), ("hold", "back"))
+            number = lambda key, least=0.0: self.reader.number(keys_[key], f"motion.straight.{key}", least)
+            back = self.reader.text(keys_["back"], "motion.straight.back") if "back" in keys_ else "false"
+            if back not in ("true", "false"):
+                raise self.reader.fail(keys_["back"], "motion.straight.back: write true or false")
+            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", -1e-300) if "hold" in keys_ else 0.0, back=back == "true")
+        else:
+            path = self.file(given[kind], f"motion.{kind}")
+            study.inputs[kind] = path
+            try:
+                if kind == "poses":
+                    found = motions.Table.read(path)
+                else:
+                    from . import plan as plans
+                    plans.read(path)
+                    study.plan = path
+                    found = motions.Implant(path=path, **({"speed": speed} if speed else {}))
+            except (motions.BadMotion, BadPlan) as error:
+                raise BadStudy(str(error)) from error
+        study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
+        return found
+
+    def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, units: dict[str, str], grid: bool) -> Parameter:
+        kinds = ("uniform", "log_uniform", "normal", "values")
+        given = self.reader.mapping(node, place, (), (*kinds, "within", "steps"))
+        chosen = [kind for kind in kinds if kind in given]
+        if len(chosen) != 1:
+            raise self.reader.fail(node, f"{place}: write one of {', '.join(kinds)}")
+        kind = chosen[0]
+        if kind == "values":
+            numbers = [self.reader.number(item, f"{place}.values[{i}]", _UNKNOWN) for i, item in enumerate(self.reader.items(given[kind], f"{place}.values"))]
+            if not numbers:
+                raise self.reader.fail(given[kind], f"{place}.values: empty: write at least one")
+        else:
+            numbers = self.reader.numbers(given[kind], f"{place}.{kind}", 2, _UNKNOWN)
+            if kind == "normal" and numbers[1] <= 0.0:
+                raise self.reader.fail(given[kind], f"{place}.normal: standard deviation {numbers[1]:g}: write the mean, and one above 0")
+            if kind != "normal" and numbers[1] <= numbers[0]:
+                raise self.reader.fail(given[kind], f"{place}.{kind}: {numbers[1]:g} is not above {numbers[0]:g}: write the lower limit, then the upper one")
+            if kind == "log_uniform" and numbers[0] <= 0.0:
+                raise self.reader.fail(given[kind], f"{place}.log_uniform: {numbers[0]:g}: write limits above 0")
+        within = None
+        if "within" in given:
+            if kind != "normal":
+                raise self.reader.fail(given["within"], f"{place}.within: only with normal: {kind} has limits")
+            low, high = self.reader.numbers(given["within"], f"{place}.within", 2, _UNKNOWN)
+            if high <= low:
+                raise self.reader.fail(given["within"], f"{place}.within: {high:g} is not above {low:g}: write the lower limit, then the upper one")
+            within = (low, high)
+        steps = self.reader.count(given["steps"], f"{place}.steps", 100_000, 2) if "steps" in given else 0
+        if steps and not grid:
+            raise self.reader.fail(given["steps"], f"{place}.steps: only with samples: {{method: grid}}")
+        if grid and kind == "normal":
+            raise self.reader.fail(node, f"{place}: a grid has no normal distribution: write values, or uniform and steps")
+        if grid and kind != "values" and not steps:
+            raise self.reader.fail(node, f"{place}: missing key \"steps\", of the grid")
+        parameter = Parameter(name, "", kind, numbers, within, steps, line)
+        if name.startswith("motion."):
+            which = name.removeprefix("motion.")
+            if which not in motion.adjustable:
+                raise BadStudy(f"{self.reader.path}:{line}: {place}: this motion has no \"{which}\": there are {', '.join('motion.' + key for key in motion.adjustable)}")
+            parameter.unit = "" if which == "speed" and isinstance(motion, motions.Script) else _MOTION_UNITS[which]
+            if which in ("depth", "speed") and (not parameter.extremes() or min(parameter.extremes()) <= 0.0):
+                raise self.reader.fail(node, f"{place}: it can be 0 or below: write limits above 0")
+            return parameter
+        bracketed = "".join("[]" if i % 2 else part for i, part in enumerate(name.replace("]", "[").split("[")))
+        parameter.unit = units.get(bracketed, "")
+        try:
+            before = scene[name]
+        except Error as error:
+            raise BadStudy(f"{self.reader.path}:{line}: {place}: {error}") from error
+        for value in (*parameter.extremes(), before):
+            self.setting(scene, node, name, value, place)
+        return parameter
+
+    def measures(self, node: Any, model: Model, scene: Scene, study: Study, fixed_length: bool) -> list[Measure]:
+        found: list[Measure] = []
+        duration = study.motion.duration()
+        for i, item in enumerate(self.reader.items(node, "record")):
+            place = f"record[{i}]"
+            options: dict[str, Any] = {}
+            if isinstance(item, self.reader.yaml.MappingNode):
+                named = self.reader.mapping(item, place, (), tuple(QUANTITIES))
+                if len(named) != 1:
+                    raise self.reader.fail(item, f"{place}: write one quantity in each entry of the list")
+                (name, below), = named.items()
+            else:
+                name, below = self.reader.text(item, place), None
+            if name not in QUANTITIES:
+                raise self.reader.fail(item, f"{place}: no quantity \"{name}\": there are {', '.join(QUANTITIES)}")
+            quantity, place = QUANTITIES[name], f"record[{i}].{name}"
+            needed = (quantity.option,) if quantity.option else ()
+            if below is not None:
+                options = self.reader.mapping(below, place, needed, ("at",) if quantity.instant else ())
+            elif needed:
+                raise self.reader.fail(item, f"{place}: missing key \"{quantity.option}\": write {{{name}: {{{quantity.option}: ...}}}}")
+            if quantity.of_plan and not study.plan:
+                raise self.reader.fail(item, f"{place}: only where the motion is a plan")
+            option = self.option(quantity.option, options[quantity.option], place, model, scene) if needed else None
+            times: list[float | None] = [None]
+            if "at" in options:
+                given = options["at"].value if isinstance(options["at"], self.reader.yaml.SequenceNode) else [options["at"]]
+                times = [self.reader.number(time, f"{place}.at", -1e-300) for time in given]
+                for time in times:
+                    if duration is not None and fixed_length and time > duration + 1e-9:
+                        raise self.reader.fail(options["at"], f"{place}.at: {time:g} s is after the motion's end, {duration:g} s")
+            found += [Measure(name, quantity, option, time) for time in times]
+        if not found:
+            raise self.reader.fail(node, f"record: empty: write at least one of {', '.join(QUANTITIES)}")
+        columns = [column for measure in found for column in measure.columns()]
+        twice = next((column for column in columns if columns.count(column) > 1), None)
+        if twice:
+            raise self.reader.fail(node, f"record: \"{twice}\" is given twice: remove one")
+        return found
+
+    def option(self, kind: str, node: Any, place: str, model: Model, scene: Scene) -> Any:
+        if kind == "target":
+            point = np.array(self.reader.numbers(node, f"{place}.target", 3, _UNKNOWN))
+            try:
+                locate(model, point)
+            except ValueError as error:
+                raise self.reader.fail(node, f"{place}.target: {error}: write x, y, z in metres in the mesh") from error
+            return point
+        name, there = self.reader.text(node, f"{place}.{kind}"), scene.names(f"{kind}s")
+        if name not in there:
+            raise self.reader.fail(node, f"{place}.{kind}: no {kind} \"{name}\": the scene has {', '.join(there) or 'none'}")
+        return name
+
+    def read(self, frames_wanted: bool) -> Study:
+        reader = self.reader
+        given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
+        study = Study(reader.path, self.file(given["scene"], "scene"), {}, None, [], "", 0, 0, [])
+        try:
+            scene = Scene.load(study.scene_path)
+        except Error as error:
+            raise BadStudy(str(error)) from error
+        if "set" in given:
+            for key, value in self.pairs(given["set"], "set"):
+                text = value.value if isinstance(value, reader.yaml.ScalarNode) else None
+                if text is None:
+                    raise reader.fail(value, f"set.{key.value}: write a number or a word")
+                if key.value in study.settings:
+                    raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
+                self.setting(scene, value, key.value, text, f"set.{key.value}")
+                study.settings[key.value] = text
+        study.motion = self.motion(given["motion"], study)
+        samples = reader.mapping(given["samples"], "samples", ("method",), ("count", "seed"))
+        study.method = reader.text(samples["method"], "samples.method")
+        if study.method not in METHODS:
+            raise reader.fail(samples["method"], f"samples.method: \"{study.method}\": there are {', '.join(METHODS)}")
+        grid, units = study.method == "grid", _units()
+        for key, value in self.pairs(given["parameters"], "parameters"):
+            if any(parameter.name == key.value for parameter in study.parameters):
+                raise reader.fail(key, f"parameters: \"{key.value}\" is given twice: remove one")
+            study.parameters.append(self.parameter(key.value, value, f"parameters.{key.value}", reader.line(key), scene, study.motion, units, grid))
+        if not study.parameters:
+            raise reader.fail(given["parameters"], "parameters: empty: write at least one")
+        self.samples(samples, study, given["samples"])
+        if study.plan and any(p.name.startswith("guides[") for p in study.parameters):
+            raise reader.fail(given["parameters"], "parameters: a plan is made for one template: leave guides as they are")
+        try:
+            model = Model(scene, mesh_only=True)
+            if study.plan:
+                from . import plan as plans
+                plans.check(plans.read(study.plan), model)
+        except (Error, BadPlan) as error:
+            raise BadStudy(str(error)) from error
+        fixed_length = not any(p.name in ("motion.speed", "motion.depth") for p in study.parameters)
+        study.measures = self.measures(given["record"], model, scene, study, fixed_length)
+        if "frames" in given:
+            study.frames_every = reader.number(reader.mapping(given["frames"], "frames", ("every",))["every"], "frames.every")
+        elif frames_wanted:
+            study.frames_every = 0.02
+        if study.frames_every and study.frames_every * model.rate_hz < 1.0 - 1e-9:
+            raise reader.fail(given.get("frames", reader.root), f"frames.every: {study.frames_every:g} s is less than a step: write at least {1.0 / model.rate_hz:g}")
+        if study.frames_every and not fixed_length:
+            raise reader.fail(given.get("frames", reader.root), "frames: runs of different length: leave motion.speed and motion.depth out of the parameters")
+        if study.frames_every and study.plan:
+            raise reader.fail(given.get("frames", reader.root), "frames: not of a plan")
+        return study
+
+    def pairs(self, node: Any, place: str) -> list[tuple[Any, Any]]:
+        if not isinstance(node, self.reader.yaml.MappingNode):
+            raise self.reader.fail(node, f"{place}: write keys of the scene and values")
+        return [(key, value) for key, value in node.value]
+
+    def samples(self, given: dict[str, Any], study: Study, node: Any) -> None:
+        reader = self.reader
+        if study.method == "grid":
+            for key in ("count", "seed"):
+                if key in given:
+                    raise reader.fail(given[key], f"samples.{key}: a grid has none: its parameters have steps or values")
+            study.count = math.prod(len(p.numbers) if p.kind == "values" else p.steps for p in study.parameters)
+        else:
+            for key in ("count", "seed"):
+                if key not in given:
+                    raise reader.fail(node, f"samples: missing key \"{key}\"")
+            study.seed = reader.count(given["seed"], "samples.seed", 2 ** 32 - 1, 0)
+            study.count = reader.count(given["count"], "samples.count", MOST_RUNS)
+            if study.method in ("sobol", "saltelli") and study.count & (study.count - 1):
+                low = 1 << (study.count.bit_length() - 1)
+                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are even only then; write {low} or {2 * low}")
+        runs = study.count * (len(study.parameters) + 2) if study.method == "saltelli" else study.count
+        if runs > MOST_RUNS:
+            raise reader.fail(node, f"samples: {runs} runs: write a study of at most {MOST_RUNS}")
+
+
+def read(path: str | PathLike[str], frames: bool = False) -> Study:
+    """Reads a study. BadStudy with file, line and remedy for anything that it does not understand. frames: it records frames, also if the file does not
+    say so."""
+    return _StudyReader(fspath(path)).read(frames)

@@ -1,0 +1,365 @@
+"""Carries out the runs of a study: one process each, rows in a file that survives a kill."""
+from __future__ import annotations
+
+import csv
+import ctypes
+import fcntl
+import gc
+import io
+import json
+import os
+import selectors
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any, Callable, Iterable, Iterator, NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import Error, Model, Sim
+from ._definition import BadStudy, Study
+from ._quantities import Recording
+from .plan import BadPlan
+
+FEW = 8          # runs of one stiffness: below that the sparse inverse, which is quickly made, costs less altogether
+SYNC = 1.0       # s between two fsync
+NOTHING = float("nan")
+
+
+class Row(NamedTuple):
+    """A run that is done."""
+
+    index: int
+    status: str                # "ok", or why it failed
+    parameters: tuple[float, ...]
+    results: tuple[float, ...]  # NAN where there is none
+
+
+# ---- one run ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> Iterator[npt.NDArray[np.float64]]:
+    """The poses from this tick on, cut after each stop."""
+    cuts = [stop + 1 - tick for stop in stops if tick <= stop < tick + len(poses)]
+    for first, last in zip([0, *cuts], [*cuts, len(poses)]):
+        if last > first:
+            yield poses[first:last]
+
+
+def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any, frames: Any = None) -> list[float]:
+    """The recorded numbers of one run. Error of the library, BadPlan."""
+    dt = 1.0 / model.rate_hz
+    recording = Recording(Sim(model), scene, dt, study.plan)
+    results: dict[int, list[float]] = {}
+    wanted = {i: round(measure.at / dt) for i, measure in enumerate(study.measures) if measure.at is not None}
+    every = round(study.frames_every / dt)
+    tick = 0
+
+    def stops_from(start: int, count: int) -> list[int]:
+        of_frames = range(-(-start // every) * every, start + count, every) if frames is not None else ()
+        return sorted({*wanted.values(), *of_frames})
+
+    for poses in study.run_motion(values).play(recording.sim, dt):
+        for chunk in _chunks(poses, tick, stops_from(tick, len(poses))):
+            recording.poses.append(chunk)
+            recording.outputs.append(recording.sim.run(chunk, dt))
+            recording.moved()
+            tick += len(chunk)
+            for i, at in wanted.items():
+                if at == tick - 1:
+                    results[i] = study.measures[i].quantity.measure(recording, study.measures[i].option)
+            if frames is not None and (tick - 1) % every == 0:
+                frames.add((tick - 1) * dt, recording)
+    for i, measure in enumerate(study.measures):
+        if measure.at is None:
+            results[i] = measure.quantity.measure(recording, measure.option)
+    return [number for i, measure in enumerate(study.measures) for number in results.get(i, [NOTHING] * len(measure.quantity.parts))]
+
+
+# ---- models ---------------------------------------------------------------------------------------------------------------------------------
+
+
+class Groups(NamedTuple):
+    """Runs that share a stiffness. The same for a study whatever part of it a task does, so that no number depends on that."""
+
+    of_run: npt.NDArray[np.int64]   # (runs,) group of each
+    sparse: bool                    # models are made with the sparse inverse
+
+
+def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
+    columns = study.stiffness_columns()
+    if not columns:
+        return Groups(np.zeros(len(samples), np.int64), False)
+    _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
+    few = len(samples) < FEW * (of_run.max() + 1)
+    return Groups(of_run.reshape(-1), few and study.scene()["inverse"] == "auto")
+
+
+def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
+    """The model of one run: derived from `base` if that has its stiffness."""
+    scene = study.run_scene(values, sparse)
+    if base is not None:
+        try:
+            return base.derive(scene), scene
+        except Error as error:
+            if error.status != "bad input":
+                raise
+    return Model(scene), scene
+
+
+# ---- rows in files --------------------------------------------------------------------------------------------------------------------------
+
+
+def line_of(cells: Iterable[Any]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
+
+
+def cells_of(row: Row) -> list[Any]:
+    return [row.index, row.status, *map(repr, row.parameters), *map(repr, row.results)]
+
+
+def heading(study: Study) -> list[str]:
+    return ["run", "status", *study.parameter_columns(), *study.result_columns()]
+
+
+def read_rows(path: Path, study: Study) -> list[Row]:
+    """The whole rows of a task's file."""
+    return _parse_rows(path, path.read_bytes(), study)[0]
+
+
+def _parse_rows(path: Path, data: bytes, study: Study) -> tuple[list[Row], int]:
+    """The whole rows, and their length in bytes with the heading: what comes after was cut off by a kill."""
+    end = data.rfind(b"\n") + 1
+    if end == 0:
+        return [], 0
+    lines = data[:end].decode("utf-8").splitlines()
+    columns = heading(study)
+    if next(csv.reader([lines[0]])) != columns:
+        raise BadStudy(f"{path}:1: rows of another study: choose another folder with --out")
+    rows, parameters = [], len(study.parameters)
+    for number, cells in enumerate(csv.reader(lines[1:]), 2):
+        try:
+            if len(cells) != len(columns):
+                raise ValueError
+            numbers = tuple(map(float, cells[2:]))
+            rows.append(Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:]))
+        except ValueError:
+            raise BadStudy(f"{path}:{number}: not a row of this study: remove the line, and the run is done again") from None
+    return rows, end
+
+
+class TaskFile:
+    """A task's file of rows, open for appending, and locked."""
+
+    def __init__(self, path: Path, study: Study):
+        self.path = path
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        try:
+            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._file)
+            raise BadStudy(f"{path}: another process carries out this task: wait for it, or stop it") from None
+        size = os.fstat(self._file).st_size
+        self.rows, end = _parse_rows(path, os.pread(self._file, size, 0), study)    # closing another descriptor would end the lock
+        self.torn = size - end    # bytes
+        os.ftruncate(self._file, end)
+        if end == 0:
+            os.write(self._file, line_of(heading(study)).encode())
+        self._synced = 0.0
+
+    def append(self, row: Row) -> None:
+        """Survives a kill of this process at once, and a power failure a second later."""
+        data = line_of(cells_of(row)).encode()
+        if os.write(self._file, data) != len(data):
+            raise OSError(28, "No space left on device", str(self.path))
+        if time.monotonic() - self._synced > SYNC:
+            self.sync()
+
+    def sync(self) -> None:
+        os.fsync(self._file)
+        self._synced = time.monotonic()
+
+    def close(self) -> None:
+        self.sync()
+        os.close(self._file)
+
+
+# ---- processes ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _use_one_thread() -> None:
+    """In a child: OpenMP's threads stayed in the parent, and CHOLMOD, which asks for a fixed number of them, would wait for them for ever."""
+    try:
+        ctypes.CDLL("libgomp.so.1").omp_set_max_active_levels(0)
+    except OSError:    # CHOLMOD without OpenMP
+        pass
+
+
+def _child(write: int, work: Callable[[], tuple[str, list[float]]]) -> None:
+    """In the child: sends the outcome and ends."""
+    status = 1
+    try:
+        _use_one_thread()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)     # of the terminal: the parent ends its children
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with os.fdopen(write, "wb") as pipe:
+            pipe.write(json.dumps(work()).encode())
+        status = 0
+    except BaseException as error:  # noqa: BLE001    nothing may come out of a child
+        print(f"trocar-study: {type(error).__name__}: {error}", file=sys.stderr)
+    finally:
+        sys.stderr.flush()
+        os._exit(status)
+
+
+class Pool:
+    """Up to `workers` children of this process, one for each run. A child starts with what its parent has built, such as a model, without a copy, and
+    with nothing of other runs."""
+
+    def __init__(self, workers: int, finished: Callable[[int, tuple[str, list[float]] | None, str], None]):
+        """finished(run, outcome, why): outcome None if the child ended without one."""
+        self.workers, self.finished = workers, finished
+        self._running: dict[int, tuple[int, int, bytearray]] = {}    # read end: run, process, received
+        self._selector = selectors.DefaultSelector()
+
+    def start(self, run_: int, work: Callable[[], tuple[str, list[float]]]) -> None:
+        while len(self._running) >= self.workers:
+            self.wait()
+        read, write = os.pipe()
+        process = os.fork()
+        if process == 0:
+            os.close(read)
+            _child(write, work)
+        os.close(write)
+        self._running[read] = (run_, process, bytearray())
+        self._selector.register(read, selectors.EVENT_READ)
+
+    def wait(self) -> None:
+        """Until something has come of a child."""
+        for key, _ in self._selector.select():
+            data = os.read(key.fd, 1 << 16)
+            run_, process, received = self._running[key.fd]
+            if data:
+                received += data
+                continue
+            self._selector.unregister(key.fd)
+            os.close(key.fd)
+            del self._running[key.fd]
+            status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+            outcome = json.loads(received) if status == 0 else None
+            self.finished(run_, outcome, f"signal {-status}" if status < 0 else f"status {status}")
+
+    def join(self) -> None:
+        while self._running:
+            self.wait()
+
+    def kill(self) -> None:
+        """Ends the children."""
+        for _, process, _ in self._running.values():
+            os.kill(process, signal.SIGKILL)
+        for _, process, _ in self._running.values():
+            os.waitpid(process, 0)
+        self._running.clear()
+
+
+# ---- a task -----------------------------------------------------------------------------------------------------------------------------------
+
+
+def task_path(out: Path, task: tuple[int, int]) -> Path:
+    return out / "rows-{}-of-{}.csv".format(*task)
+
+
+def row_files(out: Path) -> list[Path]:
+    return sorted(out.glob("rows-*-of-*.csv"))
+
+
+def check_manifest(study: Study, out: Path) -> None:
+    """Writes what the study is, or compares with what is there. BadStudy if that is another one."""
+    path, own = out / "study.json", study.manifest()
+    if path.exists():
+        try:
+            there = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            raise BadStudy(f"{path}: not as trocar-study has written it: choose another folder with --out") from None
+        for key in sorted({*own, *there}):
+            if own.get(key) != there.get(key):
+                raise BadStudy(f"{path}: {out} has results of another study: \"{key}\" differs: choose another folder with --out, or remove this one")
+        return
+    temporary = out / f"study.json.{os.getpid()}"
+    temporary.write_text(json.dumps(own, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
+class Outcome(NamedTuple):
+    done: int        # by this call
+    before: int      # were there
+    failed: int      # rows of this task whose status is not "ok"
+    lost: list[str]  # runs that ended without a row, and why
+
+
+def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
+    """Does the runs of task (i, of N) that no file has yet. The progress is told (done, of)."""
+    out.mkdir(parents=True, exist_ok=True)
+    check_manifest(study, out)
+    samples = study.samples()
+    file = TaskFile(task_path(out, task), study)
+    if file.torn:
+        say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
+    done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study))}
+    groups = groups_of(study, samples)
+    mine = np.arange(len(samples)) % task[1] == task[0] - 1
+    left = sorted((int(i) for i in np.flatnonzero(mine) if i not in done), key=lambda i: (groups.of_run[i], i))
+    before, count, failed, lost = int(mine.sum()) - len(left), 0, 0, []
+    failed += sum(row.status != "ok" for row in file.rows)
+    if study.frames_every:
+        from . import frames as _frames    # before the first child
+        (out / "frames").mkdir(exist_ok=True)
+
+    def finished(index: int, outcome: tuple[str, list[float]] | None, why: str) -> None:
+        nonlocal count, failed
+        if outcome is None:
+            lost.append(f"run {index}: {why}")
+            return
+        status, results = outcome
+        file.append(Row(index, status, tuple(samples[index].tolist()), tuple(results)))
+        count += 1
+        failed += status != "ok"
+        progress(before + count, before + len(left))
+
+    def work(index: int, base: Model | None) -> Callable[[], tuple[str, list[float]]]:
+        def one() -> tuple[str, list[float]]:
+            try:
+                model, scene = model_of(study, samples[index], base, groups.sparse)
+                if not study.frames_every:
+                    return "ok", run(study, samples[index], model, scene)
+                with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
+                    return "ok", run(study, samples[index], model, scene, frames)
+            except (Error, BadPlan) as error:
+                return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
+        return one
+
+    pool = Pool(workers, finished)
+    progress(before, before + len(left))
+    gc.collect()
+    gc.freeze()    # children share the objects: the collector must not write to them
+    try:
+        group, base = -1, None
+        sizes = np.bincount(groups.of_run[left]) if left else []
+        for index in left:
+            if groups.of_run[index] != group:
+                group, base = groups.of_run[index], None
+                if sizes[group] > 1:    # a single run builds its model itself, beside others
+                    try:
+                        base = Model(study.run_scene(samples[index], groups.sparse))
+                    except Error:    # that run says so in its row
+                        base = None
+            pool.start(index, work(index, base))
+        pool.join()
+    finally:
+        pool.kill()
+        file.close()
+    return Outcome(count, before, failed, lost)

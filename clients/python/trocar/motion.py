@@ -1,0 +1,311 @@
+"""Motions of a needle's base: the scripts of trocar-device, straight insertions, tables of poses and plans of an implant.
+
+A motion is a generator. It resets the simulation's needle and yields arrays of poses (steps, 7); who iterates over it steps the simulation
+through each of them before asking for the next, as `Sim.run` does:
+
+    >>> from trocar import motion
+    >>> for poses in motion.script("insert").play(sim, 0.001):
+    ...     sim.run(poses, 0.001)
+"""
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass, field, replace
+from os import PathLike, fspath
+from typing import Iterator, NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import Sim
+
+__all__ = ["Adjustment", "BadMotion", "Implant", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
+
+START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # trocar-device's: the tip of a 200 mm needle is then 1 mm in front of the skin
+
+Array = npt.NDArray[np.float64]
+
+
+class BadMotion(Exception):
+    """A table of poses, or a plan, that cannot be used: file, line and remedy."""
+
+
+class Leg(NamedTuple):
+    """Between two times (s) the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk. Both are in the needle's
+    frame at the start. Legs may overlap."""
+
+    start: float
+    end: float
+    shift: tuple[float, float, float]
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+_HALF_TURN = (0.0, 0.0, math.pi)
+SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/motion.c
+    "figure8": (2.4, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.3, 1.6, (0, 0.010, 0)), Leg(1.4, 2.1, (0, 0, -0.066)), Leg(2.4, 2.7, (0, -0.010, 0)))),
+    "hold": (2.0, ()),
+    "insert": (3.0, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.6, 2.9, (0, 0, -0.066)))),
+    "sweep": (5.0, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.5, 2.0, (0.005, 0.005, 0)), Leg(2.0, 2.4, (-0.010, 0, 0)), Leg(2.4, 2.8, (0, -0.010, 0)),
+                    Leg(2.8, 3.2, (0.010, 0, 0)), Leg(3.2, 3.6, (-0.005, 0.005, 0)), Leg(3.7, 4.9, (0, 0, -0.066)))),
+    "roll": (4.0, (Leg(0.0, 0.7, (0, 0, 0.034)), Leg(0.8, 1.4, (0, 0, 0), _HALF_TURN), Leg(1.5, 2.1, (0, 0, 0.032)),
+                   Leg(2.2, 2.8, (0, 0, 0), (0.0, 0.0, -math.pi)), Leg(2.9, 3.9, (0, 0, -0.066)))),
+    "again": (5.4, (Leg(0.0, 1.2, (0, 0, 0.066)), Leg(1.3, 2.4, (0, 0, -0.066)), Leg(2.5, 2.9, (-0.008, 0, 0)), Leg(3.0, 4.2, (0, 0, 0.066)),
+                    Leg(4.3, 5.4, (0, 0, -0.066)), Leg(5.4, 5.8, (0.008, 0, 0)))),
+}
+
+
+# ---- quaternions w x y z, in the last axis -------------------------------------------------------------------------------------------
+
+
+def multiply(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """The rotation b, then a."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    w = a[..., 0] * b[..., 0] - np.sum(a[..., 1:] * b[..., 1:], axis=-1)
+    v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w[..., None], v], axis=-1)
+
+
+def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
+    q, vector = np.asarray(q, np.float64), np.asarray(vector, np.float64)
+    across = 2.0 * np.cross(q[..., 1:], vector)
+    return vector + q[..., :1] * across + np.cross(q[..., 1:], across)
+
+
+def exponential(turn: npt.ArrayLike) -> Array:
+    """Of a rotation vector (rad)."""
+    turn = np.asarray(turn, np.float64)
+    angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
+
+
+def axis_of(pose: npt.ArrayLike) -> Array:
+    """(..., 3) unit vectors from base to tip of poses (..., 7)."""
+    return rotate(np.asarray(pose, np.float64)[..., 3:], np.array([0.0, 0.0, 1.0]))
+
+
+def towards(direction: npt.ArrayLike) -> Array:
+    """The quaternion that turns +z into a unit vector, unless that is -z."""
+    direction = np.asarray(direction, np.float64)
+    half = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
+    return half / np.linalg.norm(half) if half[0] > 1e-12 else np.array([0.0, 1.0, 0.0, 0.0])
+
+
+# ---- motions ----------------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Moves a whole motion: by x, y and z (m) along the axes that the needle starts with, after tilts (rad) about x and y at the place where its tip
+    starts, and with its bevel rolled by `roll` (rad)."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    tilt_x: float = 0.0
+    tilt_y: float = 0.0
+    roll: float = 0.0
+
+    def apply(self, poses: Array, length: float) -> Array:
+        """Poses (n, 7) of a needle of this length (m), moved. The first one is the start."""
+        if self == Adjustment():
+            return poses
+        base, frame = poses[0, :3], poses[0, 3:]
+        tip = base + length * axis_of(poses[0])
+        conjugate = frame * np.array([1.0, -1.0, -1.0, -1.0])
+        turn = multiply(frame, multiply(exponential([self.tilt_x, self.tilt_y, 0.0]), conjugate))
+        moved = np.empty_like(poses)
+        moved[:, :3] = tip + rotate(turn, poses[:, :3] - tip) + rotate(frame, [self.x, self.y, self.z])
+        moved[:, 3:] = multiply(multiply(turn, poses[:, 3:]), exponential([0.0, 0.0, self.roll]))
+        return moved
+
+
+@dataclass(frozen=True)
+class _Motion:
+    start: Array | None = None                # (7,) pose of the base; None: the scene's needle.start, or else START
+    adjustment: Adjustment = Adjustment()
+
+    adjustable = ("x", "y", "z", "tilt_x", "tilt_y", "roll")
+
+    def adjusted(self, **by: float) -> _Motion:
+        """With some of `adjustable` set."""
+        own = {name: by.pop(name) for name in list(by) if name not in Adjustment.__dataclass_fields__}
+        return replace(self, adjustment=replace(self.adjustment, **by), **own)
+
+    def duration(self) -> float | None:
+        """s; None: it shows only as the motion is played."""
+        raise NotImplementedError
+
+    def _start_of(self, sim: Sim) -> Array:
+        if self.start is not None:
+            return self.start
+        given = sim.model.start
+        return START if given is None else given
+
+    def poses(self, start: Array, dt: float) -> Array:
+        """(n, 7), one each `dt` seconds, from time 0."""
+        raise NotImplementedError
+
+    def play(self, sim: Sim, dt: float) -> Iterator[Array]:
+        poses = np.ascontiguousarray(self.adjustment.apply(self.poses(self._start_of(sim), dt), sim.model.needle_length))
+        sim.reset(poses[0])
+        yield poses
+
+
+def _ticks(duration: float, dt: float) -> int:
+    return int(math.floor(duration / dt + 0.5)) + 1
+
+
+@dataclass(frozen=True)
+class Script(_Motion):
+    """One of trocar-device's scripts."""
+
+    legs: tuple[Leg, ...] = ()
+    seconds: float = 0.0
+    speed: float = 1.0        # faster or slower by this factor
+
+    adjustable = (*_Motion.adjustable, "speed")
+
+    def duration(self) -> float:
+        return self.seconds / self.speed
+
+    def poses(self, start: Array, dt: float) -> Array:
+        count = _ticks(self.duration(), dt)
+        t = self.speed * dt * np.arange(count)
+        poses = np.tile(start, (count, 1))
+        for leg in self.legs:
+            x = np.clip((t - leg.start) / (leg.end - leg.start), 0.0, 1.0)
+            part = (x * x * x * (10.0 + x * (-15.0 + 6.0 * x)))[:, None]  # minimum jerk (Flash and Hogan 1985)
+            poses[:, :3] += part * rotate(start[3:], leg.shift)
+            if any(leg.turn):
+                poses[:, 3:] = multiply(poses[:, 3:], exponential(part * np.asarray(leg.turn)))
+        return poses
+
+
+def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) -> Script:
+    """The script of this name in SCRIPTS. KeyError if there is none."""
+    seconds, legs = SCRIPTS[name]
+    return Script(start=None if start is None else np.asarray(start, np.float64), legs=legs, seconds=seconds, speed=speed)
+
+
+@dataclass(frozen=True)
+class Straight(_Motion):
+    """In by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and out again if `back`."""
+
+    depth: float = 0.05
+    speed: float = 0.05
+    hold: float = 0.0
+    back: bool = False
+
+    adjustable = (*_Motion.adjustable, "depth", "speed")
+
+    def duration(self) -> float:
+        return (2 if self.back else 1) * self.depth / self.speed + self.hold
+
+    def poses(self, start: Array, dt: float) -> Array:
+        t = dt * np.arange(_ticks(self.duration(), dt))
+        way = np.minimum(self.speed * t, self.depth)
+        if self.back:
+            way = np.minimum(way, np.maximum(self.speed * (self.duration() - t), 0.0))
+        poses = np.tile(start, (len(t), 1))
+        poses[:, :3] += way[:, None] * axis_of(start)
+        return poses
+
+
+_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Table(_Motion):
+    """Poses at given times, from a CSV file; in between, positions and orientations are interpolated linearly."""
+
+    times: Array = field(default_factory=lambda: np.zeros(0))      # (n,) s, from 0
+    given: Array = field(default_factory=lambda: np.zeros((0, 7)))
+
+    @classmethod
+    def read(cls, path: str | PathLike[str]) -> Table:
+        """A CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. BadMotion with file, line and remedy."""
+        name, rows = fspath(path), []
+        try:
+            with open(path, newline="", encoding="utf-8") as file:
+                for line, cells in enumerate(csv.reader(file), 1):
+                    if line == 1:
+                        if tuple(cell.split("[")[0].strip() for cell in cells) != _COLUMNS:
+                            raise BadMotion(f"{name}:1: write the columns {','.join(_COLUMNS)}")
+                        continue
+                    try:
+                        row = [float(cell) for cell in cells]
+                    except ValueError:
+                        row = []
+                    if len(row) != 8 or not all(map(math.isfinite, row)):
+                        raise BadMotion(f"{name}:{line}: write eight numbers: {','.join(_COLUMNS)}")
+                    if abs(np.linalg.norm(row[4:]) - 1.0) > 1e-3:
+                        raise BadMotion(f"{name}:{line}: the quaternion has length {np.linalg.norm(row[4:]):.4g}: write one of length 1")
+                    if rows and row[0] <= rows[-1][0]:
+                        raise BadMotion(f"{name}:{line}: time {row[0]:g} s is not after {rows[-1][0]:g} s: sort the rows by time")
+                    rows.append(row)
+        except OSError as error:
+            raise BadMotion(f"{name}: cannot be opened: {error.strerror}") from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise BadMotion(f"{name}: not a CSV file: {error}") from error
+        if len(rows) < 2:
+            raise BadMotion(f"{name}: {len(rows)} poses: write at least two")
+        table = np.array(rows)
+        for i in range(1, len(table)):    # q and -q are the same orientation
+            if table[i, 4:] @ table[i - 1, 4:] < 0.0:
+                table[i, 4:] *= -1.0
+        return cls(times=table[:, 0] - table[0, 0], given=table[:, 1:])
+
+    def duration(self) -> float:
+        return float(self.times[-1])
+
+    def poses(self, start: Array, dt: float) -> Array:
+        t = dt * np.arange(_ticks(self.duration(), dt))
+        poses = np.stack([np.interp(t, self.times, column) for column in self.given.T], axis=1)
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        return poses
+
+
+@dataclass(frozen=True)
+class Implant(_Motion):
+    """A plan of an implant, one needle after the other: in at `speed` (m/s), back from seed to seed, out."""
+
+    path: str = ""
+    speed: float = 0.08
+    settle: float = 0.05      # s at rest before a seed is dropped
+    outside: float = 0.02     # m from the template's face, where a needle starts and ends
+
+    adjustable = ("speed", "roll")
+
+    def duration(self) -> None:
+        return None
+
+    def play(self, sim: Sim, dt: float) -> Iterator[Array]:
+        from . import plan as plans
+        plan, half = plans.read(self.path), 0.5 * sim.model.seed_size.length
+        plans.check(plan, sim.model)
+        guide = plans.guide_of(plan, sim.model)
+        turned = multiply(towards(guide.normal), exponential([0.0, 0.0, self.adjustment.roll]))
+
+        def go(start: float, end: float) -> Array:
+            """Poses that move the tip between two depths behind the face, in m, the first of them left out."""
+            steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
+            at = np.linspace(start, end, steps + 1)[1:, None]
+            return np.concatenate([face + (at - sim.model.needle_length) * guide.normal, np.tile(turned, (steps, 1))], axis=1)
+
+        for needle in plan.needles:
+            face, tip = plans.hole_axis(guide, needle.hole), -self.outside
+            sim.reset(go(tip, tip)[0])
+            yield go(tip, needle.depth)
+            tip = needle.depth
+            for behind in needle.seeds:
+                target = needle.depth - (behind - half)    # of the tip, when the seed is dropped
+                if target != tip:
+                    yield go(tip, target)
+                yield np.tile(go(target, target), (round(self.settle / dt), 1))
+                sim.drop_seeds()
+                tip = target
+                while sim.pending_seeds():    # drawn back until the seed is left
+                    yield go(tip, tip - 0.5e-3)
+                    tip -= 0.5e-3
+            yield go(tip, -self.outside)

@@ -1,0 +1,73 @@
+"""Sobol's sensitivity indices of a function of independent parameters, by Saltelli's design.
+
+The first-order index of a parameter is the part of the result's variance that goes with this parameter alone; the total index also counts what it
+does together with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
+parameter's values from B.
+
+    >>> from trocar import sensitivity
+    >>> points = sensitivity.design(3, 1024, seed=1)             # in the unit cube
+    >>> found = sensitivity.indices(function(points), 3)
+    >>> found.first, found.total
+
+First-order indices: Saltelli and others, Computer Physics Communications 181 (2010) 259-270, table 2, formula (b); total ones: Jansen,
+Computer Physics Communications 117 (1999) 35-43, formula (f) of the same table.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Indices", "design", "indices"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Indices(NamedTuple):
+    """For each parameter the indices, and the limits of their 95 % confidence intervals."""
+
+    first: Array          # (p,)
+    total: Array          # (p,)
+    first_interval: Array  # (p, 2)
+    total_interval: Array  # (p, 2)
+
+
+def design(parameters: int, count: int, seed: int) -> Array:
+    """(count (p + 2), p) points in the unit cube from scrambled Sobol points in 2 p dimensions: A, B and the mixed ones of the first point, then of the
+    second one and so on. `count` should be a power of 2."""
+    from scipy.stats import qmc
+    both = qmc.Sobol(2 * parameters, scramble=True, seed=seed).random(count)
+    a, b = both[:, :parameters], both[:, parameters:]
+    points = np.repeat(a[:, None, :], parameters + 2, axis=1)
+    points[:, 1] = b
+    for i in range(parameters):
+        points[:, 2 + i, i] = b[:, i]
+    return points.reshape(-1, parameters)
+
+
+def _estimate(values: Array) -> tuple[Array, Array]:
+    """Of values (..., N, p + 2): indices (..., p)."""
+    a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
+    both = np.concatenate([a, b], axis=-1)
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # taken off: the first formula's error grows with it
+    variance = both.var(axis=(-2, -1))[..., None]
+    with np.errstate(invalid="ignore", divide="ignore"):    # a result that is constant has no indices: NAN
+        first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
+        total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
+    return first, total
+
+
+def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
+    """Indices from the function's values (count (p + 2),) at the points of `design`. Points of which a value is not finite are left out with their
+    mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points."""
+    table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
+    table = table[np.isfinite(table).all(axis=1)]
+    if len(table) < 2:
+        nothing = np.full(parameters, np.nan)
+        return Indices(nothing, nothing, np.full((parameters, 2), np.nan), np.full((parameters, 2), np.nan))
+    first, total = _estimate(table)
+    random = np.random.default_rng(seed)
+    drawn = [_estimate(table[random.integers(0, len(table), len(table))]) for _ in range(resamples)]
+    limits = [np.percentile([pair[kind] for pair in drawn], (2.5, 97.5), axis=0).T for kind in (0, 1)]
+    return Indices(first, total, limits[0], limits[1])

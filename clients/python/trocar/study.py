@@ -1,0 +1,299 @@
+"""Studies: many insertions with varied parameters, on all processors of a machine or a cluster.
+
+A study is a YAML file:
+
+    scene: figure8.yaml                 # relative to this file
+    set: {needle.bevel_slope: 0.1}      # keys of the scene, the same in all runs; may be left out
+    motion: {script: insert}            # or straight: {depth, speed, hold, back}, poses: FILE.csv, plan: FILE.yaml
+    samples: {method: sobol, count: 256, seed: 1}    # or latin hypercube, random, saltelli, grid
+    parameters:                         # keys of the scene, and motion.x, y, z, tilt_x, tilt_y, roll, depth, speed
+      regions[prostate].youngs_modulus: {log_uniform: [20e3, 90e3]}    # Pa
+      regions[prostate].friction.kinetic: {uniform: [5, 15]}
+      motion.x: {normal: [0, 1e-3], within: [-3e-3, 3e-3]}             # m
+    record:
+      - peak_force
+      - tip_error: {at: 1.3}            # s
+      - shift: {region: prostate, at: [0.5, 1.3]}
+
+As a program:
+
+    trocar-study run | collect | summary ...    --help says more; also python3 -m trocar.study
+"""
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Sequence
+
+import numpy as np
+
+from . import Error, __version__
+from ._definition import BadStudy, Study, read
+from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, heading, line_of, model_of, read_rows, row_files, run
+from .plan import BadPlan
+
+__all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
+
+
+class Incomplete(Exception):
+    """Runs of a study are missing, or failed."""
+
+
+def simulate(study: Study, index: int) -> dict[str, float]:
+    """The results of one run by column, without any file. Error of the library, BadPlan."""
+    samples = study.samples()
+    model, scene = model_of(study, samples[index], None, groups_of(study, samples).sparse)
+    return dict(zip(study.result_columns(), run(study, samples[index], model, scene)))
+
+
+# ---- collecting -------------------------------------------------------------------------------------------------------------------------
+
+
+def results(study: Study, out: Path) -> list[Row]:
+    """The rows in all files of the folder, in order. BadStudy for files of another study, or with different rows of one run."""
+    samples, rows = study.samples(), {}
+    for path in row_files(out):
+        for row in read_rows(path, study):
+            if not 0 <= row.index < len(samples) or not np.array_equal(row.parameters, samples[row.index]):
+                raise BadStudy(f"{path}: run {row.index} has other parameters than the study: choose another folder with --out")
+            if row.index in rows and cells_of(rows[row.index]) != cells_of(row):
+                raise BadStudy(f"{path}: run {row.index} has other results than in another file: remove one of them; was it done by another version?")
+            rows[row.index] = row
+    return [rows[index] for index in sorted(rows)]
+
+
+def _replace(path: Path, text: str) -> None:
+    temporary = path.with_suffix(f".{os.getpid()}")
+    with open(temporary, "w", encoding="utf-8", newline="") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+
+
+def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
+    import h5py
+    temporary = path.with_suffix(f".{os.getpid()}")
+    with h5py.File(temporary, "w") as file:
+        file["run"] = np.array([row.index for row in rows], np.int64)
+        file.create_dataset("status", data=[row.status for row in rows], dtype=h5py.string_dtype())
+        for name, columns, values in (("parameters", study.parameter_columns(), [row.parameters for row in rows]),
+                                      ("results", study.result_columns(), [row.results for row in rows])):
+            file[name] = np.array(values, np.float64).reshape(len(rows), len(columns))
+            file[name].attrs["columns"] = columns
+    os.replace(temporary, path)
+
+
+def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:
+    """Writes result.csv, and with `hdf5` result.h5, and frames.h5 if there are frames. Incomplete if runs are missing, unless `partial`."""
+    check_manifest(study, out)
+    rows, samples = results(study, out), study.samples()
+    if len(rows) < len(samples) and not partial:
+        raise Incomplete(f"{out}: {len(rows)} of {len(samples)} runs are done: carry out the others, or collect with --partial")
+    _replace(out / "result.csv", line_of(heading(study)) + "".join(line_of(cells_of(row)) for row in rows))
+    if hdf5:
+        _write_hdf5(study, rows, out / "result.h5")
+    if study.frames_every:
+        from . import frames
+        frames.collect(out / "frames", out / "frames.h5", samples, study.parameter_columns())
+    return rows
+
+
+# ---- Slurm ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _batch_script(given: argparse.Namespace, out: Path) -> str:
+    """A job array with one element a task."""
+    environment = {name: os.environ[name] for name in ("PYTHONPATH", "TROCAR_LIBRARY") if name in os.environ}
+    command = [sys.executable, "-m", "trocar.study", "run", str(Path(given.study).resolve()), "--out", str(out)]
+    if given.record:
+        command += ["--record", given.record]
+    lines = ["#!/bin/sh", f"#SBATCH --job-name=trocar-study --array=1-{given.tasks} --ntasks=1 --cpus-per-task={given.workers or 1}",
+             f"#SBATCH --output={shlex.quote(str(out / 'slurm-%a.txt'))} --open-mode=append", *(f"#SBATCH {option}" for option in given.sbatch)]
+    lines += [f"export {name}={shlex.quote(os.pathsep.join(str(Path(part).resolve()) for part in value.split(os.pathsep)))}" for name, value in environment.items()]
+    return "\n".join([*lines, f"exec {shlex.join(command)} --task \"$SLURM_ARRAY_TASK_ID/{given.tasks}\" --workers \"$SLURM_CPUS_PER_TASK\"", ""])
+
+
+def _submit(given: argparse.Namespace, study: Study) -> int:
+    out = Path(given.out).resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    check_manifest(study, out)
+    script = out / "study.sbatch"
+    _replace(script, _batch_script(given, out))
+    if not shutil.which("sbatch"):
+        raise BadStudy(f"{script}: written, but there is no sbatch to submit it: install Debian's slurm-client, or submit it on the cluster")
+    done = subprocess.run(["sbatch", "--parsable", *(["--wait"] if given.wait else []), str(script)], capture_output=True, text=True)
+    if done.returncode and not re.match(r"\d", done.stdout):
+        raise Incomplete(f"sbatch: {done.stderr.strip()}")
+    job = done.stdout.strip().split(";")[0]
+    if not given.wait:
+        print(f"submitted {script} as job {job}; when it has ended: trocar-study collect {given.study} --out {given.out}")
+        return 0
+    return _finish(given, study, out, f"job {job}")
+
+
+# ---- the program ------------------------------------------------------------------------------------------------------------------------
+
+
+class _Progress:
+    """A bar on a terminal, else a line at the start, at every tenth and at the end."""
+
+    WIDTH = 30
+
+    def __init__(self, quiet: bool):
+        self.quiet, self.bar = quiet, sys.stderr.isatty()
+        self.start, self.first, self.shown, self.tenth = time.monotonic(), None, 0.0, -1
+
+    def __call__(self, done: int, of: int) -> None:
+        now = time.monotonic()
+        self.first = done if self.first is None else self.first
+        if self.quiet or of == 0:
+            return
+        rate = (done - self.first) / max(now - self.start, 1e-9)
+        words = f"{done} of {of} runs" + (f", {rate:.1f} a second, {(of - done) / rate:.0f} s left" if done > self.first and done < of else "")
+        if self.bar and (now - self.shown > 0.1 or done == of):
+            full = self.WIDTH * done // of
+            print(f"\r[{'#' * full}{' ' * (self.WIDTH - full)}] {words}\033[K", end="\n" if done == of else "", file=sys.stderr, flush=True)
+            self.shown = now
+        elif not self.bar and 10 * done // of > self.tenth:
+            print(f"trocar-study: {words}", file=sys.stderr, flush=True)
+            self.tenth = 10 * done // of
+
+
+def _say(words: str) -> None:
+    print(f"trocar-study: {words}", file=sys.stderr)
+
+
+def _finish(given: argparse.Namespace, study: Study, out: Path, who: str) -> int:
+    rows = collect(study, out, given.hdf5)
+    failed = [row for row in rows if row.status != "ok"]
+    print(f"{out / 'result.csv'}: {len(rows)} runs")
+    if failed:
+        _say(f"{len(failed)} of {len(rows)} runs failed ({who}), such as run {failed[0].index}: {failed[0].status}")
+    return 1 if failed else 0
+
+
+def _run(given: argparse.Namespace) -> int:
+    study = read(given.study, given.record == "frames")
+    if given.engine == "slurm":
+        return _submit(given, study)
+    task, out = given.task or (1, 1), Path(given.out)
+    outcome = carry_out(study, out, task, given.workers or len(os.sched_getaffinity(0)), _Progress(given.quiet), _say)
+    for words in outcome.lost[:3]:
+        _say(f"{words}: ended without a result")
+    if outcome.lost:
+        raise Incomplete(f"{len(outcome.lost)} runs ended without a result, by lack of memory or a defect: start again to repeat them")
+    if given.task is None:
+        return _finish(given, study, out, "this machine")
+    return 1 if outcome.failed else 0
+
+
+def _collect(given: argparse.Namespace) -> int:
+    study = read(given.study, given.record == "frames")
+    rows = collect(study, Path(given.out), given.hdf5, given.partial)
+    print(f"{Path(given.out) / 'result.csv'}: {len(rows)} runs")
+    return 0
+
+
+def _summary(given: argparse.Namespace) -> int:
+    from . import _summary as summaries
+    study, out = read(given.study, given.record == "frames"), Path(given.out)
+    check_manifest(study, out)
+    rows = results(study, out)
+    if len(rows) < 2:
+        raise Incomplete(f"{out}: {len(rows)} runs are done: a summary needs more")
+    text, pictures = summaries.write(study, rows, out, not given.no_plots)
+    print(text, end="")
+    print(f"{out / 'summary.md'}{''.join(', ' + str(picture) for picture in pictures)}")
+    return 0
+
+
+def _task(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise argparse.ArgumentTypeError(f"{text}: write i/N with i from 1 to N")
+    return int(match[1]), int(match[2])
+
+
+def _number(text: str) -> int:
+    if not re.fullmatch(r"[1-9]\d{0,5}", text):
+        raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
+    return int(text)
+
+
+def _options() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="trocar-study", description="Thousands of insertions with varied parameters, described by a file: carries them out on all "
+                                     "processors or on a cluster, resumes after an interruption, and summarises the results.",
+                                     epilog="Exit status: 0, 1 if runs failed or are missing, 2 for bad input.")
+    parser.add_argument("--version", action="version", version=f"trocar-study {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, call: Any, words: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
+        added.add_argument("study", help="study, a YAML file", metavar="STUDY")
+        added.add_argument("--out", default="study", help="folder of the results (default: study)", metavar="FOLDER")
+        added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, each 20 ms or as the study says")
+        added.set_defaults(call=call)
+        return added
+
+    added = command("run", _run, "carry out the runs that are not done yet, and collect them")
+    added.add_argument("--workers", type=_number, help="runs at a time (default: one for each processor; with Slurm 1 for each task)", metavar="N")
+    added.add_argument("--task", type=_task, help="only part i of N, for a cluster or GNU parallel; nothing is collected", metavar="i/N")
+    added.add_argument("--engine", choices=("local", "slurm"), default="local", help="slurm: write a job array and submit it (default: local)")
+    added.add_argument("--tasks", type=_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
+    added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, with its dashes; may be repeated", metavar="OPTION")
+    added.add_argument("--wait", action="store_true", help="with Slurm: wait for the job and collect")
+    added.add_argument("--hdf5", action="store_true", help="also write result.h5")
+    added.add_argument("--quiet", action="store_true", help="print no progress")
+    added = command("collect", _collect, "write result.csv from the rows of all tasks, sorted by run")
+    added.add_argument("--hdf5", action="store_true", help="also write result.h5")
+    added.add_argument("--partial", action="store_true", help="also if runs are missing")
+    added = command("summary", _summary, "write percentiles and sensitivities, with plots")
+    added.add_argument("--no-plots", action="store_true", help="write no pictures")
+    return parser
+
+
+def _stop(number: int, _: Any) -> None:
+    raise SystemExit(128 + number)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The program; returns its exit status."""
+    options = _options()
+    given = options.parse_args(arguments)
+    if given.command == "run" and given.engine == "slurm" and given.task:
+        options.error("--task is for a single task: Slurm's tasks are counted by --tasks")
+    if given.command == "run" and given.wait and given.engine != "slurm":
+        options.error("--wait is for --engine slurm")
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        return given.call(given)
+    except (BadStudy, BadPlan, Error) as error:
+        _say(str(error))
+        return 2
+    except Incomplete as error:
+        _say(str(error))
+        return 1
+    except ImportError as error:
+        _say(f"{error}: apt install python3-yaml python3-scipy python3-h5py python3-matplotlib")
+        return 1
+    except KeyboardInterrupt:
+        _say("interrupted: start again to go on")
+        return 130
+    except OSError as error:
+        _say(f"{error.filename or given.out}: {error.strerror}")
+        return 1
+
+
+if __name__ == "__main__":
+    from trocar import study as _imported  # so that classes are those which the other modules know
+
+    sys.exit(_imported.main())

@@ -1,0 +1,330 @@
+#!/usr/bin/python3
+"""Studies: derived models, motions as trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices of a function
+whose indices are known.
+
+usage: test_study.py BUILD_DIR SOURCE_DIR
+"""
+import contextlib
+import csv
+import io
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
+os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
+os.environ["PYTHONPATH"] = str(BUILD / "clients/python")
+sys.path.insert(0, str(BUILD / "clients/python"))
+sys.dont_write_bytecode = True
+
+import h5py
+import numpy as np
+
+import trocar
+from trocar import motion, sensitivity
+from trocar import study as studies
+
+SCENE = SOURCE / "meshes/figure8.yaml"
+MODEL = trocar.Model(trocar.Scene.load(SCENE))
+STUDY = f"""scene: {os.path.relpath(SCENE, '/')}
+motion: {{straight: {{depth: 0.006, speed: 0.1}}}}
+samples: {{method: random, count: 12, seed: 3}}
+parameters:
+  regions[surrounding].friction.kinetic: {{uniform: [5, 13]}}
+  motion.x: {{normal: [0, 1e-3], within: [-2e-3, 2e-3]}}
+record:
+  - peak_force
+  - work
+  - tip: {{at: [0.02, 0.06]}}
+  - shift: {{region: prostate}}
+"""
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.out = Path(folder.name)
+
+    def write(self, text=STUDY, **edits):
+        """A study, with some lines replaced; relative paths start at its folder."""
+        for old, new in edits.values():
+            self.assertIn(old, text)
+            text = text.replace(old, new)
+        text = text.replace(os.path.relpath(SCENE, "/"), os.path.relpath(SCENE, self.out))
+        (self.out / "study.yaml").write_text(text)
+        return self.out / "study.yaml"
+
+    def main(self, *arguments):
+        """(status, stdout, stderr) of the program."""
+        output, errors = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+            status = studies.main([str(argument) for argument in arguments])
+        return status, output.getvalue(), errors.getvalue()
+
+    def result(self, path, folder, *options):
+        status, _, errors = self.main("run", path, "--out", self.out / folder, "--quiet", *options)
+        self.assertEqual(status, 0, errors)
+        return (self.out / folder / "result.csv").read_bytes()
+
+
+class Derived(unittest.TestCase):
+    def test_shares_the_stiffness(self):
+        scene = trocar.Scene.load(SCENE)
+        for key, value in (("regions[prostate].friction.kinetic", 5), ("regions[prostate].cutting_force", 0.5), ("needle.bevel_slope", 0.2),
+                           ("membranes[skin].puncture_force", 0.9), ("regions[surrounding].stiffening", 0.3), ("needle.outer_diameter", 1.5e-3)):
+            scene[key] = value
+        base = trocar.Model(trocar.Scene.load(SCENE))
+        derived = base.derive(scene)
+        del base    # its memory stays
+        poses = motion.script("insert", speed=4).poses(motion.START, 1e-3)
+        forces = []
+        for model in (derived, trocar.Model(scene), MODEL):
+            sim = trocar.Sim(model)
+            sim.reset(poses[0])
+            forces.append(sim.run(poses, 1e-3)["force"])
+        np.testing.assert_array_equal(forces[0], forces[1])
+        self.assertGreater(np.abs(forces[0] - forces[2]).max(), 0.1)
+
+    def test_refuses_another_stiffness(self):
+        for key, value in (("regions[prostate].youngs_modulus", 20e3), ("regions[surrounding].poisson_ratio", 0.4), ("inverse", "sparse"),
+                           ("remeshing", "implicit"), ("volumetric_strain", "element"), ("mesh_unit", 2), ("fixed", ["skin"]), ("probe.surface", "skin")):
+            scene = trocar.Scene.load(SCENE)
+            try:
+                scene[key] = value
+            except trocar.Error as error:
+                self.fail(f"{key}: {error}")
+            with self.assertRaises(trocar.Error) as caught:
+                MODEL.derive(scene)
+            self.assertEqual(caught.exception.status, "bad input")
+            self.assertRegex(str(caught.exception), f"^{re.sub(r'.*[.]', '.*', re.escape(key))}")
+
+
+class Motions(Case):
+    def test_scripts_are_those_of_the_device(self):
+        source = (SOURCE / "clients/motion.c").read_text()
+        table = source[source.index("scripts[] = {"):source.index("};")].replace("3.141592653589793", repr(np.pi))
+        found = dict(re.findall(r'\{"(\w+)", "[^"]*", (.*?)(?=\n    \{"|\Z)', table, re.DOTALL))
+        self.assertEqual(found.keys(), motion.SCRIPTS.keys())
+        for name, (seconds, legs) in motion.SCRIPTS.items():
+            numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", found[name])]
+            self.assertEqual(numbers[0], seconds, name)
+            ours = [number for leg in legs for number in (leg.start, leg.end, *leg.shift, *leg.turn)]
+            self.assertEqual(numbers[3:], ours or [0.0] * 8, name)
+
+    def test_a_run_is_what_replay_computes(self):
+        subprocess.run([BUILD / "clients/trocar-device", "--script", "roll", "--speed=4", "--write-log", self.out / "poses.log"], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([BUILD / "clients/trocar-replay", "-q", "--scene", SCENE, "--poses", self.out / "poses.log", "--csv", self.out / "replay.csv"], check=True)
+        with open(self.out / "replay.csv", newline="") as file:
+            rows = list(csv.reader(file))
+        theirs = np.array([[float(cell) for cell in row[1:4]] for row in rows[1:]])
+        sim = trocar.Sim(MODEL)
+        poses = next(motion.script("roll", speed=4).play(sim, 1e-3))
+        ours = sim.run(poses, 1e-3)["force"]
+        self.assertEqual(len(ours), len(theirs))
+        np.testing.assert_allclose(ours, theirs, atol=1e-4 * np.abs(theirs).max())
+
+    def test_adjustment(self):
+        poses = motion.Straight(depth=0.01, speed=0.1).poses(motion.START, 1e-3)
+        moved = motion.Adjustment(x=1e-3, tilt_y=0.1, roll=0.5).apply(poses, 0.2)
+        tip = lambda all_poses: all_poses[:, :3] + 0.2 * motion.axis_of(all_poses)
+        np.testing.assert_allclose(tip(moved)[0], tip(poses)[0] + [1e-3, 0, 0], atol=1e-12)    # tilted about the tip
+        np.testing.assert_allclose(motion.axis_of(moved)[0], [np.sin(0.1), 0, np.cos(0.1)], atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(tip(moved)[-1] - tip(moved)[0]), 0.01, atol=1e-12)
+
+    def test_table(self):
+        path = self.out / "poses.csv"
+        path.write_text("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0.01,0,0,0.001,-1,0,0,0\n")
+        np.testing.assert_allclose(motion.Table.read(path).poses(motion.START, 1e-3)[5], [0, 0, 0.0005, 1, 0, 0, 0], atol=1e-12)
+        for text, words in (("t,x\n", ":1: write the columns"), ("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0\n", ":2: write eight numbers"),
+                            ("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0,0,0,0,1,0,0,0\n", ":3: .*sort"), ("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,2,0,0,0\n", ":2: .*length 2")):
+            path.write_text(text)
+            with self.assertRaisesRegex(motion.BadMotion, words):
+                motion.Table.read(path)
+
+
+class Reading(Case):
+    def test_what_is_wrong_is_told_with_its_line(self):
+        kinetic, at = "regions[surrounding].friction.kinetic", "{at: [0.02, 0.06]}"
+        for old, new, words in (
+                ("motion:", "movement:", r':2: unknown key "movement": there are scene, motion'),
+                ("scene: ", "scene: no-", r":1: scene: no file"),
+                ("method: random", "method: halton", r':3: samples.method: "halton": there are sobol'),
+                ("method: random", "method: sobol", r":3: samples.count: 12 is no power of 2.*write 8 or 16"),
+                ("count: 12, ", "", r':3: samples: missing key "count"'),
+                (kinetic, "regions[surounding].friction.kinetic", r":5: parameters.*surounding"),
+                ("[5, 13]", "[13, 5]", r":5: .*uniform: 5 is not above 13"),
+                ("[5, 13]", "[-5, 13]", r":5: .*friction.kinetic"),
+                ("[5, 13]", "[5]", r":5: .*1 numbers: write 2"),
+                ("uniform: [5, 13]", "even: [5, 13]", r':5: .*unknown key "even"'),
+                ("motion.x", "motion.w", r':6: .*no "w": there are motion.x'),
+                ("normal: [0, 1e-3]", "normal: [0, 0]", r":6: .*deviation 0"),
+                ("- work", "- effort", r':9: record\[1\]: no quantity "effort"'),
+                ("- work", "- peak_force", r':8: record: "peak_force \[N\]" is given twice'),
+                (at, "{at: 7}", r":10: record\[2\].tip.at: 7 s is after the motion's end, 0.06 s"),
+                ("{region: prostate}", "{region: kidney}", r':11: .*no region "kidney": the scene has prostate, surrounding'),
+                ("shift: {region: prostate}", "shift", r':11: record\[3\].shift: missing key "region"'),
+                ("shift: {region: prostate}", "target_error: {target: [1, 1, 1]}", r":11: .*not in the tissue"),
+                ("- work", "- seed_error", r":9: .*only where the motion is a plan"),
+                ("depth: 0.006, ", "", r':2: motion.straight: missing key "depth"'),
+                ("motion: {", "motion: {script: insert, ", r":2: motion: write one of"),
+                ("record:", "set: {needle.lenght: 1}\nrecord:", r":7: set.needle.lenght: .*lenght"),
+                ("- peak_force", "- [", r":\d+: not YAML")):
+            status, _, errors = self.main("run", self.write(edit=(old, new)), "--out", self.out / "o")
+            self.assertEqual(status, 2, (new, errors))
+            self.assertRegex(errors, r"study\.yaml" + words)
+        self.assertFalse((self.out / "o").exists())
+
+    def test_samples(self):
+        study = studies.read(self.write())
+        samples = study.samples()
+        np.testing.assert_array_equal(samples, study.samples())
+        self.assertTrue((samples[:, 0] > 5).all() and (samples[:, 0] < 13).all() and (np.abs(samples[:, 1]) < 2e-3).all())
+        longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
+        np.testing.assert_array_equal(samples, longer[:12])
+        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution cut at two deviations
+        grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
+                                       c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
+        np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])
+
+
+class Sensitivity(unittest.TestCase):
+    def test_ishigami(self):
+        """Sobol's indices of Ishigami's function with a = 7, b = 0.1, within 2 %."""
+        x = np.pi * (2.0 * sensitivity.design(3, 4096, seed=1) - 1.0)
+        found = sensitivity.indices(np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), 3, resamples=100)
+        first, total = np.array([0.3139, 0.4424, 0.0]), np.array([0.5576, 0.4424, 0.2437])
+        np.testing.assert_allclose(found.first, first, rtol=0.02, atol=0.005)
+        np.testing.assert_allclose(found.total, total, rtol=0.02)
+        for interval, exact in ((found.first_interval, first), (found.total_interval, total)):
+            self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
+
+
+class Running(Case):
+    def test_tasks_and_a_kill_change_nothing(self):
+        path = self.write()
+        whole = self.result(path, "whole", "--workers", "2")
+        for task in ("1/3", "2/3", "3/3"):    # one after another, as GNU parallel would
+            self.assertEqual(self.main("run", path, "--out", self.out / "parts", "--task", task, "--workers", "1", "--quiet")[0], 0)
+        self.assertEqual(self.main("collect", path, "--out", self.out / "parts")[0], 0)
+        self.assertEqual((self.out / "parts/result.csv").read_bytes(), whole)
+
+        killed = self.out / "killed/rows-1-of-1.csv"
+        process = subprocess.Popen([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed", "--workers", "1", "--quiet"])
+        limit = time.monotonic() + 60
+        while not (killed.exists() and killed.read_bytes().count(b"\n") >= 3) and time.monotonic() < limit and process.poll() is None:
+            time.sleep(0.002)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        before = killed.read_bytes().splitlines()
+        self.assertIn(len(before), range(3, 13), "it was over before it was killed")
+        status, _, errors = self.main("collect", path, "--out", self.out / "killed")
+        self.assertEqual(status, 1)
+        self.assertRegex(errors, f"{len(before) - 1} of 12 runs are done")
+        with open(killed, "a") as file:
+            file.write("11,ok,7.5")
+        status, _, errors = self.main("run", path, "--out", self.out / "killed")
+        self.assertEqual(status, 0, errors)
+        self.assertRegex(errors, "incomplete last line.*\n.*%d of 12" % (len(before) - 1))
+        self.assertEqual((self.out / "killed/result.csv").read_bytes(), whole)
+        rows = killed.read_bytes().splitlines()
+        self.assertEqual(rows[:len(before)], before)    # nothing was done twice
+        self.assertEqual(len(rows), 13)
+
+        busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path))
+        self.addCleanup(busy.close)
+        other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
+        self.assertEqual(other.returncode, 2)
+        self.assertIn("another process carries out this task", other.stderr)
+
+    def test_results_of_another_study_are_left_alone(self):
+        path = self.write(edit=("count: 12", "count: 2"))
+        before = self.result(path, "o")
+        path = self.write(edit=("[5, 13]", "[5, 14]"))
+        status, _, errors = self.main("run", path, "--out", self.out / "o")
+        self.assertEqual(status, 2)
+        self.assertRegex(errors, r'"parameter regions\[surrounding\].friction.kinetic" differs: choose another folder')
+        self.assertEqual((self.out / "o/result.csv").read_bytes(), before)
+
+    def test_each_run_with_a_stiffness_of_its_own(self):
+        """On the sparse inverse; and by itself, on the dense one."""
+        path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
+        whole = self.result(path, "o", "--hdf5")
+        self.assertEqual(whole, self.result(path, "p", "--workers", "1"))
+        study = studies.read(path)
+        for row in studies.results(study, self.out / "o"):
+            scene = trocar.Scene.load(SCENE)
+            scene["regions[surrounding].youngs_modulus"] = row.parameters[0]
+            model = trocar.Model(scene)
+            self.assertEqual(model.inverse, "dense")
+            sim = trocar.Sim(model)
+            poses = motion.Straight(depth=0.006, speed=0.1).poses(motion.START + [row.parameters[1], 0, 0, 0, 0, 0, 0], 1e-3)
+            sim.reset(poses[0])
+            peak = -sim.run(poses, 1e-3)["force"][:, 2].min()
+            np.testing.assert_allclose(row.results[0], peak, rtol=1e-6)
+            np.testing.assert_allclose(row.results[5:8], sim.centreline()[-1], atol=1e-9)
+        with h5py.File(self.out / "o/result.h5") as file:
+            np.testing.assert_array_equal(file["results"], [row.results for row in studies.results(study, self.out / "o")])
+
+    def test_a_run_that_fails_is_a_row(self):
+        path = self.write(a=("count: 12", "count: 4"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [0.8e-3, 2e-3]}"))
+        status, _, errors = self.main("run", path, "--out", self.out / "o", "--quiet")
+        self.assertEqual(status, 1)
+        self.assertRegex(errors, r"\d of 4 runs failed.*inner_diameter")
+        rows = studies.results(studies.read(path), self.out / "o")
+        for row in rows:
+            self.assertEqual(row.status == "ok", row.parameters[0] < 1e-3)
+            self.assertEqual(np.isfinite(row.results).all(), row.parameters[0] < 1e-3)
+
+    def test_plan(self):
+        (self.out / "one.yaml").write_text(re.sub(r"(?ms)^(  - .*?\n)(  - .*)", r"\1", (SOURCE / "docs/examples/implant-plan.yaml").read_text()))
+        path = self.write(a=("motion: {straight: {depth: 0.006, speed: 0.1}}", "motion: {plan: one.yaml, speed: 0.4}"), b=("count: 12", "count: 1"),
+                          c=(os.path.relpath(SCENE, "/"), os.path.relpath(SOURCE / "meshes/implant.yaml", self.out)),
+                          d=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}\n  motion.x: {normal: [0, 1e-3], within: [-2e-3, 2e-3]}", "motion.roll: {uniform: [0, 3]}"),
+                          e=("  - tip: {at: [0.02, 0.06]}\n", "  - seed_error\n"))
+        self.result(path, "o")
+        mean, worst = studies.results(studies.read(path), self.out / "o")[0].results[2:4]
+        self.assertTrue(1e-4 < mean <= worst < 0.02, (mean, worst))
+
+    def test_summary(self):
+        path = self.write(a=("random, count: 12", "saltelli, count: 4"), b=("  - tip: {at: [0.02, 0.06]}\n", ""))
+        self.result(path, "o")
+        status, text, errors = self.main("summary", path, "--out", self.out / "o")
+        self.assertEqual(status, 0, errors)
+        self.assertRegex(text, r"\| peak_force \[N\] \| 16 \| [\d.]+")
+        self.assertRegex(text, r"\| work \[J\] \| motion.x \| -?\d\.\d{3} \(-?\d\.\d{3} to -?\d\.\d{3}\) \| \d\.\d{3}")
+        for name in ("results.svg", "sensitivity.svg"):
+            self.assertIn("</svg>", (self.out / "o" / name).read_text())
+
+
+class Frames(Case):
+    def test_frames(self):
+        path = self.write(edit=("count: 12", "count: 3"))
+        self.result(path, "o", "--record", "frames")
+        samples = studies.read(path).samples()
+        with h5py.File(self.out / "o/frames.h5") as file:
+            np.testing.assert_allclose(file["time"], [0, 0.02, 0.04, 0.06])
+            np.testing.assert_array_equal(file["parameters"], samples)
+            np.testing.assert_array_equal(file["nodes"], MODEL.nodes)
+            self.assertEqual(file["displacements"].shape, (3, 4, len(MODEL.nodes), 3))
+            self.assertEqual((file["displacements"].compression, file["displacements"].chunks[0]), ("gzip", 1))
+            study = studies.read(path)
+            model = trocar.Model(study.run_scene(samples[1]))
+            sim = trocar.Sim(model)
+            poses = next(study.run_motion(samples[1]).play(sim, 1e-3))
+            outputs = sim.run(poses[:41], 1e-3)
+            np.testing.assert_array_equal(file["force"][1, 2], outputs["force"][40])
+            np.testing.assert_allclose(file["displacements"][1, 2], sim.displacements(), atol=1e-9)
+            contacts = sim.contacts()
+            self.assertEqual(file["contact_count"][1, 2], len(contacts))
+            np.testing.assert_allclose(file["contact_force"][1, 2, len(contacts) - 1], contacts[-1].force, atol=1e-6)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]])

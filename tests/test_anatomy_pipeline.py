@@ -131,8 +131,8 @@ class Crossing(unittest.TestCase):
                 meshing.search(self.sphere, 570, self.path)
             self.assertEqual(len(sizes), tries)
 
-    def test_the_search_goes_between_a_mesh_with_too_few_and_one_with_too_many_nodes(self):
-        wanted, sizes = 3000, []
+    def test_the_search_for_a_large_mesh_goes_between_one_with_too_few_and_one_with_too_many_nodes(self):
+        wanted, sizes = 30000, []
 
         def attempt(_stage, _work, _domain, fine, path):    # five times too few at first, and far more at smaller sizes
             sizes.append(fine)

@@ -26,6 +26,7 @@ LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes 
 MOST_MISSED = 0.02      # of a region's surface
 FAILURES = 3            # of Gmsh, after which no other element sizes are tried
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
+SMOOTH = 5000           # nodes: in larger meshes their number follows the element size without leaps
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
 OFF = 0.10              # of the wanted number of nodes: meshes further off are refused
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
@@ -436,7 +437,7 @@ def search(domain, nodes, path):
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
         tries.append((fine, count))
         if off > CLOSE:
-            fine = size_between(tries, nodes) or centre
+            fine = nodes > SMOOTH and size_between(tries, nodes) or centre
         else:  # try sizes around it
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))

@@ -36,6 +36,7 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
     n->given = n->state.needle.base;
     n->loads.count = 0;
     insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
+    copy_loads(&n->loads, &n->posted_loads); /* the worker has them from the needle's rest */
     n->posted = n->answered = n->state.request.serial;
     change_phase(n, PHASE_HELD);
 }

@@ -144,18 +144,18 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     seeds_keep(needle, &sim->seeds);
     n->stamp = next_stamp();
     n->loads.count = 0;
-    if (n->posted_loads.count > 0) { /* the others no longer feel it */
+    bool rested = phase_of(n) != PHASE_HELD;
+    if (rested) { /* the worker takes it out of the tissue */
+        n->posted = n->answered = n->state.request.serial - 1;
+        change_phase(n, PHASE_HELD);
+    }
+    if (rested || n->posted_loads.count > 0) { /* the others no longer feel it: said after it is held, as what a resting needle posts is not read */
         tissue_loads *slot = triple_buffer_slot(&n->loads_out);
         slot->count = n->posted_loads.count = 0;
         triple_buffer_publish(&n->loads_out);
         wake_worker(sim);
     }
     restore_floating_mode(before);
-    if (phase_of(n) != PHASE_HELD) { /* the worker takes it out of the tissue */
-        n->posted = n->answered = n->state.request.serial - 1;
-        change_phase(n, PHASE_HELD);
-        wake_worker(sim);
-    }
     return TROCAR_OK;
 }
 

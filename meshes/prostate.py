@@ -27,7 +27,7 @@ def box_low(centre, half_axes, rectum):
     return (BOX_LOW[0], low, BOX_LOW[2])
 
 
-def build_geometry(centre, half_axes, layers, rectum):
+def build_geometry(centre, half_axes, layers=(), rectum=None):
     """Fragments a box with an ellipsoid and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
     occ = gmsh.model.occ
     corner = box_low(centre, half_axes, rectum)
@@ -71,7 +71,7 @@ def rectum_walls(centre, half_axes, rectum):
     return [tag for _, tag in gmsh.model.getEntities(2) if is_wall(tag)]
 
 
-def name_groups(regions, low, walls):
+def name_groups(regions, low=BOX_LOW, walls=()):
     capsule = [abs(tag) for _, tag in gmsh.model.getBoundary([(3, regions["prostate"])])]
     fixed = faces_on(2, BOX_HIGH[2]) + faces_on(1, low[1])
     names = ["prostate", "surrounding"] + [name for name in regions if name not in ("prostate", "surrounding")]

@@ -58,7 +58,7 @@ def write_graded(path):
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("General.NumThreads", 1)
     gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
-    prostate.name_groups(prostate.build_geometry((0, 0, 0.055), (0.024, 0.017, 0.020), []))
+    prostate.name_groups(prostate.build_geometry((0, 0, 0.055), (0.024, 0.017, 0.020)))
     rate = np.log(AT_80_MM / AT_SKIN) / 0.08
     needle_meshes.set_field(f"{AT_SKIN}*exp({rate}*z) + {SPREAD}*sqrt((x-{LINE[0]})^2+(y-{LINE[1]})^2)")
     prostate.generate()

@@ -22,7 +22,7 @@ set_tests_properties(live_replay PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${al
 add_test(NAME top COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_top.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(top PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${one_at_a_time} LABELS release_only)
 add_test(NAME packets COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_packets.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
-set_tests_properties(packets PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone})
+set_tests_properties(packets PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone} LABELS release_only)
 add_test(NAME two_servers COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_two_servers.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(two_servers PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone} LABELS release_only)
 add_test(NAME two_needles COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_two_needles.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})

@@ -16,7 +16,7 @@ from . import Error, Model, Scene, keys
 from . import motion as motions
 from ._quantities import QUANTITIES, Quantity, locate
 from ._reader import Reader
-from .plan import BadPlan
+from .plan import BadPlan, Plan
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
@@ -93,10 +93,11 @@ class Study:
     seed: int
     measures: list[Measure]
     frames_every: float = 0.0           # s; 0: no frames
-    plan: str = ""                      # path, "" without a plan
-    inputs: dict[str, str] = field(default_factory=dict)    # files beside the scene: what they are for, and their path
+    plan: Plan | None = None
+    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by what they are for
     described: str = ""                 # motion and so on, in words, for the manifest
-    _scene: Scene | None = None
+    inverse: str = "auto"               # of the scene
+    _scene: Scene | None = None         # with `settings`; read once, so that a file changed during a study has no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
         """(runs, parameters) values: of seed and index alone."""
@@ -114,21 +115,13 @@ class Study:
             unit = sampler.random(self.count)
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
-    def scene(self) -> Scene:
-        """The scene with the study's settings, without a run's parameters."""
-        scene = Scene.load(self.scene_path)
-        for key, value in self.settings.items():
-            scene[key] = value
-        return scene
-
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """The scene of one run."""
-        scene = self.scene()
+        """The scene of one run. All runs use the same object: it is valid until the next call, which sets all parameters again."""
+        scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
                 scene[parameter.name] = float(value)
-        if sparse:
-            scene["inverse"] = "sparse"
+        scene["inverse"] = "sparse" if sparse else self.inverse
         return scene
 
     def run_motion(self, values: npt.NDArray[np.float64]) -> Any:
@@ -148,15 +141,11 @@ class Study:
 
     def manifest(self) -> dict[str, str]:
         """All that the results depend on, in words: for telling studies apart."""
-        digest = lambda path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        scene = self.scene()
-        mesh = str(scene["mesh"])
-        found = {"scene": digest(self.scene_path), "mesh": digest(mesh), "settings": repr(sorted(self.settings.items())), "motion": self.described,
+        found = {**self.digests, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
                  "frames": f"every {self.frames_every:g} s" if self.frames_every else "none"}
         for p in self.parameters:
             found[f"parameter {p.name}"] = f"{p.kind} {p.numbers} {p.within or ''} {p.steps or ''}"
-        found.update({what: digest(path) for what, path in self.inputs.items()})
         return found
 
 
@@ -180,6 +169,12 @@ class _StudyReader:
         if not Path(name).is_file():
             raise self.reader.fail(node, f"{place}: no file {name}: paths are relative to the study's file")
         return name
+
+    def digest(self, study: Study, what: str, path: str) -> None:
+        try:
+            study.digests[what] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        except OSError as error:
+            raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
         """Sets a key that there is."""
@@ -223,15 +218,14 @@ class _StudyReader:
             found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", -1e-300) if "hold" in keys_ else 0.0, back=back == "true")
         else:
             path = self.file(given[kind], f"motion.{kind}")
-            study.inputs[kind] = path
+            self.digest(study, kind, path)
             try:
                 if kind == "poses":
                     found = motions.Table.read(path)
                 else:
                     from . import plan as plans
-                    plans.read(path)
-                    study.plan = path
-                    found = motions.Implant(path=path, **({"speed": speed} if speed else {}))
+                    study.plan = plans.read(path)
+                    found = motions.Implant(plan=study.plan, **({"speed": speed} if speed else {}))
             except (motions.BadMotion, BadPlan) as error:
                 raise BadStudy(str(error)) from error
         study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
@@ -347,8 +341,9 @@ class _StudyReader:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
         study = Study(reader.path, self.file(given["scene"], "scene"), {}, None, [], "", 0, 0, [])
+        self.digest(study, "scene", study.scene_path)
         try:
-            scene = Scene.load(study.scene_path)
+            scene = study._scene = Scene.load(study.scene_path)
         except Error as error:
             raise BadStudy(str(error)) from error
         if "set" in given:
@@ -360,6 +355,8 @@ class _StudyReader:
                     raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
                 self.setting(scene, value, key.value, text, f"set.{key.value}")
                 study.settings[key.value] = text
+        study.inverse = str(scene["inverse"])
+        self.digest(study, "mesh", str(scene["mesh"]))
         study.motion = self.motion(given["motion"], study)
         samples = reader.mapping(given["samples"], "samples", ("method",), ("count", "seed"))
         study.method = reader.text(samples["method"], "samples.method")
@@ -379,7 +376,7 @@ class _StudyReader:
             model = Model(scene, mesh_only=True)
             if study.plan:
                 from . import plan as plans
-                plans.check(plans.read(study.plan), model)
+                plans.check(study.plan, model)
         except (Error, BadPlan) as error:
             raise BadStudy(str(error)) from error
         fixed_length = not any(p.name in ("motion.speed", "motion.depth") for p in study.parameters)

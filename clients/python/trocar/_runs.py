@@ -94,7 +94,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     few = len(samples) < FEW * (of_run.max() + 1)
-    return Groups(of_run.reshape(-1), few and study.scene()["inverse"] == "auto")
+    return Groups(of_run.reshape(-1), few and study.inverse == "auto")
 
 
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:

@@ -16,6 +16,7 @@ import tempfile
 import time
 import unittest
 from pathlib import Path
+from unittest import mock
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
 os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
@@ -27,6 +28,7 @@ import h5py
 import numpy as np
 
 import trocar
+from trocar import _runs as runs
 from trocar import motion, sensitivity
 from trocar import study as studies
 
@@ -256,7 +258,10 @@ class Running(Case):
         """On the sparse inverse; and by itself, on the dense one."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
-        self.assertEqual(whole, self.result(path, "p", "--workers", "1"))
+        for task in ("1/2", "2/2"):
+            self.assertEqual(self.main("run", path, "--out", self.out / "p", "--task", task, "--workers", "1", "--quiet")[0], 0)
+        self.assertEqual(self.main("collect", path, "--out", self.out / "p")[0], 0)
+        self.assertEqual(whole, (self.out / "p/result.csv").read_bytes())
         study = studies.read(path)
         for row in studies.results(study, self.out / "o"):
             scene = trocar.Scene.load(SCENE)
@@ -281,6 +286,29 @@ class Running(Case):
         for row in rows:
             self.assertEqual(row.status == "ok", row.parameters[0] < 1e-3)
             self.assertEqual(np.isfinite(row.results).all(), row.parameters[0] < 1e-3)
+
+    def test_a_task_needs_few_stiffnesses(self):
+        groups = runs.Groups(np.arange(64) % 4, False)
+        tasks = [runs.runs_of_task(groups, (i, 5)) for i in range(1, 6)]
+        self.assertEqual(sorted(sum(tasks, [])), list(range(64)))
+        for task in tasks:
+            self.assertIn(len(task), (12, 13))
+            self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
+
+    def test_a_run_that_fails_gives_no_base(self):
+        """The first two runs have an inner diameter above the outer one; the third one's model serves the others."""
+        path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
+                          c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
+        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts those of this process
+            outcome = studies.carry_out(studies.read(path), self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
+        self.assertEqual((made.call_count, outcome.done, outcome.failed), (3, 4, 2))
+
+    def test_a_run_without_memory_is_repeated(self):
+        study = studies.read(self.write(edit=("count: 12", "count: 2")))
+        with mock.patch.object(runs, "run", side_effect=trocar.Error("no memory", "no memory")):
+            outcome = studies.carry_out(study, self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
+        self.assertEqual((outcome.done, len(outcome.lost)), (0, 2))
+        self.assertEqual(studies.results(study, self.out / "o"), [])
 
     def test_plan(self):
         (self.out / "one.yaml").write_text(re.sub(r"(?ms)^(  - .*?\n)(  - .*)", r"\1", (SOURCE / "docs/examples/implant-plan.yaml").read_text()))

@@ -97,6 +97,13 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
     return Groups(of_run.reshape(-1), few and study.inverse == "auto")
 
 
+def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
+    """The runs of task (i, of N), in the order in which they are done. Runs of one stiffness stay together, so that few tasks need each."""
+    order = np.argsort(groups.of_run, kind="stable")
+    i, count = task
+    return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
+
+
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
     """The model of one run: derived from `base` if that has its stiffness."""
     scene = study.run_scene(values, sparse)
@@ -311,9 +318,9 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
         say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
     done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study))}
     groups = groups_of(study, samples)
-    mine = np.arange(len(samples)) % task[1] == task[0] - 1
-    left = sorted((int(i) for i in np.flatnonzero(mine) if i not in done), key=lambda i: (groups.of_run[i], i))
-    before, count, failed, lost = int(mine.sum()) - len(left), 0, 0, []
+    mine = runs_of_task(groups, task)
+    left = [index for index in mine if index not in done]
+    before, count, failed, lost = len(mine) - len(left), 0, 0, []
     failed += sum(row.status != "ok" for row in file.rows)
     if study.frames_every:
         from . import frames as _frames    # before the first child
@@ -339,6 +346,8 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
                 with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
                     return "ok", run(study, samples[index], model, scene, frames)
             except (Error, BadPlan) as error:
+                if isinstance(error, Error) and error.status in ("no memory", "system"):    # not the run's fault: it can be repeated
+                    raise
                 return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
         return one
 
@@ -348,15 +357,16 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     gc.freeze()    # children share the objects: the collector must not write to them
     try:
         group, base = -1, None
-        sizes = np.bincount(groups.of_run[left]) if left else []
+        remaining = np.bincount(groups.of_run[left]) if left else []    # runs of each group
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-                if sizes[group] > 1:    # a single run builds its model itself, beside others
-                    try:
-                        base = Model(study.run_scene(samples[index], groups.sparse))
-                    except Error:    # that run says so in its row
-                        base = None
+            if base is None and remaining[group] > 1:    # a single run builds its model itself, beside others
+                try:
+                    base = Model(study.run_scene(samples[index], groups.sparse))
+                except Error:    # the run itself reports it; the next run is tried
+                    pass
+            remaining[group] -= 1
             pool.start(index, work(index, base))
         pool.join()
     finally:

@@ -6,6 +6,7 @@ usage: test_study.py BUILD_DIR SOURCE_DIR
 """
 import contextlib
 import csv
+import errno
 import io
 import os
 import re
@@ -239,7 +240,7 @@ class Running(Case):
         self.assertEqual(rows[:len(before)], before)    # nothing was done twice
         self.assertEqual(len(rows), 13)
 
-        busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path))
+        busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
         self.addCleanup(busy.close)
         other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
         self.assertEqual(other.returncode, 2)
@@ -253,6 +254,34 @@ class Running(Case):
         self.assertEqual(status, 2)
         self.assertRegex(errors, r'"parameter regions\[surrounding\].friction.kinetic" differs: choose another folder')
         self.assertEqual((self.out / "o/result.csv").read_bytes(), before)
+
+    def test_rows_that_cannot_be_used(self):
+        path = self.write(edit=("count: 12", "count: 2"))
+        study = studies.read(path)
+        samples, file = study.samples(), self.out / "rows-1-of-1.csv"
+        good = runs.line_of(runs.heading(study)) + runs.line_of(runs.cells_of(runs.Row(1, "ok", tuple(samples[1].tolist()), (1.0,) * len(study.result_columns()))))
+        with mock.patch.object(os, "pread", lambda file, size, offset, read=os.pread: read(file, min(size, 7), offset)):    # in pieces
+            task = runs.TaskFile(file, study, samples)
+            task.close()
+            file.write_text(good)
+            task = runs.TaskFile(file, study, samples)
+            task.close()
+        self.assertEqual(([row.index for row in task.rows], file.read_text()), ([1], good))
+        descriptors = len(os.listdir("/proc/self/fd"))
+        for text, words in ((good.replace("ok", "k" * 200_000).encode(), "2: not a row"), (good.encode().replace(b"ok", b"\xff"), "2: not a row"),
+                            (good.replace("\n1,", "\n0,").encode(), "2: run 0 has other parameters"), (b"run\n", "1: rows of another study")):
+            file.write_bytes(text)
+            with self.assertRaisesRegex(studies.BadStudy, f"csv:{words}.*: "):
+                runs.TaskFile(file, study, samples)
+            self.assertEqual(file.read_bytes(), text)
+        with mock.patch.object(runs.fcntl, "lockf", side_effect=OSError(errno.ENOLCK, "No locks available")):
+            with self.assertRaisesRegex(studies.BadStudy, "cannot be locked: No locks available"):
+                runs.TaskFile(file, study, samples)
+        self.assertEqual(len(os.listdir("/proc/self/fd")), descriptors)
+        runs.check_manifest(study, self.out)
+        with mock.patch.object(trocar._definition, "__version__", "0.0"):
+            with self.assertRaisesRegex(studies.BadStudy, r'"version" differs \(trocar \d.*, scipy .* there, trocar 0.0, scipy .* now\): choose'):
+                runs.check_manifest(study, self.out)
 
     def test_each_run_with_a_stiffness_of_its_own(self):
         """On the sparse inverse; and by itself, on the dense one."""
@@ -341,10 +370,25 @@ class Running(Case):
             self.assertIn("</svg>", (self.out / "o" / name).read_text())
 
 
+class Slurm(Case):
+    def test_environment_of_a_job(self):
+        given = studies._options().parse_args(["run", "study.yaml", "--engine", "slurm"])
+        with mock.patch.dict(os.environ, PYTHONPATH=f":{self.out}::/usr", TROCAR_LIBRARY="libtrocar.so.1"):
+            script = studies._batch_script(given, self.out)
+        self.assertIn(f"export PYTHONPATH={self.out.resolve()}:/usr\nexport TROCAR_LIBRARY=libtrocar.so.1\n", script)
+        with mock.patch.dict(os.environ, TROCAR_LIBRARY="./a:b.so"):
+            self.assertIn(f"export TROCAR_LIBRARY={Path('a:b.so').resolve()}\n", studies._batch_script(given, self.out))
+
+
 class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
+        for command in ("collect", "summary"):    # they find the frames in the manifest
+            self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
+        status, _, errors = self.main("run", path, "--out", self.out / "o")
+        self.assertEqual(status, 2)
+        self.assertRegex(errors, r'"frames" differs \(every 0.02 s there, none now\): run it with or without --record frames as before')
         samples = studies.read(path).samples()
         with h5py.File(self.out / "o/frames.h5") as file:
             np.testing.assert_allclose(file["time"], [0, 0.02, 0.04, 0.06])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Scene, keys
+from . import Error, Model, Scene, __version__, keys
 from . import motion as motions
 from ._quantities import QUANTITIES, Quantity, locate
 from ._reader import Reader
@@ -141,7 +141,11 @@ class Study:
 
     def manifest(self) -> dict[str, str]:
         """All that the results depend on, in words: for telling studies apart."""
-        found = {**self.digests, "settings": repr(sorted(self.settings.items())), "motion": self.described,
+        version = f"trocar {__version__}"
+        if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
+            import scipy    # draws the samples
+            version += f", scipy {scipy.__version__}"
+        found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
                  "frames": f"every {self.frames_every:g} s" if self.frames_every else "none"}
         for p in self.parameters:

@@ -168,6 +168,9 @@ class Reading(Case):
                 ("uniform: [5, 13]", "even: [5, 13]", r':5: .*unknown key "even"'),
                 ("motion.x", "motion.w", r':6: .*no "w": there are motion.x'),
                 ("normal: [0, 1e-3]", "normal: [0, 0]", r":6: .*deviation 0"),
+                (f"{kinetic}: {{uniform: [5, 13]}}", "needle.segments: {uniform: [10, 20]}", r":5: .*takes a whole number from 2 to 64: write values"),
+                (f"{kinetic}: {{uniform: [5, 13]}}", "needle.segments: {values: [10, 12.5, 20]}", r":5: .*takes a whole number from 2 to 64"),
+                ("speed: 0.1", "speed: 0.1, hold: -1", r':2: motion.straight.hold: "-1": write a number of 0 or above'),
                 ("- work", "- effort", r':9: record\[1\]: no quantity "effort"'),
                 ("- work", "- peak_force", r':8: record: "peak_force \[N\]" is given twice'),
                 (at, "{at: 7}", r":10: record\[2\].tip.at: 7 s is after the motion's end, 0.06 s"),
@@ -192,6 +195,9 @@ class Reading(Case):
         longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
         np.testing.assert_array_equal(samples, longer[:12])
         self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution cut at two deviations
+        tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
+        self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
+        self.assertLess(tail.mean(), 9.3e-3)    # 9 deviations and more from the mean, values are 0.11 deviations beyond the limit on average
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])

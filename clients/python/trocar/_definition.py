@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Scene, __version__, keys
+from . import Error, Key, Model, Scene, __version__, keys
 from . import motion as motions
 from ._quantities import QUANTITIES, Quantity, locate
 from ._reader import Reader
@@ -20,9 +20,8 @@ from .plan import BadPlan, Plan
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
-_UNKNOWN = -math.inf
 
-# Keys of which mesh, stiffness or inverse depend: runs that differ in them cannot share a model's.
+# Keys of a region on which the stiffness depends: runs that differ in them cannot share a model's inverse.
 _STIFFNESS = ("youngs_modulus", "poisson_ratio")
 
 
@@ -51,10 +50,11 @@ class Parameter:
             return a + (b - a) * u
         if self.kind == "log_uniform":
             return a * (b / a) ** u
-        from scipy.stats import norm
-        low, high = (norm.cdf((limit - a) / b) for limit in self.within) if self.within else (0.0, 1.0)
-        tiny = 2.0 ** -54    # a Sobol point may be 0
-        return a + b * norm.ppf(np.clip(low + (high - low) * u, tiny, 1.0 - tiny))
+        from scipy.stats import norm, truncnorm
+        if self.within:
+            low, high = self.within
+            return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)
+        return a + b * norm.ppf(np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53))    # a Sobol point may be 0
 
     def levels(self) -> list[float]:
         """On a grid."""
@@ -156,8 +156,8 @@ class Study:
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------
 
 
-def _units() -> dict[str, str]:
-    return {key.key: key.unit for key in keys()}
+def _scene_keys() -> dict[str, Key]:
+    return {key.key: key for key in keys()}
 
 
 _MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s"}
@@ -190,7 +190,7 @@ class _StudyReader:
 
     def pose(self, node: Any, place: str) -> npt.NDArray[np.float64]:
         items = self.reader.items(node, place)
-        numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3, _UNKNOWN)
+        numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3)
         if len(numbers) == 7 and abs(math.hypot(*numbers[3:]) - 1.0) > 1e-3:
             raise self.reader.fail(node, f"{place}: the quaternion has length {math.hypot(*numbers[3:]):.4g}: write w, x, y, z of length 1")
         return np.array(numbers if len(numbers) == 7 else [*numbers, 1.0, 0.0, 0.0, 0.0])
@@ -215,11 +215,11 @@ class _StudyReader:
             found = motions.script(name, speed or 1.0, start)
         elif kind == "straight":
             keys_ = self.reader.mapping(given[kind], "motion.straight", ("depth", "speed"), ("hold", "back"))
-            number = lambda key, least=0.0: self.reader.number(keys_[key], f"motion.straight.{key}", least)
+            number = lambda key, **limit: self.reader.number(keys_[key], f"motion.straight.{key}", **limit)
             back = self.reader.text(keys_["back"], "motion.straight.back") if "back" in keys_ else "false"
             if back not in ("true", "false"):
                 raise self.reader.fail(keys_["back"], "motion.straight.back: write true or false")
-            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", -1e-300) if "hold" in keys_ else 0.0, back=back == "true")
+            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", inclusive=True) if "hold" in keys_ else 0.0, back=back == "true")
         else:
             path = self.file(given[kind], f"motion.{kind}")
             self.digest(study, kind, path)
@@ -235,7 +235,7 @@ class _StudyReader:
         study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
         return found
 
-    def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, units: dict[str, str], grid: bool) -> Parameter:
+    def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, known: dict[str, Key], grid: bool) -> Parameter:
         kinds = ("uniform", "log_uniform", "normal", "values")
         given = self.reader.mapping(node, place, (), (*kinds, "within", "steps"))
         chosen = [kind for kind in kinds if kind in given]
@@ -243,11 +243,11 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: write one of {', '.join(kinds)}")
         kind = chosen[0]
         if kind == "values":
-            numbers = [self.reader.number(item, f"{place}.values[{i}]", _UNKNOWN) for i, item in enumerate(self.reader.items(given[kind], f"{place}.values"))]
+            numbers = [self.reader.number(item, f"{place}.values[{i}]", -math.inf) for i, item in enumerate(self.reader.items(given[kind], f"{place}.values"))]
             if not numbers:
                 raise self.reader.fail(given[kind], f"{place}.values: empty: write at least one")
         else:
-            numbers = self.reader.numbers(given[kind], f"{place}.{kind}", 2, _UNKNOWN)
+            numbers = self.reader.numbers(given[kind], f"{place}.{kind}", 2)
             if kind == "normal" and numbers[1] <= 0.0:
                 raise self.reader.fail(given[kind], f"{place}.normal: standard deviation {numbers[1]:g}: write the mean, and one above 0")
             if kind != "normal" and numbers[1] <= numbers[0]:
@@ -258,7 +258,7 @@ class _StudyReader:
         if "within" in given:
             if kind != "normal":
                 raise self.reader.fail(given["within"], f"{place}.within: only with normal: {kind} has limits")
-            low, high = self.reader.numbers(given["within"], f"{place}.within", 2, _UNKNOWN)
+            low, high = self.reader.numbers(given["within"], f"{place}.within", 2)
             if high <= low:
                 raise self.reader.fail(given["within"], f"{place}.within: {high:g} is not above {low:g}: write the lower limit, then the upper one")
             within = (low, high)
@@ -279,7 +279,12 @@ class _StudyReader:
                 raise self.reader.fail(node, f"{place}: it can be 0 or below: write limits above 0")
             return parameter
         bracketed = "".join("[]" if i % 2 else part for i, part in enumerate(name.replace("]", "[").split("[")))
-        parameter.unit = units.get(bracketed, "")
+        key = known.get(bracketed)
+        parameter.unit = key.unit if key else ""
+        if key and key.accepts.startswith("a whole number"):
+            possible = parameter.levels() if grid else numbers if kind == "values" else []
+            if not possible or any(value != int(value) for value in possible):
+                raise self.reader.fail(node, f"{place}: the key takes {key.accepts}: write values: [...]")
         try:
             before = scene[name]
         except Error as error:
@@ -315,7 +320,7 @@ class _StudyReader:
             times: list[float | None] = [None]
             if "at" in options:
                 given = options["at"].value if isinstance(options["at"], self.reader.yaml.SequenceNode) else [options["at"]]
-                times = [self.reader.number(time, f"{place}.at", -1e-300) for time in given]
+                times = [self.reader.number(time, f"{place}.at", inclusive=True) for time in given]
                 for time in times:
                     if duration is not None and fixed_length and time > duration + 1e-9:
                         raise self.reader.fail(options["at"], f"{place}.at: {time:g} s is after the motion's end, {duration:g} s")
@@ -330,7 +335,7 @@ class _StudyReader:
 
     def option(self, kind: str, node: Any, place: str, model: Model, scene: Scene) -> Any:
         if kind == "target":
-            point = np.array(self.reader.numbers(node, f"{place}.target", 3, _UNKNOWN))
+            point = np.array(self.reader.numbers(node, f"{place}.target", 3))
             try:
                 locate(model, point)
             except ValueError as error:
@@ -366,11 +371,11 @@ class _StudyReader:
         study.method = reader.text(samples["method"], "samples.method")
         if study.method not in METHODS:
             raise reader.fail(samples["method"], f"samples.method: \"{study.method}\": there are {', '.join(METHODS)}")
-        grid, units = study.method == "grid", _units()
+        grid, known = study.method == "grid", _scene_keys()
         for key, value in self.pairs(given["parameters"], "parameters"):
             if any(parameter.name == key.value for parameter in study.parameters):
                 raise reader.fail(key, f"parameters: \"{key.value}\" is given twice: remove one")
-            study.parameters.append(self.parameter(key.value, value, f"parameters.{key.value}", reader.line(key), scene, study.motion, units, grid))
+            study.parameters.append(self.parameter(key.value, value, f"parameters.{key.value}", reader.line(key), scene, study.motion, known, grid))
         if not study.parameters:
             raise reader.fail(given["parameters"], "parameters: empty: write at least one")
         self.samples(samples, study, given["samples"])

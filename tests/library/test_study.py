@@ -197,7 +197,7 @@ class Reading(Case):
         self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution cut at two deviations
         tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
         self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
-        self.assertLess(tail.mean(), 9.3e-3)    # 9 deviations and more from the mean, values are 0.11 deviations beyond the limit on average
+        self.assertLess(tail.mean(), 9.3e-3)    # from 9 deviations on, values are on average 0.11 deviations above that limit
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])

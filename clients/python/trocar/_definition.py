@@ -51,10 +51,11 @@ class Parameter:
         if self.kind == "log_uniform":
             return a * (b / a) ** u
         from scipy.stats import norm, truncnorm
-        if self.within:
-            low, high = self.within
-            return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)
-        return a + b * norm.ppf(np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53))    # a Sobol point may be 0
+        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a Sobol point may be 0
+        if self.within is None:
+            return a + b * norm.ppf(u)
+        low, high = self.within
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # also far from the mean
 
     def levels(self) -> list[float]:
         """On a grid."""

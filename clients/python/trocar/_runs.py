@@ -200,7 +200,7 @@ class TaskFile:
         except (BlockingIOError, PermissionError):
             raise BadStudy(f"{self.path}: another process carries out this task: wait for it, or stop it") from None
         except OSError as error:
-            raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose a folder on a file system with locks with --out") from None
+            raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
         """Survives a kill of this process at once, and a power failure a second later."""

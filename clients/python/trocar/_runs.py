@@ -347,10 +347,12 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
-    file = TaskFile(task_path(out, task), study, samples)
+    own = task_path(out, task)
+    done = {row.index for path in row_files(out) if path != own for row in read_rows(path, study, samples)}
+    file = TaskFile(own, study, samples)
+    done.update(row.index for row in file.rows)
     if file.torn:
         say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
-    done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study, samples))}
     groups = groups_of(study, samples)
     mine = runs_of_task(groups, task)
     left = [index for index in mine if index not in done]

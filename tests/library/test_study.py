@@ -6,6 +6,7 @@ usage: test_study.py BUILD_DIR SOURCE_DIR
 """
 import contextlib
 import csv
+import errno
 import io
 import os
 import re
@@ -16,6 +17,7 @@ import tempfile
 import time
 import unittest
 from pathlib import Path
+from unittest import mock
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
 os.environ["TROCAR_LIBRARY"] = str(BUILD / "core/libtrocar.so")
@@ -27,6 +29,7 @@ import h5py
 import numpy as np
 
 import trocar
+from trocar import _runs as runs
 from trocar import motion, sensitivity
 from trocar import study as studies
 
@@ -165,6 +168,9 @@ class Reading(Case):
                 ("uniform: [5, 13]", "even: [5, 13]", r':5: .*unknown key "even"'),
                 ("motion.x", "motion.w", r':6: .*no "w": there are motion.x'),
                 ("normal: [0, 1e-3]", "normal: [0, 0]", r":6: .*deviation 0"),
+                (f"{kinetic}: {{uniform: [5, 13]}}", "needle.segments: {uniform: [10, 20]}", r":5: .*takes a whole number from 2 to 64: write values"),
+                (f"{kinetic}: {{uniform: [5, 13]}}", "needle.segments: {values: [10, 12.5, 20]}", r":5: .*takes a whole number from 2 to 64"),
+                ("speed: 0.1", "speed: 0.1, hold: -1", r':2: motion.straight.hold: "-1": write a number of 0 or above'),
                 ("- work", "- effort", r':9: record\[1\]: no quantity "effort"'),
                 ("- work", "- peak_force", r':8: record: "peak_force \[N\]" is given twice'),
                 (at, "{at: 7}", r":10: record\[2\].tip.at: 7 s is after the motion's end, 0.06 s"),
@@ -189,6 +195,9 @@ class Reading(Case):
         longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
         np.testing.assert_array_equal(samples, longer[:12])
         self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution cut at two deviations
+        tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
+        self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
+        self.assertLess(tail.mean(), 9.3e-3)    # from 9 deviations on, values are on average 0.11 deviations above that limit
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])
@@ -204,6 +213,16 @@ class Sensitivity(unittest.TestCase):
         np.testing.assert_allclose(found.total, total, rtol=0.02)
         for interval, exact in ((found.first_interval, first), (found.total_interval, total)):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
+
+
+    def test_values_that_are_nearly_constant(self):
+        """Bootstrap samples without the points that differ have no indices. With one such point these are 36 % of all, with four 2 %."""
+        for points, has_interval in ((1, False), (4, True)):
+            values = np.zeros((64, 3))
+            values[:points] = [[1, 2, 3]]
+            found = sensitivity.indices(values, 1)
+            self.assertTrue(np.isfinite(found.total).all())
+            self.assertEqual(np.isfinite([found.first_interval, found.total_interval]).all(), has_interval)
 
 
 class Running(Case):
@@ -237,7 +256,7 @@ class Running(Case):
         self.assertEqual(rows[:len(before)], before)    # nothing was done twice
         self.assertEqual(len(rows), 13)
 
-        busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path))
+        busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
         self.addCleanup(busy.close)
         other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
         self.assertEqual(other.returncode, 2)
@@ -252,11 +271,42 @@ class Running(Case):
         self.assertRegex(errors, r'"parameter regions\[surrounding\].friction.kinetic" differs: choose another folder')
         self.assertEqual((self.out / "o/result.csv").read_bytes(), before)
 
+    def test_rows_that_cannot_be_used(self):
+        path = self.write(edit=("count: 12", "count: 2"))
+        study = studies.read(path)
+        samples, file = study.samples(), self.out / "rows-1-of-1.csv"
+        good = runs.line_of(runs.heading(study)) + runs.line_of(runs.cells_of(runs.Row(1, "ok", tuple(samples[1].tolist()), (1.0,) * len(study.result_columns()))))
+        with mock.patch.object(os, "pread", lambda file, size, offset, read=os.pread: read(file, min(size, 7), offset)):    # in pieces
+            task = runs.TaskFile(file, study, samples)
+            task.close()
+            file.write_text(good)
+            task = runs.TaskFile(file, study, samples)
+            task.close()
+        self.assertEqual(([row.index for row in task.rows], file.read_text()), ([1], good))
+        descriptors = len(os.listdir("/proc/self/fd"))
+        for text, words in ((good.replace("ok", "k" * 200_000).encode(), "2: not a row"), (good.encode().replace(b"ok", b"\xff"), "2: not a row"),
+                            (good.replace("\n1,", "\n0,").encode(), "2: run 0 has other parameters"), (b"run\n", "1: rows of another study")):
+            file.write_bytes(text)
+            with self.assertRaisesRegex(studies.BadStudy, f"csv:{words}.*: "):
+                runs.TaskFile(file, study, samples)
+            self.assertEqual(file.read_bytes(), text)
+        with mock.patch.object(runs.fcntl, "lockf", side_effect=OSError(errno.ENOLCK, "No locks available")):
+            with self.assertRaisesRegex(studies.BadStudy, "cannot be locked: No locks available"):
+                runs.TaskFile(file, study, samples)
+        self.assertEqual(len(os.listdir("/proc/self/fd")), descriptors)
+        runs.check_manifest(study, self.out)
+        with mock.patch.object(trocar._definition, "__version__", "0.0"):
+            with self.assertRaisesRegex(studies.BadStudy, r'"version" differs \(trocar \d.*, scipy .* there, trocar 0.0, scipy .* now\): choose'):
+                runs.check_manifest(study, self.out)
+
     def test_each_run_with_a_stiffness_of_its_own(self):
         """On the sparse inverse; and by itself, on the dense one."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
-        self.assertEqual(whole, self.result(path, "p", "--workers", "1"))
+        for task in ("1/2", "2/2"):
+            self.assertEqual(self.main("run", path, "--out", self.out / "p", "--task", task, "--workers", "1", "--quiet")[0], 0)
+        self.assertEqual(self.main("collect", path, "--out", self.out / "p")[0], 0)
+        self.assertEqual(whole, (self.out / "p/result.csv").read_bytes())
         study = studies.read(path)
         for row in studies.results(study, self.out / "o"):
             scene = trocar.Scene.load(SCENE)
@@ -282,15 +332,48 @@ class Running(Case):
             self.assertEqual(row.status == "ok", row.parameters[0] < 1e-3)
             self.assertEqual(np.isfinite(row.results).all(), row.parameters[0] < 1e-3)
 
+    def test_a_task_needs_few_stiffnesses(self):
+        groups = runs.Groups(np.arange(64) % 4, False)
+        tasks = [runs.runs_of_task(groups, (i, 5)) for i in range(1, 6)]
+        self.assertEqual(sorted(sum(tasks, [])), list(range(64)))
+        for task in tasks:
+            self.assertIn(len(task), (12, 13))
+            self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
+
+    def test_a_run_that_fails_gives_no_base(self):
+        """The first two runs have an inner diameter above the outer one; the third one's model serves the others."""
+        path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
+                          c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
+        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts those of this process
+            outcome = studies.carry_out(studies.read(path), self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
+        self.assertEqual((made.call_count, outcome.done, outcome.failed), (3, 4, 2))
+
+    def test_a_run_without_memory_is_repeated(self):
+        study = studies.read(self.write(edit=("count: 12", "count: 2")))
+        with mock.patch.object(runs, "run", side_effect=trocar.Error("no memory", "no memory")):
+            outcome = studies.carry_out(study, self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
+        self.assertEqual((outcome.done, len(outcome.lost)), (0, 2))
+        self.assertEqual(studies.results(study, self.out / "o"), [])
+
     def test_plan(self):
         (self.out / "one.yaml").write_text(re.sub(r"(?ms)^(  - .*?\n)(  - .*)", r"\1", (SOURCE / "docs/examples/implant-plan.yaml").read_text()))
         path = self.write(a=("motion: {straight: {depth: 0.006, speed: 0.1}}", "motion: {plan: one.yaml, speed: 0.4}"), b=("count: 12", "count: 1"),
                           c=(os.path.relpath(SCENE, "/"), os.path.relpath(SOURCE / "meshes/implant.yaml", self.out)),
                           d=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}\n  motion.x: {normal: [0, 1e-3], within: [-2e-3, 2e-3]}", "motion.roll: {uniform: [0, 3]}"),
                           e=("  - tip: {at: [0.02, 0.06]}\n", "  - seed_error\n"))
-        self.result(path, "o")
-        mean, worst = studies.results(studies.read(path), self.out / "o")[0].results[2:4]
+        study = studies.read(path)
+        (self.out / "one.yaml").unlink()    # read once
+        found = studies.simulate(study, 0)
+        mean, worst = found["seed_error.mean [m]"], found["seed_error.worst [m]"]
         self.assertTrue(1e-4 < mean <= worst < 0.02, (mean, worst))
+
+    def test_files_that_change_during_a_study(self):
+        scene = self.out / "scene.yaml"
+        scene.write_text(SCENE.read_text().replace("mesh: ", f"mesh: {SCENE.parent}/"))
+        study = studies.read(self.write(edit=(os.path.relpath(SCENE, "/"), "scene.yaml")))
+        before, manifest = studies.simulate(study, 0), study.manifest()
+        scene.write_text(scene.read_text() + "rate_hz: 500\n")
+        self.assertEqual((studies.simulate(study, 0), study.manifest()), (before, manifest))
 
     def test_summary(self):
         path = self.write(a=("random, count: 12", "saltelli, count: 4"), b=("  - tip: {at: [0.02, 0.06]}\n", ""))
@@ -303,10 +386,25 @@ class Running(Case):
             self.assertIn("</svg>", (self.out / "o" / name).read_text())
 
 
+class Slurm(Case):
+    def test_environment_of_a_job(self):
+        given = studies._options().parse_args(["run", "study.yaml", "--engine", "slurm"])
+        with mock.patch.dict(os.environ, PYTHONPATH=f":{self.out}::/usr", TROCAR_LIBRARY="libtrocar.so.1"):
+            script = studies._batch_script(given, self.out)
+        self.assertIn(f"export PYTHONPATH={self.out.resolve()}:/usr\nexport TROCAR_LIBRARY=libtrocar.so.1\n", script)
+        with mock.patch.dict(os.environ, TROCAR_LIBRARY="./a:b.so"):
+            self.assertIn(f"export TROCAR_LIBRARY={Path('a:b.so').resolve()}\n", studies._batch_script(given, self.out))
+
+
 class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
+        for command in ("collect", "summary"):    # they find the frames in the manifest
+            self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
+        status, _, errors = self.main("run", path, "--out", self.out / "o")
+        self.assertEqual(status, 2)
+        self.assertRegex(errors, r'"frames" differs \(every 0.02 s there, none now\): run it with or without --record frames as before')
         samples = studies.read(path).samples()
         with h5py.File(self.out / "o/frames.h5") as file:
             np.testing.assert_allclose(file["time"], [0, 0.02, 0.04, 0.06])

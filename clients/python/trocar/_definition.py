@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Scene, keys
+from . import Error, Key, Model, Scene, __version__, keys
 from . import motion as motions
 from ._quantities import QUANTITIES, Quantity, locate
 from ._reader import Reader
-from .plan import BadPlan
+from .plan import BadPlan, Plan
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
-_UNKNOWN = -math.inf
 
-# Keys of which mesh, stiffness or inverse depend: runs that differ in them cannot share a model's.
+# Keys of a region on which the stiffness depends: runs that differ in them cannot share a model's inverse.
 _STIFFNESS = ("youngs_modulus", "poisson_ratio")
 
 
@@ -51,10 +50,12 @@ class Parameter:
             return a + (b - a) * u
         if self.kind == "log_uniform":
             return a * (b / a) ** u
-        from scipy.stats import norm
-        low, high = (norm.cdf((limit - a) / b) for limit in self.within) if self.within else (0.0, 1.0)
-        tiny = 2.0 ** -54    # a Sobol point may be 0
-        return a + b * norm.ppf(np.clip(low + (high - low) * u, tiny, 1.0 - tiny))
+        from scipy.stats import norm, truncnorm
+        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a Sobol point may be 0
+        if self.within is None:
+            return a + b * norm.ppf(u)
+        low, high = self.within
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # also far from the mean
 
     def levels(self) -> list[float]:
         """On a grid."""
@@ -93,10 +94,11 @@ class Study:
     seed: int
     measures: list[Measure]
     frames_every: float = 0.0           # s; 0: no frames
-    plan: str = ""                      # path, "" without a plan
-    inputs: dict[str, str] = field(default_factory=dict)    # files beside the scene: what they are for, and their path
+    plan: Plan | None = None
+    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by what they are for
     described: str = ""                 # motion and so on, in words, for the manifest
-    _scene: Scene | None = None
+    inverse: str = "auto"               # of the scene
+    _scene: Scene | None = None         # with `settings`; read once, so that a file changed during a study has no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
         """(runs, parameters) values: of seed and index alone."""
@@ -114,21 +116,13 @@ class Study:
             unit = sampler.random(self.count)
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
-    def scene(self) -> Scene:
-        """The scene with the study's settings, without a run's parameters."""
-        scene = Scene.load(self.scene_path)
-        for key, value in self.settings.items():
-            scene[key] = value
-        return scene
-
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """The scene of one run."""
-        scene = self.scene()
+        """The scene of one run. All runs use the same object: it is valid until the next call, which sets all parameters again."""
+        scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
                 scene[parameter.name] = float(value)
-        if sparse:
-            scene["inverse"] = "sparse"
+        scene["inverse"] = "sparse" if sparse else self.inverse
         return scene
 
     def run_motion(self, values: npt.NDArray[np.float64]) -> Any:
@@ -148,23 +142,23 @@ class Study:
 
     def manifest(self) -> dict[str, str]:
         """All that the results depend on, in words: for telling studies apart."""
-        digest = lambda path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        scene = self.scene()
-        mesh = str(scene["mesh"])
-        found = {"scene": digest(self.scene_path), "mesh": digest(mesh), "settings": repr(sorted(self.settings.items())), "motion": self.described,
+        version = f"trocar {__version__}"
+        if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
+            import scipy    # draws the samples
+            version += f", scipy {scipy.__version__}"
+        found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
                  "frames": f"every {self.frames_every:g} s" if self.frames_every else "none"}
         for p in self.parameters:
             found[f"parameter {p.name}"] = f"{p.kind} {p.numbers} {p.within or ''} {p.steps or ''}"
-        found.update({what: digest(path) for what, path in self.inputs.items()})
         return found
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------
 
 
-def _units() -> dict[str, str]:
-    return {key.key: key.unit for key in keys()}
+def _scene_keys() -> dict[str, Key]:
+    return {key.key: key for key in keys()}
 
 
 _MOTION_UNITS = {"x": "m", "y": "m", "z": "m", "tilt_x": "rad", "tilt_y": "rad", "roll": "rad", "depth": "m", "speed": "m/s"}
@@ -181,6 +175,12 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: no file {name}: paths are relative to the study's file")
         return name
 
+    def digest(self, study: Study, what: str, path: str) -> None:
+        try:
+            study.digests[what] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        except OSError as error:
+            raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
+
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
         """Sets a key that there is."""
         try:
@@ -191,7 +191,7 @@ class _StudyReader:
 
     def pose(self, node: Any, place: str) -> npt.NDArray[np.float64]:
         items = self.reader.items(node, place)
-        numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3, _UNKNOWN)
+        numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3)
         if len(numbers) == 7 and abs(math.hypot(*numbers[3:]) - 1.0) > 1e-3:
             raise self.reader.fail(node, f"{place}: the quaternion has length {math.hypot(*numbers[3:]):.4g}: write w, x, y, z of length 1")
         return np.array(numbers if len(numbers) == 7 else [*numbers, 1.0, 0.0, 0.0, 0.0])
@@ -216,28 +216,27 @@ class _StudyReader:
             found = motions.script(name, speed or 1.0, start)
         elif kind == "straight":
             keys_ = self.reader.mapping(given[kind], "motion.straight", ("depth", "speed"), ("hold", "back"))
-            number = lambda key, least=0.0: self.reader.number(keys_[key], f"motion.straight.{key}", least)
+            number = lambda key, **limit: self.reader.number(keys_[key], f"motion.straight.{key}", **limit)
             back = self.reader.text(keys_["back"], "motion.straight.back") if "back" in keys_ else "false"
             if back not in ("true", "false"):
                 raise self.reader.fail(keys_["back"], "motion.straight.back: write true or false")
-            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", -1e-300) if "hold" in keys_ else 0.0, back=back == "true")
+            found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", inclusive=True) if "hold" in keys_ else 0.0, back=back == "true")
         else:
             path = self.file(given[kind], f"motion.{kind}")
-            study.inputs[kind] = path
+            self.digest(study, kind, path)
             try:
                 if kind == "poses":
                     found = motions.Table.read(path)
                 else:
                     from . import plan as plans
-                    plans.read(path)
-                    study.plan = path
-                    found = motions.Implant(path=path, **({"speed": speed} if speed else {}))
+                    study.plan = plans.read(path)
+                    found = motions.Implant(plan=study.plan, **({"speed": speed} if speed else {}))
             except (motions.BadMotion, BadPlan) as error:
                 raise BadStudy(str(error)) from error
         study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
         return found
 
-    def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, units: dict[str, str], grid: bool) -> Parameter:
+    def parameter(self, name: str, node: Any, place: str, line: int, scene: Scene, motion: Any, known: dict[str, Key], grid: bool) -> Parameter:
         kinds = ("uniform", "log_uniform", "normal", "values")
         given = self.reader.mapping(node, place, (), (*kinds, "within", "steps"))
         chosen = [kind for kind in kinds if kind in given]
@@ -245,11 +244,11 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: write one of {', '.join(kinds)}")
         kind = chosen[0]
         if kind == "values":
-            numbers = [self.reader.number(item, f"{place}.values[{i}]", _UNKNOWN) for i, item in enumerate(self.reader.items(given[kind], f"{place}.values"))]
+            numbers = [self.reader.number(item, f"{place}.values[{i}]", -math.inf) for i, item in enumerate(self.reader.items(given[kind], f"{place}.values"))]
             if not numbers:
                 raise self.reader.fail(given[kind], f"{place}.values: empty: write at least one")
         else:
-            numbers = self.reader.numbers(given[kind], f"{place}.{kind}", 2, _UNKNOWN)
+            numbers = self.reader.numbers(given[kind], f"{place}.{kind}", 2)
             if kind == "normal" and numbers[1] <= 0.0:
                 raise self.reader.fail(given[kind], f"{place}.normal: standard deviation {numbers[1]:g}: write the mean, and one above 0")
             if kind != "normal" and numbers[1] <= numbers[0]:
@@ -260,7 +259,7 @@ class _StudyReader:
         if "within" in given:
             if kind != "normal":
                 raise self.reader.fail(given["within"], f"{place}.within: only with normal: {kind} has limits")
-            low, high = self.reader.numbers(given["within"], f"{place}.within", 2, _UNKNOWN)
+            low, high = self.reader.numbers(given["within"], f"{place}.within", 2)
             if high <= low:
                 raise self.reader.fail(given["within"], f"{place}.within: {high:g} is not above {low:g}: write the lower limit, then the upper one")
             within = (low, high)
@@ -281,7 +280,12 @@ class _StudyReader:
                 raise self.reader.fail(node, f"{place}: it can be 0 or below: write limits above 0")
             return parameter
         bracketed = "".join("[]" if i % 2 else part for i, part in enumerate(name.replace("]", "[").split("[")))
-        parameter.unit = units.get(bracketed, "")
+        key = known.get(bracketed)
+        parameter.unit = key.unit if key else ""
+        if key and key.accepts.startswith("a whole number"):
+            possible = parameter.levels() if grid else numbers if kind == "values" else []
+            if not possible or any(value != int(value) for value in possible):
+                raise self.reader.fail(node, f"{place}: the key takes {key.accepts}: write values: [...]")
         try:
             before = scene[name]
         except Error as error:
@@ -317,7 +321,7 @@ class _StudyReader:
             times: list[float | None] = [None]
             if "at" in options:
                 given = options["at"].value if isinstance(options["at"], self.reader.yaml.SequenceNode) else [options["at"]]
-                times = [self.reader.number(time, f"{place}.at", -1e-300) for time in given]
+                times = [self.reader.number(time, f"{place}.at", inclusive=True) for time in given]
                 for time in times:
                     if duration is not None and fixed_length and time > duration + 1e-9:
                         raise self.reader.fail(options["at"], f"{place}.at: {time:g} s is after the motion's end, {duration:g} s")
@@ -332,7 +336,7 @@ class _StudyReader:
 
     def option(self, kind: str, node: Any, place: str, model: Model, scene: Scene) -> Any:
         if kind == "target":
-            point = np.array(self.reader.numbers(node, f"{place}.target", 3, _UNKNOWN))
+            point = np.array(self.reader.numbers(node, f"{place}.target", 3))
             try:
                 locate(model, point)
             except ValueError as error:
@@ -347,8 +351,9 @@ class _StudyReader:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
         study = Study(reader.path, self.file(given["scene"], "scene"), {}, None, [], "", 0, 0, [])
+        self.digest(study, "scene", study.scene_path)
         try:
-            scene = Scene.load(study.scene_path)
+            scene = study._scene = Scene.load(study.scene_path)
         except Error as error:
             raise BadStudy(str(error)) from error
         if "set" in given:
@@ -360,16 +365,18 @@ class _StudyReader:
                     raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
                 self.setting(scene, value, key.value, text, f"set.{key.value}")
                 study.settings[key.value] = text
+        study.inverse = str(scene["inverse"])
+        self.digest(study, "mesh", str(scene["mesh"]))
         study.motion = self.motion(given["motion"], study)
         samples = reader.mapping(given["samples"], "samples", ("method",), ("count", "seed"))
         study.method = reader.text(samples["method"], "samples.method")
         if study.method not in METHODS:
             raise reader.fail(samples["method"], f"samples.method: \"{study.method}\": there are {', '.join(METHODS)}")
-        grid, units = study.method == "grid", _units()
+        grid, known = study.method == "grid", _scene_keys()
         for key, value in self.pairs(given["parameters"], "parameters"):
             if any(parameter.name == key.value for parameter in study.parameters):
                 raise reader.fail(key, f"parameters: \"{key.value}\" is given twice: remove one")
-            study.parameters.append(self.parameter(key.value, value, f"parameters.{key.value}", reader.line(key), scene, study.motion, units, grid))
+            study.parameters.append(self.parameter(key.value, value, f"parameters.{key.value}", reader.line(key), scene, study.motion, known, grid))
         if not study.parameters:
             raise reader.fail(given["parameters"], "parameters: empty: write at least one")
         self.samples(samples, study, given["samples"])
@@ -379,7 +386,7 @@ class _StudyReader:
             model = Model(scene, mesh_only=True)
             if study.plan:
                 from . import plan as plans
-                plans.check(plans.read(study.plan), model)
+                plans.check(study.plan, model)
         except (Error, BadPlan) as error:
             raise BadStudy(str(error)) from error
         fixed_length = not any(p.name in ("motion.speed", "motion.depth") for p in study.parameters)

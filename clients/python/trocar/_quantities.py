@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from . import Event, Model, Scene, Sim
 from .motion import axis_of, multiply
+from .plan import Plan
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +21,7 @@ class Recording:
     sim: Sim
     scene: Scene
     dt: float                        # s
-    plan: str                        # path of the plan, "" if there is none
+    plan: Plan | None
     poses: list[Array] = field(default_factory=list)         # (n, 7) each
     outputs: list[npt.NDArray[Any]] = field(default_factory=list)  # (n,) each
     _field: Array | None = None
@@ -131,7 +132,7 @@ def _shift(r: Recording, region: str) -> list[float]:
 def _seed_error(r: Recording, _: Any) -> list[float]:
     from . import plan as plans
     model = r.sim.model
-    rows = [row for row in plans.compare(plans.read(r.plan), model, plans.seeds_of(r.sim)) if row.offset is not None]
+    rows = [row for row in plans.compare(r.plan, model, plans.seeds_of(r.sim)) if row.offset is not None]
     distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # Misplacement has mm
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 

@@ -68,15 +68,16 @@ class Reader:
             raise self.fail(node, f"{place}: write a name")
         return node.value.strip()
 
-    def number(self, node: Any, place: str, least: float = 0.0) -> float:
-        """A number above `least`. YAML 1.1 takes 5e-3 for text, so the text is converted here."""
+    def number(self, node: Any, place: str, least: float = 0.0, inclusive: bool = False) -> float:
+        """A number above `least`, or `inclusive` of it. YAML 1.1 takes 5e-3 for text, so the text is converted here."""
         try:
             value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
         except ValueError:
             value = math.nan
-        if not (value > least and math.isfinite(value)):
+        if not ((value > least or (inclusive and value == least)) and math.isfinite(value)):
             given = f"\"{node.value}\"" if isinstance(node, self.yaml.ScalarNode) else "a list"
-            raise self.fail(node, f"{place}: {given}: write a number{f' above {least:g}' if math.isfinite(least) else ''}")
+            limit = "" if math.isinf(least) else f" of {least:g} or above" if inclusive else f" above {least:g}"
+            raise self.fail(node, f"{place}: {given}: write a number{limit}")
         return value
 
     def numbers(self, node: Any, place: str, count: int, least: float = -math.inf) -> list[float]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import csv
 import ctypes
+import errno
 import fcntl
 import gc
 import io
@@ -94,7 +95,14 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     few = len(samples) < FEW * (of_run.max() + 1)
-    return Groups(of_run.reshape(-1), few and study.scene()["inverse"] == "auto")
+    return Groups(of_run.reshape(-1), few and study.inverse == "auto")
+
+
+def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
+    """The runs of task (i, of N), in the order in which they are done. Runs of one stiffness stay together, so that few tasks need each."""
+    order = np.argsort(groups.of_run, kind="stable")
+    i, count = task
+    return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
 
 
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
@@ -126,50 +134,73 @@ def heading(study: Study) -> list[str]:
     return ["run", "status", *study.parameter_columns(), *study.result_columns()]
 
 
-def read_rows(path: Path, study: Study) -> list[Row]:
-    """The whole rows of a task's file."""
-    return _parse_rows(path, path.read_bytes(), study)[0]
+def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
+    """The whole rows of a task's file. BadStudy unless they are of this study, whose samples these are."""
+    return _parse_rows(path, path.read_bytes(), study, samples)[0]
 
 
-def _parse_rows(path: Path, data: bytes, study: Study) -> tuple[list[Row], int]:
+def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
     """The whole rows, and their length in bytes with the heading: what comes after was cut off by a kill."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
-    lines = data[:end].decode("utf-8").splitlines()
+    first, *lines = data[:end].split(b"\n")[:-1]
     columns = heading(study)
-    if next(csv.reader([lines[0]])) != columns:
+    if first + b"\n" != line_of(columns).encode():
         raise BadStudy(f"{path}:1: rows of another study: choose another folder with --out")
     rows, parameters = [], len(study.parameters)
-    for number, cells in enumerate(csv.reader(lines[1:]), 2):
+    for number, line in enumerate(lines, 2):
         try:
+            cells, = csv.reader([line.decode("utf-8")])
             if len(cells) != len(columns):
                 raise ValueError
             numbers = tuple(map(float, cells[2:]))
-            rows.append(Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:]))
-        except ValueError:
+            row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
+        except (ValueError, csv.Error):
             raise BadStudy(f"{path}:{number}: not a row of this study: remove the line, and the run is done again") from None
+        if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
+            raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
+        rows.append(row)
     return rows, end
+
+
+def _read_whole(file: int, size: int) -> bytes:
+    """The first `size` bytes; one call of pread returns 2 GiB at most."""
+    data = bytearray()
+    while len(data) < size:
+        part = os.pread(file, size - len(data), len(data))
+        if not part:
+            raise OSError(errno.EIO, "the file is shorter than its size")
+        data += part
+    return bytes(data)
 
 
 class TaskFile:
     """A task's file of rows, open for appending, and locked."""
 
-    def __init__(self, path: Path, study: Study):
+    def __init__(self, path: Path, study: Study, samples: npt.NDArray[np.float64]):
         self.path = path
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
-            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+            self._lock()
+            size = os.fstat(self._file).st_size
+            self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)    # closing another descriptor would end the lock
+            self.torn = size - end    # bytes
+            os.ftruncate(self._file, end)
+            if end == 0:
+                os.write(self._file, line_of(heading(study)).encode())
+        except BaseException:
             os.close(self._file)
-            raise BadStudy(f"{path}: another process carries out this task: wait for it, or stop it") from None
-        size = os.fstat(self._file).st_size
-        self.rows, end = _parse_rows(path, os.pread(self._file, size, 0), study)    # closing another descriptor would end the lock
-        self.torn = size - end    # bytes
-        os.ftruncate(self._file, end)
-        if end == 0:
-            os.write(self._file, line_of(heading(study)).encode())
+            raise
         self._synced = 0.0
+
+    def _lock(self) -> None:
+        try:
+            fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            raise BadStudy(f"{self.path}: another process carries out this task: wait for it, or stop it") from None
+        except OSError as error:
+            raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
         """Survives a kill of this process at once, and a power failure a second later."""
@@ -282,16 +313,26 @@ def check_manifest(study: Study, out: Path) -> None:
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
-            there = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
+            there = dict(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, TypeError):
             raise BadStudy(f"{path}: not as trocar-study has written it: choose another folder with --out") from None
-        for key in sorted({*own, *there}):
-            if own.get(key) != there.get(key):
-                raise BadStudy(f"{path}: {out} has results of another study: \"{key}\" differs: choose another folder with --out, or remove this one")
+        different = [key for key in sorted({*own, *there}) if own.get(key) != there.get(key)]
+        for key in different[:1]:
+            values = f" ({there.get(key, 'unknown')} there, {own.get(key, 'unknown')} now)" if key in ("frames", "version") else ""
+            remedy = "run it with or without --record frames as before, or " if different == ["frames"] else ""
+            raise BadStudy(f"{path}: {out} has results of another study: \"{key}\" differs{values}: {remedy}choose another folder with --out")
         return
     temporary = out / f"study.json.{os.getpid()}"
     temporary.write_text(json.dumps(own, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     os.replace(temporary, path)
+
+
+def has_frames(out: Path) -> bool:
+    """True if the study in this folder records frames, as its manifest says."""
+    try:
+        return dict(json.loads((out / "study.json").read_text(encoding="utf-8"))).get("frames", "none") != "none"
+    except (OSError, ValueError, TypeError):    # check_manifest reports it
+        return False
 
 
 class Outcome(NamedTuple):
@@ -306,14 +347,16 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
-    file = TaskFile(task_path(out, task), study)
+    own = task_path(out, task)
+    done = {row.index for path in row_files(out) if path != own for row in read_rows(path, study, samples)}
+    file = TaskFile(own, study, samples)
+    done.update(row.index for row in file.rows)
     if file.torn:
         say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
-    done = {row.index for path in row_files(out) for row in (file.rows if path == file.path else read_rows(path, study))}
     groups = groups_of(study, samples)
-    mine = np.arange(len(samples)) % task[1] == task[0] - 1
-    left = sorted((int(i) for i in np.flatnonzero(mine) if i not in done), key=lambda i: (groups.of_run[i], i))
-    before, count, failed, lost = int(mine.sum()) - len(left), 0, 0, []
+    mine = runs_of_task(groups, task)
+    left = [index for index in mine if index not in done]
+    before, count, failed, lost = len(mine) - len(left), 0, 0, []
     failed += sum(row.status != "ok" for row in file.rows)
     if study.frames_every:
         from . import frames as _frames    # before the first child
@@ -339,6 +382,8 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
                 with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
                     return "ok", run(study, samples[index], model, scene, frames)
             except (Error, BadPlan) as error:
+                if isinstance(error, Error) and error.status in ("no memory", "system"):    # not the run's fault: it can be repeated
+                    raise
                 return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
         return one
 
@@ -348,15 +393,16 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     gc.freeze()    # children share the objects: the collector must not write to them
     try:
         group, base = -1, None
-        sizes = np.bincount(groups.of_run[left]) if left else []
+        remaining = np.bincount(groups.of_run[left]) if left else []    # runs of each group
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-                if sizes[group] > 1:    # a single run builds its model itself, beside others
-                    try:
-                        base = Model(study.run_scene(samples[index], groups.sparse))
-                    except Error:    # that run says so in its row
-                        base = None
+            if base is None and remaining[group] > 1:    # a single run builds its model itself, beside others
+                try:
+                    base = Model(study.run_scene(samples[index], groups.sparse))
+                except Error:    # the run itself reports it; the next run is tried
+                    pass
+            remaining[group] -= 1
             pool.start(index, work(index, base))
         pool.join()
     finally:

@@ -48,8 +48,8 @@ def _index_rows(study: Study, found: dict[str, sensitivity.Indices]) -> list[lis
     rows = []
     for column, indices in found.items():
         for i, parameter in enumerate(study.parameters):
-            cells = [f"{value:.3f} ({low:.3f} to {high:.3f})" if np.isfinite(value) else "" for value, (low, high) in
-                     ((indices.first[i], indices.first_interval[i]), (indices.total[i], indices.total_interval[i]))]
+            cells = ["" if not np.isfinite(value) else f"{value:.3f} ({low:.3f} to {high:.3f})" if np.isfinite(low) else f"{value:.3f} (-)"
+                     for value, (low, high) in ((indices.first[i], indices.first_interval[i]), (indices.total[i], indices.total_interval[i]))]
             rows.append([column, parameter.name, *cells])
     return rows
 

@@ -13,12 +13,15 @@ import csv
 import math
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
-from typing import Iterator, NamedTuple, Sequence
+from typing import TYPE_CHECKING, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from . import Sim
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 __all__ = ["Adjustment", "BadMotion", "Implant", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
@@ -270,7 +273,7 @@ class Table(_Motion):
 class Implant(_Motion):
     """A plan of an implant, one needle after the other: in at `speed` (m/s), back from seed to seed, out."""
 
-    path: str = ""
+    plan: Plan | None = None
     speed: float = 0.08
     settle: float = 0.05      # s at rest before a seed is dropped
     outside: float = 0.02     # m from the template's face, where a needle starts and ends
@@ -282,7 +285,7 @@ class Implant(_Motion):
 
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
         from . import plan as plans
-        plan, half = plans.read(self.path), 0.5 * sim.model.seed_size.length
+        plan, half = self.plan, 0.5 * sim.model.seed_size.length
         plans.check(plan, sim.model)
         guide = plans.guide_of(plan, sim.model)
         turned = multiply(towards(guide.normal), exponential([0.0, 0.0, self.adjustment.roll]))

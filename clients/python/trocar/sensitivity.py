@@ -58,9 +58,18 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     return first, total
 
 
+def _interval(drawn: Array) -> Array:
+    """(p, 2) limits of indices (samples, p)."""
+    drawn = np.where(np.isfinite(drawn), drawn, np.nan)
+    enough = np.isnan(drawn).mean(axis=0) <= 0.1
+    limits = np.nanpercentile(np.where(enough, drawn, 0.0), (2.5, 97.5), axis=0).T
+    return np.where(enough[:, None], limits, np.nan)
+
+
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
     """Indices from the function's values (count (p + 2),) at the points of `design`. Points of which a value is not finite are left out with their
-    mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points."""
+    mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points: NAN if more than a tenth of these samples have no
+    index, such as those in which all values are the same."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:
@@ -69,5 +78,4 @@ def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: 
     first, total = _estimate(table)
     random = np.random.default_rng(seed)
     drawn = [_estimate(table[random.integers(0, len(table), len(table))]) for _ in range(resamples)]
-    limits = [np.percentile([pair[kind] for pair in drawn], (2.5, 97.5), axis=0).T for kind in (0, 1)]
-    return Indices(first, total, limits[0], limits[1])
+    return Indices(first, total, *(_interval(np.array(kind)) for kind in zip(*drawn)))

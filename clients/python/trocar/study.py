@@ -37,7 +37,7 @@ import numpy as np
 
 from . import Error, __version__
 from ._definition import BadStudy, Study, read
-from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, heading, line_of, model_of, read_rows, row_files, run
+from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, has_frames, heading, line_of, model_of, read_rows, row_files, run
 from .plan import BadPlan
 
 __all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
@@ -61,9 +61,7 @@ def results(study: Study, out: Path) -> list[Row]:
     """The rows in all files of the folder, in order. BadStudy for files of another study, or with different rows of one run."""
     samples, rows = study.samples(), {}
     for path in row_files(out):
-        for row in read_rows(path, study):
-            if not 0 <= row.index < len(samples) or not np.array_equal(row.parameters, samples[row.index]):
-                raise BadStudy(f"{path}: run {row.index} has other parameters than the study: choose another folder with --out")
+        for row in read_rows(path, study, samples):
             if row.index in rows and cells_of(rows[row.index]) != cells_of(row):
                 raise BadStudy(f"{path}: run {row.index} has other results than in another file: remove one of them; was it done by another version?")
             rows[row.index] = row
@@ -112,13 +110,19 @@ def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) 
 
 def _batch_script(given: argparse.Namespace, out: Path) -> str:
     """A job array with one element a task."""
-    environment = {name: os.environ[name] for name in ("PYTHONPATH", "TROCAR_LIBRARY") if name in os.environ}
-    command = [sys.executable, "-m", "trocar.study", "run", str(Path(given.study).resolve()), "--out", str(out)]
+    absolute = lambda path: str(Path(path).resolve())
+    environment = {}
+    if "PYTHONPATH" in os.environ:
+        environment["PYTHONPATH"] = os.pathsep.join(absolute(part) for part in os.environ["PYTHONPATH"].split(os.pathsep) if part)
+    if "TROCAR_LIBRARY" in os.environ:
+        library = os.environ["TROCAR_LIBRARY"]
+        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a bare name is searched for
+    command = [sys.executable, "-m", "trocar.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
     lines = ["#!/bin/sh", f"#SBATCH --job-name=trocar-study --array=1-{given.tasks} --ntasks=1 --cpus-per-task={given.workers or 1}",
              f"#SBATCH --output={shlex.quote(str(out / 'slurm-%a.txt'))} --open-mode=append", *(f"#SBATCH {option}" for option in given.sbatch)]
-    lines += [f"export {name}={shlex.quote(os.pathsep.join(str(Path(part).resolve()) for part in value.split(os.pathsep)))}" for name, value in environment.items()]
+    lines += [f"export {name}={shlex.quote(value)}" for name, value in environment.items()]
     return "\n".join([*lines, f"exec {shlex.join(command)} --task \"$SLURM_ARRAY_TASK_ID/{given.tasks}\" --workers \"$SLURM_CPUS_PER_TASK\"", ""])
 
 
@@ -135,7 +139,7 @@ def _submit(given: argparse.Namespace, study: Study) -> int:
         raise Incomplete(f"sbatch: {done.stderr.strip()}")
     job = done.stdout.strip().split(";")[0]
     if not given.wait:
-        print(f"submitted {script} as job {job}; when it has ended: trocar-study collect {given.study} --out {given.out}")
+        print(f"submitted {script} as job {job}; when it has ended: {shlex.join(['trocar-study', 'collect', given.study, '--out', given.out])}")
         return 0
     return _finish(given, study, out, f"job {job}")
 
@@ -197,7 +201,7 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _collect(given: argparse.Namespace) -> int:
-    study = read(given.study, given.record == "frames")
+    study = read(given.study, has_frames(Path(given.out)))
     rows = collect(study, Path(given.out), given.hdf5, given.partial)
     print(f"{Path(given.out) / 'result.csv'}: {len(rows)} runs")
     return 0
@@ -205,7 +209,8 @@ def _collect(given: argparse.Namespace) -> int:
 
 def _summary(given: argparse.Namespace) -> int:
     from . import _summary as summaries
-    study, out = read(given.study, given.record == "frames"), Path(given.out)
+    out = Path(given.out)
+    study = read(given.study, has_frames(out))
     check_manifest(study, out)
     rows = results(study, out)
     if len(rows) < 2:
@@ -240,7 +245,6 @@ def _options() -> argparse.ArgumentParser:
         added = commands.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
         added.add_argument("study", help="study, a YAML file", metavar="STUDY")
         added.add_argument("--out", default="study", help="folder of the results (default: study)", metavar="FOLDER")
-        added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, each 20 ms or as the study says")
         added.set_defaults(call=call)
         return added
 
@@ -251,6 +255,7 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--tasks", type=_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
     added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, with its dashes; may be repeated", metavar="OPTION")
     added.add_argument("--wait", action="store_true", help="with Slurm: wait for the job and collect")
+    added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, each 20 ms or as the study says")
     added.add_argument("--hdf5", action="store_true", help="also write result.h5")
     added.add_argument("--quiet", action="store_true", help="print no progress")
     added = command("collect", _collect, "write result.csv from the rows of all tasks, sorted by run")

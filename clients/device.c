@@ -196,7 +196,8 @@ static trocar_status carry_out(const options *o, const implant_plan *plan, outpu
     trocar_status status = implant_carry_out(plan, &how, &done, why);
     if (status != TROCAR_OK) return status;
     printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
-    printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.forced].hole);
+    printf("repeated            %d commands to drop a seed, because the last one was still in the needle\n", done.repeats);
+    printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
     return output_commit(csv, why);
 }
 

@@ -2,7 +2,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
 
 #include "messages.h"
 #include "template_holes.h"
@@ -10,16 +9,18 @@
 static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis was planned for another template */
 static const double ROUNDING = 1e-5;  /* m, of positions in the table */
 
-static trocar_status add_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
-    int column, row;
+/* The needle of the next seed's hole: a new one, unless the last one is in this hole. A hole may have two names, such as C3 and C3.0. */
+static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
+    int column, row, known = 0;
     if (!find_hole(guide, hole, &column, &row))
         return fail(why, TROCAR_BAD_INPUT, "%s: the scene's template has no hole %s: it has %d x %d; choose the scene that the plan was made for", where, hole,
                     guide->columns, guide->rows);
-    for (int i = 0; i < plan->needle_count; i++)
-        if (strcmp(plan->needles[i].hole, hole) == 0) return fail(why, TROCAR_BAD_INPUT, "%s: the seeds of hole %s are not together: sort the table by holes", where, hole);
+    while (known < plan->needle_count && (plan->needles[known].column != column || plan->needles[known].row != row)) known++;
+    if (known == plan->needle_count - 1) return TROCAR_OK;
+    if (known < plan->needle_count) return fail(why, TROCAR_BAD_INPUT, "%s: the seeds of hole %s are not together: sort the table by holes", where, hole);
     if (plan->needle_count == TROCAR_MAX_NEEDLES) return fail(why, TROCAR_BAD_INPUT, "%s: more than %d needles", where, (int)TROCAR_MAX_NEEDLES);
     planned_needle *n = &plan->needles[plan->needle_count++];
-    *n = (planned_needle){.entry = hole_entry(guide, column, row), .depths = plan->depths + plan->seed_count};
+    *n = (planned_needle){.column = column, .row = row, .entry = hole_entry(guide, column, row), .depths = plan->depths + plan->seed_count};
     snprintf(n->hole, sizeof n->hole, "%s", hole);
     return TROCAR_OK;
 }
@@ -50,8 +51,7 @@ static trocar_status arrange(const trocar_model *model, const plan_table *table,
     for (int i = 0; i < table->count; i++) {
         char where[512];
         snprintf(where, sizeof where, "%s:%d", path, i + 2);
-        trocar_status status = TROCAR_OK;
-        if (i == 0 || strcmp(table->seeds[i].hole, table->seeds[i - 1].hole) != 0) status = add_needle(plan, &guide, table->seeds[i].hole, where, why);
+        trocar_status status = choose_needle(plan, &guide, table->seeds[i].hole, where, why);
         if (status == TROCAR_OK) status = add_seed(plan, &table->seeds[i], where, why);
         if (status != TROCAR_OK) return status;
     }

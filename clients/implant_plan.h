@@ -7,6 +7,7 @@
 
 typedef struct {
     char hole[PLAN_HOLE];
+    int column, row;         /* of the hole, from 0 */
     pose entry;              /* where the hole's axis meets the face where needles enter; along the axis */
     int seed_count;          /* at least 1 */
     const double *depths;    /* m behind that face, of the tip when it drops each seed, deepest first */

@@ -16,7 +16,8 @@ static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks 
 static const double CLEAR = 0.005;      /* m, of the tip in front of the template before and after */
 static const double PAUSE = 0.1;        /* s at rest, before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, see drop_seed */
-static const int TRIES = 6;
+static const int REPEATS = 5;
+static const char *const PENDING = "still holds"; /* in the reason of a refusal because a seed is still in the needle: see api_seeds.c */
 
 typedef struct {
     const implant_plan *plan;
@@ -72,7 +73,7 @@ static void note_force(player *p) {
     double force = v3_norm(load_vec3(p->wrench.force));
     if (force <= p->summary->greatest_force) return;
     p->summary->greatest_force = force;
-    p->summary->forced = p->needle;
+    p->summary->greatest_force_needle = p->needle;
 }
 
 /* One period in which the hand holds the needle at `tip`. */
@@ -147,16 +148,17 @@ static trocar_status insert_and_leave(player *p) {
 }
 
 /* Where the tissue has followed the needle back, the last seed is still in it, and the server refuses the next one. Then the hand draws the needle a
-   little further and tries again. */
+   little further and tries again. Any other refusal ends the implant. */
 static trocar_status drop_seed(player *p) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
-    for (int i = 0; i < TRIES; i++) {
+    for (int i = 0; i <= REPEATS; i++) {
         trocar_status status = i == 0 ? TROCAR_OK : stroke(p, p->tip - FURTHER);
+        p->summary->repeats += i > 0;
         trocar_client_drop_seeds(p->client, 1, 0);
         if (status == TROCAR_OK) status = await_reply(p, true, &answer, reason);
         if (status != TROCAR_OK) return status;
-        if (answer != TROCAR_CLIENT_REFUSED) break;
+        if (answer != TROCAR_CLIENT_REFUSED || !strstr(reason, PENDING)) break;
     }
     if (answer != TROCAR_CLIENT_DONE) return fail_needle(p, "cannot drop a seed", reason);
     p->summary->seeds++;

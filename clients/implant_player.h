@@ -20,9 +20,10 @@ typedef struct {
 
 typedef struct {
     int needles, seeds;      /* inserted; dropped */
+    int repeats;             /* commands to drop a seed that were repeated, because the last seed was still in the needle */
     double duration;         /* s */
     double greatest_force;   /* N */
-    int forced;              /* the needle that met it */
+    int greatest_force_needle; /* the needle that met it */
 } implant_summary;
 
 /* SYSTEM, with the needle's hole and the reason, if the server refuses a command or falls silent, and after SIGINT or SIGTERM. The needles stay

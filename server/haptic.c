@@ -183,7 +183,8 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* Is this tick one of so many a second? Of the loop's rate, which need not be a multiple. What is due rarely, is so with what is due ten times as often. RT */
+/* Is this tick one of so many a second? Of the loop's rate, which need not be a multiple.
+   A tick that is due at the lower rate is also due at ten times that rate. RT */
 static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */

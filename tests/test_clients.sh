@@ -43,7 +43,8 @@ bad_input() {
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/0.0675/0.18} >deep.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/E3/E9} >hole.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" ${row/-0.01/-0.012} >beside.csv
-    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row E3,2,0.01,-0.01,0.0645 >overlap.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row E3.0,2,0.01,-0.01,0.0645 >overlap.csv
+    printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row F3,1,0.005,-0.01,0.0675 E3.0,2,0.01,-0.01,0.06 >apart.csv
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" $row F3,1,0.005,-0.01,0.0675 >two.csv
     sed "/^needles:/d; s|^mesh: |mesh: $source/meshes/|" "$template" >one.yaml
     printf '%s\n' "hole,seed,x [m],y [m],z [m]" >none.csv
@@ -58,6 +59,7 @@ bad_input() {
     refuses "beside.csv:2: the seed is 2.0 mm beside hole E3" "$device" --plan beside.csv --scene "$template"
     refuses "deep.csv:2: the seed is 205.0 mm behind the template's face, where a needle of 200 mm does not reach" "$device" --plan deep.csv --scene "$template" --csv x.csv
     refuses "overlap.csv:3: the seed is not behind the one before" "$device" --plan overlap.csv --scene "$template"
+    refuses "apart.csv:4: the seeds of hole E3.0 are not together" "$device" --plan apart.csv --scene "$template"
     refuses 'the plan has 2 needles, the scene 1: add "needles: 2" to the scene' "$device" --plan two.csv --scene one.yaml
     refuses --nonsense "$replay" --nonsense
     refuses --scene "$replay" --poses poses.log

@@ -38,6 +38,7 @@ tail -n1 out/forces.svg | grep -qx "</svg>" || fail "the figure is truncated"
 echo "an implant of two needles"
 ends_with 0 scripts/demo --implant --short
 says "implant             2 needles, 8 seeds"
+says "repeated            "
 says "peak force pushing in"
 says "shift of its base"
 says "needles out"
@@ -46,6 +47,10 @@ for figure in forces seeds dvh; do
 done
 [ "$(wc -l <out/implant-seeds.csv)" -eq 9 ] || fail "not 8 seeds: $(cat out/implant-seeds.csv)"
 [ -s out/implant.log ] && has_results || fail "no recording, or the other demo's results are gone"
+head -n1 out/implant-forces.csv >heading.csv
+ends_with 2 env PYTHONPATH=build/clients/python TROCAR_LIBRARY=build/core/libtrocar.so \
+    scripts/implant_report meshes/implant.yaml docs/examples/implant-plan.yaml out/implant.log heading.csv out
+says "implant_report: heading.csv: not the table of a complete implant"
 ends_with 2 scripts/demo --short
 
 echo "another one in the same folder"

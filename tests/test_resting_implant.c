@@ -1,7 +1,7 @@
 /* A whole implant with needles that slip, against one contact problem of all that rest: needles are pushed in one after the other and left, then
    taken in the same order and drawn out.
 
-   The library lets one needle slip at a time, at 100 Hz. The reference keeps it from doing so. After each tick of 1 ms it solves for the slips of all
+   The library lets one needle slip at a time, at 250 Hz. The reference keeps it from doing so. After each tick of 1 ms it solves for the slips of all
    points of all needles together, by projected Gauss-Seidel on the dense compliance of needles, template and tissue, assembled here from the
    model's inverse, until no force is above what friction can bear by more than 1e-10 N; and the next tick knows the result. That needles which
    stick are one problem with the one that is held, is shown in test_resting.c, and so is the error of linearising a needle that slips.

@@ -267,7 +267,7 @@ static void guides_are_read(void **unused) {
     scene s;
     load_good(MINIMAL "guides:\n  - {name: template, origin: [0, 0.01, -0.03], normal: [0, 0, 1], along: [1, 0, 0], rows_along: [0, -1, 0], columns: 13, rows: 12, spacing: 4e-3,\n"
               "     hole_diameter: 1.5e-3, thickness: 0.015, stiffness: 4e4, friction: 0.2}\n"
-              "  - {name: ring, origin: [0, 0, -0.1], normal: [0, 0, 1], hole_diameter: 2e-3}\n", &s);
+              "  - {name: ring, origin: [0, 0, -0.1], normal: [0, 0, 1], rows_along: [1, 0, 0], hole_diameter: 2e-3}\n", &s);
     assert_int_equal(s.simulation.guide_count, 2);
     const guide_config *g = &s.simulation.guides[0], *ring = &s.simulation.guides[1];
     assert_string_equal(g->name, "template");

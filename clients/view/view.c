@@ -322,7 +322,7 @@ static void act(void *context, const web_action *action) {
     case ACTION_RESET: order.kind = ORDER_RESET; break;
     case ACTION_DROP:
         order.kind = ORDER_DROP;
-        order.seeds = (int)fmaxf(1, fminf(c[0], 16)); /* one if it is no number */
+        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* one if it is no number */
         break;
     case ACTION_UNDO: order.kind = ORDER_UNDO; break;
     case ACTION_PROBE:
@@ -352,7 +352,8 @@ static void act(void *context, const web_action *action) {
     publisher_tell(&v->pilot, &order);
 }
 
-/* The server's answer to the hand-over of the driven needle. */
+/* The server's answer to the hand-over of the driven needle. Its next status may come a while later: until then, a needle that has been left would look as
+   if it could be driven without being taken. */
 static void heed_reply(view *v) {
     const trocar_command_reply_t *reply = v->feed.reply;
     bool is_new = v->feed.replies_heard != v->replies_heeded;
@@ -360,6 +361,8 @@ static void heed_reply(view *v) {
     if (!is_new || !reply || reply->needle != v->driven || v->handing == HANDING_NOTHING) return;
     bool left = reply->command == TROCAR_COMMAND_T_LEAVE, taken = reply->command == TROCAR_COMMAND_T_TAKE, done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
     if (!left && !taken) return;
+    trocar_status_t *status = v->feed.needles[v->driven].status;
+    if (left && done && status) status->state = TROCAR_STATUS_T_RESTING;
     if (left == done) web_let_go(v->web); /* it rests */
     else publisher_tell(&v->pilot, &(publisher_order){.kind = ORDER_GO_ON});
     if (left) v->handing = HANDING_NOTHING; /* that it has been taken is seen in its status a little later */

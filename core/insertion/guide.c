@@ -49,7 +49,7 @@ const char *guide_fault(const guide_config *g, double needle_diameter, const cha
         *key = "along", snprintf(words->text, sizeof words->text, "missing: a plate of %d x %d holes needs the direction of its columns", g->columns, g->rows);
     else if (!is_zero(g->along) && v3_norm(v3_cross(direction_of(g->normal), direction_of(g->along))) < LEAST_SINE)
         *key = "along", snprintf(words->text, sizeof words->text, "parallel to the normal: give a direction in the plate");
-    else if (!has_square_rows(g))
+    else if (!is_zero(g->along) && !has_square_rows(g))
         *key = "rows_along", snprintf(words->text, sizeof words->text, "not across the columns in the plate: give a direction perpendicular to the normal and to along, or leave it out");
     else if (g->hole_diameter < needle_diameter)
         *key = "hole_diameter", snprintf(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",

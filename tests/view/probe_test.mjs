@@ -56,7 +56,12 @@ try {
   })
 
   await driven('B gives the keys back to the needle', page, async () => {
-    if (await page.evaluate('trocar.probe.moving')) await page.keyboard.press('b')
+    if (await page.evaluate('trocar.probe.moving')) {
+      await page.keyboard.down('a')
+      await page.keyboard.press('b')
+      assert(await page.evaluate('!trocar.probe.moving && trocar.drive.command().every((x) => x === 0)'), 'a held key moves the needle')
+      await page.keyboard.up('a')
+    }
     const { z } = await probe()
     const start = await page.evaluate('trocar.shown.needles[0].joints[2]')
     await press('s', `trocar.shown.needles[0].joints[2] < ${start - 1e-3}`)

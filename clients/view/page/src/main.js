@@ -117,8 +117,8 @@ function showState() {
 }
 
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
-  const handless = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
-  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && handless)).map((flag) => flag.replaceAll('_', ' '))
+  const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
+  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => flag.replaceAll('_', ' '))
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')

@@ -65,7 +65,10 @@ export class Probe {
     ink.stroke()
   }
 
+  /** Changes what the controls move. What they moved before stands still, and a key that is held must be pressed again. */
   setMoving(moving) {
+    if (moving !== this.moving) this.drive.rest()
+    if (this.moving && !moving) this.link.moveProbe(STILL)
     this.moving = moving
     this.button.setAttribute('aria-pressed', String(moving))
     this.button.classList.toggle('held', moving)

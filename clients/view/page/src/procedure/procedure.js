@@ -35,7 +35,7 @@ export class Procedure {
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
   }
 
   load(scene) {

@@ -385,7 +385,7 @@ static void degenerate_paths_are_handled(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     const mesh *m = &l->simulation.mesh;
     int aimed = 0;
-    for (int i = 0; i < m->node_count && aimed < 40; i++) {
+    for (int i = 0; i < m->node_count && aimed < 24; i++) {
         vec3 x = m->nodes[i];
         if (x.z > 0.0 || fabs(x.x) > 0.04 || fabs(x.y) > 0.03) continue; /* skin nodes: straight through, then toward inner nodes */
         aimed++;
@@ -418,7 +418,7 @@ static void random_motions_are_handled(void **unused) {
     c.needle.bevel_slope = 0.03;
     lockstep *l = lockstep_create(&c, lockstep_start());
     unsigned seed = 7;
-    for (int run = 0; run < 12; run++) {
+    for (int run = 0; run < 6; run++) {
         pose start = lockstep_start();
         start.position.x += 0.03 * (uniform(&seed) - 0.5);
         start.position.y += 0.03 * (uniform(&seed) - 0.5);

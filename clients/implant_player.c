@@ -1,15 +1,13 @@
-#define _GNU_SOURCE
 #include "implant_player.h"
 
-#include <errno.h>
 #include <math.h>
-#include <signal.h>
 #include <string.h>
-#include <time.h>
 
 #include "messages.h"
 #include "motion.h"
+#include "playing.h"
 #include "realtime.h"
+#include "timing.h"
 #include "trocar_client.h"
 
 static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks at 1.875 times that. Podder et al. 2006: mean 48 mm/s, peak 123 mm/s */
@@ -34,19 +32,6 @@ typedef struct {
     double tip;              /* m behind the template's face; of the tip if the needle is straight and has not been moved while it rested */
 } player;
 
-static volatile sig_atomic_t interrupted;
-
-static void interrupt(int signal) {
-    (void)signal;
-    interrupted = 1;
-}
-
-static double now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
 
 static trocar_status fail_needle(player *p, const char *what, const char *reason) {
@@ -56,16 +41,15 @@ static trocar_status fail_needle(player *p, const char *what, const char *reason
 /* Sleeps until the next period begins. Missed periods are skipped. */
 static trocar_status next_period(player *p) {
     double period = 1.0 / p->play->rate;
-    p->due = fmax(p->due + period, now());
-    struct timespec until = {.tv_sec = (time_t)p->due, .tv_nsec = (long)(1e9 * (p->due - floor(p->due)))};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL) == EINTR && !interrupted) continue;
-    return interrupted ? fail_needle(p, "was not finished", "interrupted") : TROCAR_OK;
+    p->due = fmax(p->due + period, playing_now());
+    sleep_until((int64_t)(1e9 * p->due));
+    return playing_interrupted() ? fail_needle(p, "was not finished", "interrupted") : TROCAR_OK;
 }
 
 static void write_row(const player *p, const pose *base) {
     const trocar_client_wrench *w = &p->wrench;
     vec3 axis = q_axis(base->orientation);
-    fprintf(p->play->csv, "%.4f,%d,%s,%s,%.6f,%.5f,%.5f,%.5f,%.5f,%.6f,%d\n", now() - p->began, p->needle, planned(p)->hole, p->stage, p->tip, w->force[0],
+    fprintf(p->play->csv, "%.4f,%d,%s,%s,%.6f,%.5f,%.5f,%.5f,%.5f,%.6f,%d\n", playing_now() - p->began, p->needle, planned(p)->hole, p->stage, p->tip, w->force[0],
             w->force[1], w->force[2], -v3_dot(load_vec3(w->force), axis), w->depth, w->flags);
 }
 
@@ -84,8 +68,8 @@ static trocar_status hold_period(player *p) {
     base.position = v3_axpy(p->tip - p->plan->needle_length, q_axis(base.orientation), base.position);
     trocar_pose hand = library_pose(base);
     trocar_client_publish(p->client, hand.position, hand.orientation);
-    if (trocar_client_newest(p->client, &p->wrench)) p->heard = now();
-    if (now() - p->heard > p->play->patience)
+    if (trocar_client_newest(p->client, &p->wrench)) p->heard = playing_now();
+    if (playing_now() - p->heard > p->play->patience)
         return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that no other device holds the needle; trocar-top shows the "
                            "server's last refusal");
     note_force(p);
@@ -95,13 +79,13 @@ static trocar_status hold_period(player *p) {
 
 static trocar_status hold(player *p, double seconds) {
     trocar_status status = TROCAR_OK;
-    for (double end = now() + seconds; status == TROCAR_OK && now() < end;) status = hold_period(p);
+    for (double end = playing_now() + seconds; status == TROCAR_OK && playing_now() < end;) status = hold_period(p);
     return status;
 }
 
 /* Holds the needle until the server answers, and a little longer while it ramps the force up. */
 static trocar_status engage(player *p) {
-    double asked = p->heard = now();
+    double asked = p->heard = playing_now();
     trocar_status status;
     do status = hold_period(p);
     while (status == TROCAR_OK && p->heard <= asked);
@@ -110,9 +94,9 @@ static trocar_status engage(player *p) {
 
 static trocar_status stroke(player *p, double to) {
     trocar_status status = TROCAR_OK;
-    double from = p->tip, start = now(), duration = fabs(to - from) / (MEAN_SPEED * p->play->speed), t = 0;
+    double from = p->tip, start = playing_now(), duration = fabs(to - from) / (MEAN_SPEED * p->play->speed), t = 0;
     while (status == TROCAR_OK && t < duration) {
-        t = now() - start;
+        t = playing_now() - start;
         p->tip = from + (to - from) * motion_fraction(0, duration, t);
         status = hold_period(p);
     }
@@ -154,9 +138,10 @@ static trocar_status drop_seed(player *p) {
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
     for (int i = 0; i <= REPEATS; i++) {
         trocar_status status = i == 0 ? TROCAR_OK : stroke(p, p->tip - FURTHER);
+        if (status != TROCAR_OK) return status;
         p->summary->repeats += i > 0;
         trocar_client_drop_seeds(p->client, 1, 0);
-        if (status == TROCAR_OK) status = await_reply(p, true, &answer, reason);
+        status = await_reply(p, true, &answer, reason);
         if (status != TROCAR_OK) return status;
         if (answer != TROCAR_CLIENT_REFUSED || !strstr(reason, PENDING)) break;
     }
@@ -193,26 +178,16 @@ static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(
     return status;
 }
 
-/* The client's thread runs just below. */
-static int use_realtime(void) {
-    int error = realtime_use_fifo(PRIORITY_DEVICE);
-    if (error == 0) return PRIORITY_DEVICE - 1;
-    fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
-    return 0;
-}
-
 trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why) {
-    player p = {.plan = plan, .play = play, .summary = summary, .why = why, .began = now()};
-    struct sigaction action = {.sa_handler = interrupt};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    player p = {.plan = plan, .play = play, .summary = summary, .why = why, .began = playing_now()};
+    playing_heed_signals();
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
-    if (play->realtime) p.priority = use_realtime();
+    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
     trocar_status status = TROCAR_OK;
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);
-    summary->duration = now() - p.began;
+    summary->duration = playing_now() - p.began;
     return status;
 }

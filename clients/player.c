@@ -5,7 +5,6 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <poll.h>
-#include <signal.h>
 #include <string.h>
 #include <sys/timerfd.h>
 #include <time.h>
@@ -13,8 +12,8 @@
 
 #include "lcm_filter.h"
 #include "network.h"
+#include "playing.h"
 #include "poselog.h"
-#include "realtime.h"
 #include "server_choice.h"
 #include "session.h"
 #include "timing.h"
@@ -36,18 +35,9 @@ typedef struct {
     report *why;
 } player;
 
-static volatile sig_atomic_t interrupted;
-
-static void interrupt(int signal) {
-    (void)signal;
-    interrupted = 1;
-}
-
-static double now(void) { return 1e-9 * (double)monotonic_ns(); } /* s */
-
 /* Whether this is the server whose wrenches are used. Another one is reported once and counted. */
 static bool follow(player *p, int64_t server) {
-    if (server_choice_follows(&p->servers, server, now())) return true;
+    if (server_choice_follows(&p->servers, server, playing_now())) return true;
     if (p->record->foreign_wrenches++ == 0)
         fprintf(stderr, "trocar-device: two servers answer on this LCM URL: following %016" PRIx64 ", not %016" PRIx64 "; stop one of them\n",
                 (uint64_t)p->servers.followed, (uint64_t)server);
@@ -62,7 +52,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (wrench.session != p->record->session || wrench.needle != p->settings->needle || !follow(p, wrench.server)) return;
     p->force = v3(wrench.force[0], wrench.force[1], wrench.force[2]);
     p->wrench_tick = wrench.tick;
-    trocar_status status = recording_add_wrench(p->record, now(), &wrench, p->why);
+    trocar_status status = recording_add_wrench(p->record, playing_now(), &wrench, p->why);
     if (p->status == TROCAR_OK) p->status = status;
 }
 
@@ -80,7 +70,7 @@ static trocar_status send_pose(player *p, double t) {
     trocar_needle_pose_t message = message_of_pose(base, wall_us(), r->session, r->sent_count);
     message.wrench_tick = p->wrench_tick;
     message.needle = p->settings->needle;
-    trocar_status status = recording_add_pose(r, now(), base, p->why);
+    trocar_status status = recording_add_pose(r, playing_now(), base, p->why);
     if (status != TROCAR_OK) return status;
     if (trocar_needle_pose_t_publish(p->lcm, POSE_CHANNEL, &message) == 0) return TROCAR_OK;
     return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (docs/troubleshooting.md)?", POSE_CHANNEL);
@@ -89,7 +79,7 @@ static trocar_status send_pose(player *p, double t) {
 /* Waits for a wrench or the timer; returns the number of periods elapsed, 0 after a wrench, -1 if interrupted. */
 static int wait_event(player *p) {
     struct pollfd events[2] = {{.fd = p->timer, .events = POLLIN}, {.fd = lcm_get_fileno(p->lcm), .events = POLLIN}};
-    if (poll(events, 2, -1) < 0 || interrupted) return -1;
+    if (poll(events, 2, -1) < 0 || playing_interrupted()) return -1;
     if (events[1].revents) lcm_handle(p->lcm);
     uint64_t expired = 0;
     if (events[0].revents && read(p->timer, &expired, sizeof expired) < 0) return 0;
@@ -98,13 +88,13 @@ static int wait_event(player *p) {
 
 /* Sends the start pose until the server's first answer. */
 static trocar_status await_server(player *p) {
-    double deadline = now() + p->settings->patience;
+    double deadline = playing_now() + p->settings->patience;
     while (p->record->received_count == 0) {
         int periods = wait_event(p);
         if (periods < 0) return fail(p->why, TROCAR_SYSTEM, "interrupted before the server answered");
         trocar_status status = periods ? send_pose(p, 0) : p->status;
         if (status != TROCAR_OK) return status;
-        if (now() > deadline)
+        if (playing_now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
                         "no answer in %g s for needle %d: check that trocar-server runs with the same LCM URL, that its scene has this "
                         "needle and that no other device owns it; trocar-top shows the server's last refusal",
@@ -115,12 +105,12 @@ static trocar_status await_server(player *p) {
 
 /* Rests for `settle`, plays the script, then listens a little longer. */
 static trocar_status play_script(player *p) {
-    double start = now() + p->settings->settle, t = 0;
+    double start = playing_now() + p->settings->settle, t = 0;
     p->record->start = start;
     while (t < p->settings->duration + last_answers && p->status == TROCAR_OK) {
         int periods = wait_event(p);
         if (periods < 0) break;
-        t = now() - start;
+        t = playing_now() - start;
         if (periods > 1 && t > 0) p->record->skipped_periods += periods - 1;
         if (periods == 0 || t >= p->settings->duration) continue;
         trocar_status status = send_pose(p, t);
@@ -133,13 +123,6 @@ static void release_needle(player *p) {
     trocar_command_t release = {.utime = wall_us(), .session = p->record->session,
                                 .command = TROCAR_COMMAND_T_RELEASE, .needle = p->settings->needle};
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &release);
-}
-
-/* Called before LCM is created, because its reader thread inherits the priority. */
-static void ask_realtime(void) {
-    int error = realtime_use_fifo(PRIORITY_DEVICE);
-    if (error != 0)
-        fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
 }
 
 static trocar_status open_links(player *p) {
@@ -169,10 +152,8 @@ trocar_status play(const play_settings *settings, recording *r, report *why) {
     p.hand.position = settings->start.position;
     p.hand.velocity = v3(0, 0, 0);
 
-    struct sigaction action = {.sa_handler = interrupt};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    if (settings->realtime) ask_realtime();
+    playing_heed_signals();
+    if (settings->realtime) playing_use_realtime(); /* before LCM is created, because its reader thread inherits the priority */
 
     trocar_status status = open_links(&p);
     if (status == TROCAR_OK) status = await_server(&p);

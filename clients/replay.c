@@ -350,8 +350,8 @@ static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why
     if (r->options->all && n->begun && c->session != n->session)
         return fail(why, TROCAR_BAD_INPUT, "needle %d: another session holds the needle", needle);
     switch (c->command) {
-    case TROCAR_COMMAND_T_DROP_SEED: return trocar_sim_drop_seeds(r->sim, needle, c->seeds, c->spacing, why);
-    case TROCAR_COMMAND_T_UNDO: return trocar_sim_undo_seed(r->sim, needle, why);
+    case TROCAR_COMMAND_T_DROP_SEED:
+    case TROCAR_COMMAND_T_UNDO: return handle_seeds(r->sim, needle, c, why);
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);

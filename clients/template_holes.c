@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "messages.h"
+
 int find_template(const trocar_model *model) {
     for (int i = 0; i < trocar_model_guide_count(model); i++) {
         trocar_guide guide = trocar_model_guide(model, i);
@@ -23,8 +25,6 @@ bool find_hole(const trocar_guide *guide, const char *name, int *column, int *ro
     return *column < guide->columns && *row >= 0 && *row < guide->rows;
 }
 
-static vec3 vector(const double *x) { return v3(x[0], x[1], x[2]); }
-
 /* Turns z to `axis` and x to `along`, perpendicular unit vectors. */
 static quat frame_of(vec3 axis, vec3 along) {
     vec3 z = v3(0, 0, 1), turn = v3_cross(z, axis);
@@ -35,8 +35,8 @@ static quat frame_of(vec3 axis, vec3 along) {
 }
 
 pose hole_entry(const trocar_guide *guide, double column, double row) {
-    vec3 columns = vector(guide->across[0]), rows = vector(guide->across[1]), normal = vector(guide->normal);
-    vec3 place = v3_axpy((column - 0.5 * (guide->columns - 1)) * guide->spacing, columns, vector(guide->origin));
+    vec3 columns = load_vec3(guide->across[0]), rows = load_vec3(guide->across[1]), normal = load_vec3(guide->normal);
+    vec3 place = v3_axpy((column - 0.5 * (guide->columns - 1)) * guide->spacing, columns, load_vec3(guide->origin));
     place = v3_axpy((row - 0.5 * (guide->rows - 1)) * guide->spacing, rows, place);
     return (pose){place, frame_of(normal, v3_cross(rows, normal))};
 }

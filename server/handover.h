@@ -1,4 +1,4 @@
-/* A needle changes hands: what the server does, and the replay of a log of the server after it. */
+/* What commands do: a needle changes hands, seeds are dropped. For the server, and for the replay of a log of the server. */
 #ifndef TROCAR_HANDOVER_H
 #define TROCAR_HANDOVER_H
 
@@ -6,6 +6,7 @@
 
 #include "base/vec.h"
 #include "trocar.h"
+#include "trocar_command_t.h"
 
 /* A hand that takes a resting needle is elsewhere: from then on the needle moves as the hand does, from where it lay. */
 typedef struct {
@@ -15,6 +16,10 @@ typedef struct {
 
 hand_clutch clutch_engage(pose hand, const trocar_pose *base); /* RT */
 pose clutch_follow(const hand_clutch *clutch, pose hand);      /* where the base is to be. RT */
+
+/* Carries out the DROP_SEED or UNDO that `m` asks for, with this needle of the simulation. Errors as trocar_sim_drop_seeds. RT, but for the text of a
+   refusal. */
+trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *m, trocar_error *why);
 
 /* Takes the needle out of the tissue, and far away from it. Errors as trocar_sim_reset. RT */
 trocar_status remove_needle(trocar_sim *sim, int needle, trocar_error *why);

@@ -64,10 +64,9 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
 }
 
 /* Seeds of a needle that has been held: before that, the simulation has put it anywhere. RT, but for the text of a refusal. */
-static trocar_status handle_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
+static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
     if (h->needles[m->needle].safety.engagement == 0) return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
-    if (m->command == TROCAR_COMMAND_T_UNDO) return trocar_sim_undo_seed(h->sim, m->needle, why);
-    return trocar_sim_drop_seeds(h->sim, m->needle, m->seeds, m->spacing, why);
+    return handle_seeds(h->sim, m->needle, m, why);
 }
 
 /* Starts a command that the worker completes later; finish_command replies. RT, but for the text of a refusal. */
@@ -92,7 +91,7 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
     bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO;
-    trocar_status status = seeds ? handle_seeds(h, &c->asked, &why) : hand_over_needle(h, c, &why);
+    trocar_status status = seeds ? handle_held_seeds(h, &c->asked, &why) : hand_over_needle(h, c, &why);
     if (seeds || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
 }
 

@@ -1,5 +1,7 @@
 #include "hole_approach.h"
 
+#include "messages.h"
+
 static const double CLEARANCE = 0.003; /* m, of the tip in front of the template */
 static const double HERE = 1e-9;       /* m and rad, rounding */
 
@@ -7,6 +9,13 @@ pose hole_home(const trocar_guide *guide, double column, double row, double need
     pose home = hole_entry(guide, column, row);
     home.position = v3_axpy(-needle_length - CLEARANCE, q_axis(home.orientation), home.position);
     return home;
+}
+
+pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length) {
+    vec3 from = v3_sub(base.position, load_vec3(guide->origin));
+    double column = round(v3_dot(from, load_vec3(guide->across[0])) / guide->spacing + 0.5 * (guide->columns - 1));
+    double row = round(v3_dot(from, load_vec3(guide->across[1])) / guide->spacing + 0.5 * (guide->rows - 1));
+    return hole_home(guide, fmax(0, fmin(column, guide->columns - 1)), fmax(0, fmin(row, guide->rows - 1)), needle_length);
 }
 
 /* The part of `rest` that a step of at most `most` leaves. */

@@ -2,6 +2,7 @@
 
 #include <stdlib.h>
 
+#include "handover.h"
 #include "subscriber.h"
 #include "messages.h"
 #include "poselog.h"
@@ -39,11 +40,8 @@ static void clean_up(playback *p) {
 /* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. */
 static void run_commands(playback *p, int pose) {
     report ignored;
-    for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
-        const trocar_command_t *c = &p->poses.commands[p->commands_done].command;
-        if (c->command == TROCAR_COMMAND_T_DROP_SEED) trocar_sim_drop_seeds(p->sim, 0, c->seeds, c->spacing, &ignored);
-        if (c->command == TROCAR_COMMAND_T_UNDO) trocar_sim_undo_seed(p->sim, 0, &ignored);
-    }
+    for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++)
+        handle_seeds(p->sim, 0, &p->poses.commands[p->commands_done].command, &ignored);
 }
 
 static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {

@@ -21,7 +21,6 @@ static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server takes 100 poses
 static const double LONGEST_STEP = 0.01;       /* s, longest time step */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
-static const int64_t HANDOVER = 2000000000; /* ns after which a hand-over without an answer is given up */
 
 /* From where the probe was when it began to move. */
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
@@ -170,7 +169,7 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     p->probing &= alive;
     if (goes_on) move_probe(p, now, dt);
     if (!goes_on || !p->holding) return goes_on;
-    p->waiting &= now - p->waits_since < HANDOVER;
+    p->waiting &= now - p->waits_since < HANDOVER_PATIENCE;
     if (p->waiting || !alive) {
         rate_control_begin(&p->drive, p->home, p->drive.base); /* at rest */
         return true;

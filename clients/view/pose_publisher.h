@@ -10,6 +10,8 @@
 #include "rate_control.h"
 #include "base/spsc_ring.h"
 
+static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns after which a hand-over without an answer is given up */
+
 typedef enum {
     ORDER_TAKE,
     ORDER_STEER,

@@ -30,7 +30,6 @@ const char *argp_program_version = "trocar-view " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
-static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns without an answer, as in pose_publisher.c */
 static const double FAR = 0.5;  /* m from its home: a needle that was removed */
 
 /* Content and size of a picture. */
@@ -288,11 +287,8 @@ static bool rests(const view *v, int needle) {
 static pose home_of_base(const view *v, pose base, pose otherwise) {
     int template = find_template(v->model);
     if (template < 0) return otherwise;
-    trocar_guide g = trocar_model_guide(v->model, template);
-    vec3 from = v3_sub(base.position, load_vec3(g.origin));
-    double column = round(v3_dot(from, load_vec3(g.across[0])) / g.spacing + 0.5 * (g.columns - 1));
-    double row = round(v3_dot(from, load_vec3(g.across[1])) / g.spacing + 0.5 * (g.rows - 1));
-    return hole_home(&g, fmax(0, fmin(column, g.columns - 1)), fmax(0, fmin(row, g.rows - 1)), v->needle_length);
+    trocar_guide guide = trocar_model_guide(v->model, template);
+    return hole_home_beside(&guide, base, v->needle_length);
 }
 
 static void begin_handover(view *v, handover what) {

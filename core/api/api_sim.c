@@ -18,8 +18,8 @@ _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
-static const double RESPONSE_PERIOD = 0.004, PRESSED_PERIOD = 0.01; /* s, between two responses of what rests to the forces of held needles; while a
-                                                                       probe presses, which takes the worker longer */
+/* s, between two responses of what rests to the forces of held needles; longer while a probe presses so many nodes, which takes the worker longer. RT */
+static double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 enum { MOST_ANSWERS = 4 };             /* to requests, one after another, before what rests gets its turn */
 
@@ -200,7 +200,7 @@ static void post_request(trocar_sim *sim, needle_track *needle) {
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->probe_placed, memory_order_relaxed);
     const shown_probe *probe = probe_shown(sim);
-    double period = probe && probe->told.contacts > 0 ? PRESSED_PERIOD : RESPONSE_PERIOD;
+    double period = response_period(probe ? probe->told.contacts : 0);
     needle->since_loads += dt;
     if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !loads_changed(needle)) return;
     copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out));
@@ -329,7 +329,7 @@ static trocar_status catch_up(trocar_sim *sim, int index, report *why) {
 static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;
-    double period = sim->probe && sim->probe->state.count > 0 ? PRESSED_PERIOD : RESPONSE_PERIOD;
+    double period = response_period(sim->probe ? sim->probe->state.count : 0);
     if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < period - 1e-9) return TROCAR_OK;
     sim->since_response = 0.0;
     trocar_status status = press_probe(sim, why);

@@ -18,17 +18,17 @@ static unsigned char *element_at(const spsc_ring *r, size_t count) {
     return r->elements + (count & (r->capacity - 1)) * r->size;
 }
 
-bool spsc_ring_push(spsc_ring *r, const void *element) {
-    size_t written = atomic_load_explicit(&r->written, memory_order_relaxed);
+bool spsc_ring_has_room(const spsc_ring *r) {
     size_t taken = atomic_load_explicit(&r->taken, memory_order_acquire); /* the reader has copied the element that is overwritten */
-    if (written - taken == r->capacity) return false;
+    return atomic_load_explicit(&r->written, memory_order_relaxed) - taken < r->capacity;
+}
+
+bool spsc_ring_push(spsc_ring *r, const void *element) {
+    if (!spsc_ring_has_room(r)) return false;
+    size_t written = atomic_load_explicit(&r->written, memory_order_relaxed);
     memcpy(element_at(r, written), element, r->size);
     atomic_store_explicit(&r->written, written + 1, memory_order_release);
     return true;
-}
-
-bool spsc_ring_has_room(const spsc_ring *r) {
-    return atomic_load_explicit(&r->written, memory_order_relaxed) - atomic_load_explicit(&r->taken, memory_order_acquire) < r->capacity;
 }
 
 bool spsc_ring_pop(spsc_ring *r, void *element) {

@@ -120,6 +120,14 @@ static trocar_status bind_probe(simulation *s, report *why) {
                 "the tissue, or leave start away and place it with a pose", place_in_scene(s, p->start_line, place), p->shape.radius);
 }
 
+/* Finds in the mesh what the configuration names. */
+static trocar_status bind_to_mesh(simulation *s, report *why) {
+    trocar_status status = bind_regions(s, why);
+    if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = bind_guides(s, why);
+    return status == TROCAR_OK ? bind_probe(s, why) : status;
+}
+
 /* With the tissue: a surface that is fixed everywhere does not yield to a probe. */
 static trocar_status check_probe_surface(const simulation *s, report *why) {
     char place[PLACE_ROOM];
@@ -229,10 +237,7 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     trocar_status status = take_mesh(s, why);
     if (status != TROCAR_OK) return status;
     mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
-    status = bind_regions(s, why);
-    if (status == TROCAR_OK) status = bind_membranes(s, why);
-    if (status == TROCAR_OK) status = bind_guides(s, why);
-    if (status == TROCAR_OK) status = bind_probe(s, why);
+    status = bind_to_mesh(s, why);
     if (status != TROCAR_OK) simulation_free(s);
     return status;
 }
@@ -263,7 +268,7 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
 
 /* ---- sharing the inverse ---------------------------------------------------------------------------------------------- */
 
-/* The first key of which mesh, stiffness or inverse depend and that differs; NULL: none does. `text` has room for a key. */
+/* The first key that differs, of those on which mesh, stiffness or inverse depend; NULL: none does. `text` has room for a key. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (strcmp(a->mesh_path, b->mesh_path) != 0) return "mesh";
     if (a->mesh_unit != b->mesh_unit) return "mesh_unit";
@@ -305,10 +310,7 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     s->tissue = base->tissue;
     s->inverse = base->inverse;
     s->about_inverse = base->about_inverse;
-    status = bind_regions(s, why);
-    if (status == TROCAR_OK) status = bind_membranes(s, why);
-    if (status == TROCAR_OK) status = bind_guides(s, why);
-    if (status == TROCAR_OK) status = bind_probe(s, why);
+    status = bind_to_mesh(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from . import Error, Key, Model, Scene, __version__, keys
 from . import motion as motions
-from ._quantities import QUANTITIES, Quantity, locate
+from ._locate import locate
+from ._quantities import QUANTITIES, Quantity
 from ._reader import Reader
 from .plan import BadPlan, Plan
 
@@ -337,10 +338,8 @@ class _StudyReader:
     def option(self, kind: str, node: Any, place: str, model: Model, scene: Scene) -> Any:
         if kind == "target":
             point = np.array(self.reader.numbers(node, f"{place}.target", 3))
-            try:
-                locate(model, point)
-            except ValueError as error:
-                raise self.reader.fail(node, f"{place}.target: {error}: write x, y, z in metres in the mesh") from error
+            if locate(model, [point])[0][0] < 0:
+                raise self.reader.fail(node, f"{place}.target: not in the tissue at rest: write x, y, z in metres in the mesh")
             return point
         name, there = self.reader.text(node, f"{place}.{kind}"), scene.names(f"{kind}s")
         if name not in there:

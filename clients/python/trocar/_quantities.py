@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Event, Model, Scene, Sim
+from ._locate import locate
 from .motion import axis_of, multiply
 from .plan import Plan
 
@@ -104,21 +105,11 @@ def _target_error(r: Recording, target: Array) -> list[float]:
 
 
 def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array:
-    """(3,) m, where a material point (m, at rest) is. ValueError if it is outside of the mesh."""
-    tet, weights = locate(model, point)
-    return np.asarray(point) + weights @ displacements[model.tets[tet]]
-
-
-def locate(model: Model, point: npt.ArrayLike) -> tuple[int, Array]:
-    """The tetrahedron of a point (m, at rest) and its barycentric weights (4,) in it. ValueError if there is none."""
-    corners = model.nodes[model.tets]
-    edges = np.transpose(corners[:, 1:] - corners[:, :1], (0, 2, 1))
-    inner = np.linalg.solve(edges, np.asarray(point, np.float64) - corners[:, 0])
-    weights = np.concatenate([1.0 - inner.sum(axis=1, keepdims=True), inner], axis=1)
-    tet = int(weights.min(axis=1).argmax())
-    if weights[tet].min() < -1e-9:
+    """(3,) m, where a material point (m, at rest) is. ValueError if it is outside of the tissue."""
+    (tet,), (weights,) = locate(model, [point])
+    if tet < 0:
         raise ValueError("not in the tissue at rest")
-    return tet, weights[tet]
+    return np.asarray(point) + weights @ displacements[model.tets[tet]]
 
 
 def _shift(r: Recording, region: str) -> list[float]:

@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Error, Guide, Model, Scene, Sim
+from ._locate import locate
 from ._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "compare", "guide_of", "hole_axis", "hole_name", "hole_number",
@@ -262,15 +263,8 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
     """The region in which each point (k, 3) lies, None outside of the tissue."""
-    corners = model.nodes[model.tets]
-    edges = np.linalg.inv((corners[:, :3] - corners[:, 3:]).transpose(0, 2, 1))
-    names, found = model.groups, []
-    for point in points:
-        weights = np.einsum("tij,tj->ti", edges, point - corners[:, 3])
-        inside = np.minimum(weights.min(axis=1), 1 - weights.sum(axis=1))
-        best = int(np.argmax(inside))
-        found.append(names[model.tet_regions[best]] if inside[best] > -1e-9 else None)
-    return found
+    names = model.groups
+    return [names[model.tet_regions[tet]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:

@@ -1,0 +1,16 @@
+/* What the players of a script and of an implant have in common: an end on a signal, real time. */
+#ifndef TROCAR_PLAYING_H
+#define TROCAR_PLAYING_H
+
+#include <stdbool.h>
+
+/* From now on SIGINT and SIGTERM only make playing_interrupted() true. */
+void playing_heed_signals(void);
+bool playing_interrupted(void);
+
+/* Puts the calling thread under SCHED_FIFO; threads that it creates inherit that. False, and a note on stderr: it is refused. */
+bool playing_use_realtime(void);
+
+double playing_now(void); /* s, monotonic */
+
+#endif

@@ -1,0 +1,26 @@
+"""Points in the tetrahedra of a model's mesh."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from . import Model
+
+Array = npt.NDArray[np.float64]
+
+
+def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
+    """The tetrahedra (k,) of points (k, 3) (m, at rest), -1 outside of the tissue, and their barycentric weights (k, 4) in these."""
+    corners = model.nodes[model.tets]
+    inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    tets, weights = [], []
+    for point in np.asarray(points, np.float64):
+        inner = np.einsum("tij,tj->ti", inverse, point - corners[:, 0])
+        every = np.concatenate([1.0 - inner.sum(axis=1, keepdims=True), inner], axis=1)
+        best = int(every.min(axis=1).argmax())
+        tets.append(best if every[best].min() > -1e-9 else -1)
+        weights.append(every[best])
+    return np.array(tets, np.intp), np.reshape(weights, (-1, 4))

@@ -242,7 +242,7 @@ static void recovers_from_non_finite_values(void **state) {
         PLACE(tip.nominal.x), PLACE(tip.depth), PLACE(tip.slip), PLACE(tip.force.z), PLACE(tip.shaft_slip), PLACE(tip.shaft_slid),
         PLACE(tip.stretch), PLACE(tip.dent), PLACE(tip.damping.z), PLACE(tip.pressing), PLACE(tip.known_weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
         PLACE(contacts[1].arc), PLACE(contacts[1].depth), PLACE(contacts[1].slip), PLACE(contacts[1].slid), PLACE(contacts[1].force.y),
-        PLACE(contacts[1].log_lateral.xy), PLACE(contacts[1].log_axial), PLACE(contacts[1].surplus_axial),
+        PLACE(contacts[1].log_lateral.xy), PLACE(contacts[1].log_axial),
     };
     double rigid = f->haptic.limits.max_stiffness;
     for (int soft = 0; soft < 2; soft++) {

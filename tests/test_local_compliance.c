@@ -87,30 +87,24 @@ static void single_tip_matches_resolved_disc(void **state) {
 
 static double along(plane_tensor t, double x, double y) { return x * x * t.xx + 2.0 * x * y * t.xy + y * y * t.yy; }
 
-/* Whatever the direction of the track; and no direction yields less than half of what the contact's node adds. */
+/* Whatever the direction of the track. */
 static void directions_across_are_kept_apart(void **state) {
     (void)state;
     for (int n = 0; n < 200; n++) {
-        double v[9];
-        for (int i = 0; i < 9; i++) v[i] = rand() / (double)RAND_MAX - 0.5;
+        double v[6];
+        for (int i = 0; i < 6; i++) v[i] = rand() / (double)RAND_MAX - 0.5;
         vec3 direction = v3_unit(v3(v[0], v[1], v[2]));
         mat3 frame = frame_along(direction);
-        plane_tensor logarithm = {2.0 + v[3], v[4], 2.0 + v[5]}, surplus = {0.6 + v[6], 0.3 * v[7], 0.6 + v[8]};
-        plane_tensor sum = local_of_share_across(logarithm, 4.0, surplus);
+        plane_tensor sum = {2.0 + v[3], v[4], 2.0 + v[5]};
         principal_tensor t = plane_principal(sum, direction);
         assert_close(v3_dot(t.easy, direction), 0.0, 1e-12);
         assert_close(v3_norm(t.easy), 1.0, 1e-12);
-        bool raised = false;
         for (int i = 0; i < 36; i++) {
             double x = cos(i * M_PI / 36), y = sin(i * M_PI / 36);
             vec3 e = m3_apply(&frame, v3(x, y, 0));
-            double easily = v3_dot(e, t.easy), whole = t.least + t.more * easily * easily, least = -0.5 * along(surplus, x, y);
+            double easily = v3_dot(e, t.easy), whole = t.least + t.more * easily * easily;
             assert_close(whole, along(sum, x, y), 1e-12);
-            assert_true(whole > least - 1e-12);
-            raised = raised || 0.25 * along(logarithm, x, y) - along(surplus, x, y) < least;
         }
-        plane_tensor difference = plane_sum(0.25, logarithm, -1.0, surplus);
-        if (!raised) assert_close(along(difference, 0.6, 0.8), along(sum, 0.6, 0.8), 0.02);
     }
 }
 

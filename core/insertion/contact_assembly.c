@@ -103,8 +103,8 @@ void find_local_compliance(const tick_context *tick) {
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
         loosen(w, i, here ? hold : 1.0, 0.5 * (contact->log_lateral.xx + contact->log_lateral.yy) / shaft.lateral);
-        w->lateral[i] = plane_principal(local_of_share_across(contact->log_lateral, shaft.lateral, contact->surplus_lateral), contact->direction);
-        w->axial[i] = local_of_share(contact->log_axial, shaft.axial, contact->surplus_axial);
+        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft.lateral, contact->log_lateral), contact->direction);
+        w->axial[i] = contact->log_axial / shaft.axial;
         w->stiffening.stiffness[i] = shaft.axial;
         w->stiffening.mean[i] = shaft.stiffening;
     }
@@ -115,9 +115,7 @@ void find_local_compliance(const tick_context *tick) {
     lateral_axial logarithm = local_logarithm(model, &tip->resolved);
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
     double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
-    w->lateral[t] = plane_principal(local_logarithm_across(model, &tip->resolved, tip->direction), tip->direction);
-    w->lateral[t].least /= stiffness;
-    w->lateral[t].more /= stiffness;
+    w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, local_logarithm_across(model, &tip->resolved, tip->direction)), tip->direction);
     w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
     loosen(w, t, hold, logarithm.lateral / stiffness);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);

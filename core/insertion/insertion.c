@@ -243,7 +243,7 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
         sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + plane_total(c->log_lateral) + c->log_axial
-             + plane_total(c->surplus_lateral) + c->surplus_axial + c->softness + c->stiffening + c->traction + c->roll.turned + c->roll.torque;
+             + c->softness + c->stiffening + c->traction + c->roll.turned + c->roll.torque;
     }
     sum += creep_sum(&state->memory);
     for (int i = 0; i < MAX_GUIDES; i++)

@@ -36,8 +36,6 @@ typedef struct {
     friction_state friction;
     double log_axial;        /* logarithm of the radius that the mesh resolves over the needle's, for forces along it; 0: not known yet */
     plane_tensor log_lateral; /* the same across the track */
-    plane_tensor surplus_lateral; /* m/N, compliance that its node adds by being in the mesh: across, */
-    double surplus_axial;    /* and along the track */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
     double stiffening;       /* mean over its share, of the regions' */
     double traction;         /* N/m, force along the needle over the length of its share */

@@ -34,15 +34,13 @@ static void activate_contact(const tick_context *tick, int k) {
     insertion_state *state = tick->state;
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
-    const contact_field *field = &tick->snapshot->contacts[slot];
+    const resolved_field *resolved = &tick->snapshot->resolved[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
     if (contact->log_axial == 0.0) { /* the tip that left it did not know it yet */
-        contact->log_axial = local_logarithm(model, &field->resolved).axial;
-        contact->log_lateral = local_logarithm_across(model, &field->resolved, contact->direction);
+        contact->log_axial = local_logarithm(model, resolved).axial;
+        contact->log_lateral = local_logarithm_across(model, resolved, contact->direction);
     }
-    contact->surplus_lateral = plane_part(&field->surplus, contact->direction);
-    contact->surplus_axial = v3_dot(contact->direction, m3_apply(&field->surplus, contact->direction));
     double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);

@@ -116,14 +116,6 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
     return 1.0 / sqrt(DENSITY * softness(model, tet, weights));
 }
 
-/* Negative where the node adds more than the mesh lacks, down to half of what it adds: the contact as a whole yields all the same. */
-double local_of_share(double logarithm, double stiffness, double surplus) { return fmax(logarithm / stiffness - surplus, -0.5 * surplus); }
-
-plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, plane_tensor surplus) {
-    plane_tensor whole = plane_at_least(plane_sum(1.0 / stiffness, logarithm, -0.5, surplus), 0.0);
-    return plane_sum(1.0, whole, -0.5, surplus);
-}
-
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
    skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */

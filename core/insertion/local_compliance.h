@@ -25,11 +25,6 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 /* or for each direction across. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
-/* Local compliance of a contact along the needle and across it, m/N. stiffness: lengths of its share, each over the line force's
-   compliance there, N/m. RT */
-double local_of_share(double logarithm, double stiffness, double surplus);
-plane_tensor local_of_share_across(plane_tensor logarithm, double stiffness, plane_tensor surplus);
-
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
 typedef struct {
     double compliance;       /* m/N, of the disc and all the tissue around it */

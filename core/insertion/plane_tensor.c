@@ -7,10 +7,6 @@ plane_tensor plane_part(const mat3 *tensor, vec3 direction) {
     return (plane_tensor){turned.m[0][0], turned.m[0][1], turned.m[1][1]};
 }
 
-plane_tensor plane_sum(double s, plane_tensor a, double t, plane_tensor b) {
-    return (plane_tensor){s * a.xx + t * b.xx, s * a.xy + t * b.xy, s * a.yy + t * b.yy};
-}
-
 /* Half the difference of the principal values. */
 static double spread_of(plane_tensor t) {
     double half = 0.5 * (t.xx - t.yy);

@@ -21,8 +21,8 @@ static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 /* The part of a symmetric tensor that lies across. RT */
 plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 
-/* s a + t b. RT */
-plane_tensor plane_sum(double s, plane_tensor a, double t, plane_tensor b);
+/* RT */
+static inline plane_tensor plane_scaled(double s, plane_tensor t) { return (plane_tensor){s * t.xx, s * t.xy, s * t.yy}; }
 
 /* With principal values below `least` raised to it. RT */
 plane_tensor plane_at_least(plane_tensor t, double least);

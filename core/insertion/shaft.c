@@ -62,7 +62,7 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
     double traction = creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered;
-    double local = local_of_share(contact->log_axial, stiffness, contact->surplus_axial), linear = local * length * traction;
+    double local = contact->log_axial / stiffness, linear = local * length * traction;
     if (material->stiffening == 0.0) return linear;
     stiffening_law law = stiffening_of_shaft(material->stiffening, model->needle->radius, stiffness, local);
     return linear + stiffening_at(&law, length * traction).shift;

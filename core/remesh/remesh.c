@@ -62,6 +62,7 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
+    contact_surplus_add(&r->surplus, r->tissue, refined, slot);
     trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
@@ -209,7 +210,8 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     memset(snapshot->ids, 0, sizeof snapshot->ids);
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
-    memcpy(snapshot->contacts, r->contacts, sizeof snapshot->contacts);
+    memcpy(snapshot->resolved, r->resolved, sizeof snapshot->resolved);
+    snapshot->surplus = r->surplus;
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
@@ -266,7 +268,8 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
-    memcpy(r->contacts, snapshot->contacts, sizeof r->contacts);
+    memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
+    r->surplus = snapshot->surplus;
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

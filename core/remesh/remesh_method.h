@@ -45,7 +45,8 @@ struct remesher {
     resolver *resolver;
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* of the last request */
-    contact_field contacts[MAX_CONTACTS];
+    resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
+    contact_surplus surplus;
     left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */

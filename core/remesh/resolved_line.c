@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-#include "remesh/refined_field.h"
-
 /* Where the line comes in and goes out of its element, m from its point; both 0 if it only touches a corner or an edge. */
 static void clip(const mesh *m, const line_in_tet *line, double *from, double *to) {
     double here[4], there[4], unit = m->node_size[m->tets[line->tet][0]];
@@ -62,35 +60,16 @@ trocar_status resolve_pieces(remesher *r, const remesh_request *request, int mos
     return TROCAR_OK;
 }
 
-/* What the mesh yields more because of the node, where contacts bear equal forces. Nodes before it in the same element, between which its
-   displacement is interpolated, yield more under its force as well, and it under theirs. A moved node's is that of a node added at the
-   same place. */
-static mat3 surplus_of(const remesher *r, int slot) {
-    const added_node *node = &r->refined.nodes[slot];
-    if (node->moved < 0) {
-        mat3 sum = node_surplus(r->tissue, &r->refined, r->refined.count);
-        for (int c = 0; c < 4; c++) {
-            double weight = node->at.weights[c];
-            if (node->at.corners[c] < 0) m3_add_scaled(&sum, weight * (2.0 + weight), &r->contacts[-1 - node->at.corners[c]].surplus);
-        }
-        return sum;
-    }
-    leaf_point at;
-    memcpy(at.corners, r->tissue->mesh->tets[node->tet], sizeof at.corners);
-    mesh_barycentric(r->tissue->mesh, node->tet, node->position, at.weights);
-    return surplus_compliance(r->tissue, &(refinement){.count = 0}, node->tet, &at);
-}
-
 trocar_status resolve_contact(remesher *r, int slot, report *why) {
     const added_node *node = &r->refined.nodes[slot];
     line_in_tet line = node->line;
-    r->contacts[slot] = (contact_field){0};
+    r->resolved[slot] = (resolved_field){0};
     if (v3_norm(line.direction) == 0.0) return TROCAR_OK;
     const line_piece *known = find_piece(r, &line);
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
     if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* often one that the request asks for as well */
-    r->contacts[slot] = (contact_field){.resolved = piece_at(known ? known : &measured, node->position), .surplus = surplus_of(r, slot)};
+    r->resolved[slot] = piece_at(known ? known : &measured, node->position);
     return TROCAR_OK;
 }

@@ -3,6 +3,7 @@
 #define TROCAR_SNAPSHOT_H
 
 #include "inverse/inverse_attached.h"
+#include "remesh/contact_surplus.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
 
@@ -62,12 +63,6 @@ typedef struct {
 
 enum { MAX_PIECES = 16 };
 
-/* Of a contact node: what the mesh resolves there, and what it yields more because the node was added, m/N, symmetric. */
-typedef struct {
-    resolved_field resolved;
-    mat3 surplus;
-} contact_field;
-
 /* What the tick needs to know about the tissue next: a complete description, so that only the newest one counts. */
 typedef struct {
     uint64_t serial;
@@ -87,7 +82,8 @@ typedef struct {
     uint64_t serial;         /* of the request that it answers; 0: none yet */
     uint64_t ids[MAX_CONTACTS]; /* of the contact node in each slot; 0: the slot is free */
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
-    contact_field contacts[MAX_CONTACTS];
+    resolved_field resolved[MAX_CONTACTS]; /* what the mesh resolves at each contact node */
+    contact_surplus surplus;
     int piece_count;
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
@@ -118,7 +114,7 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 /* What the mesh resolves at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance between two handles, m/N. RT */
+/* Compliance between two handles, m/N; the nominal mesh's where both are contact nodes. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 /* Compliance between the point of these corners and weights, and a handle. RT */

@@ -54,7 +54,7 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
 
 /* Local compliance along an axis of the world, the third of which is the needle's, at a point that represents the shaft between two
    depths: its regions act in parallel. */
-static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis, double surplus) {
+static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     bool along = axis == 2;
     double stiffness = 0.0;
@@ -63,7 +63,7 @@ static double local_between(const insertion_model *model, const insertion_state 
         lateral_axial line = local_line_compliance(&model->materials[s->strata[k].region]);
         stiffness += fmax(bottom - top, 0.0) / (along ? line.axial : line.lateral);
     }
-    return local_of_share(along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis], stiffness, surplus);
+    return (along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis]) / stiffness;
 }
 
 /* Compliance of the points (contacts, then the tip) along one axis of the world, local parts included. */
@@ -84,14 +84,13 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
         shaft_share share = shaft_share_of(&all, i, true);
-        const contact_field *field = &b->snapshot.contacts[i];
-        a[i * n + i] += local_between(model, s, &field->resolved, share.from, share.to, axis, field->surplus.m[axis][axis]);
+        a[i * n + i] += local_between(model, s, &b->snapshot.resolved[i], share.from, share.to, axis);
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     shaft_share share = shaft_share_of(&all, contacts, true);
     double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0, resolved.point);
     double end = local_line_compliance_at(model, s->tip.tet, s->tip.nominal).lateral * (local_logarithm(model, &resolved).lateral + (axis < 2 ? resolved.uneven.m[axis][axis] : 0.0)) / model->needle->radius;
-    double shaft = local_between(model, s, &resolved, share.from, share.to, axis, 0.0);
+    double shaft = local_between(model, s, &resolved, share.from, share.to, axis);
     a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* in parallel */
     *tip_alone = 1e-3 / (own + disc);
     return n;

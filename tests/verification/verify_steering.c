@@ -29,12 +29,17 @@ static void draw_track(rows *r, const char *figure, const char *label, const ste
                           .count = track->count, .x = depth, .y = sideways});
 }
 
-/* Unsymmetric elements push the tip aside, the less the finer they are: on the coarse mesh this is measured, with a limit on a finer one. */
-static void on_mesh(rows *r, row entry, const steering_case *c) {
+#define FINE GENERATED "/prostate-3300.msh"
+#define FINEST GENERATED "/prostate-6500.msh"
+
+static const char *nodes_of(const steering_case *c) { return !c->mesh ? "570 nodes" : strcmp(c->mesh, FINEST) ? "3300 nodes" : "6500 nodes"; }
+
+/* Unsymmetric elements push the tip aside: on coarse meshes this is measured, with a limit on a finer one. */
+static void on_mesh(rows *r, row entry, const steering_case *c, bool fine) {
     char check[160];
-    snprintf(check, sizeof check, "%s, %s", entry.check, c->mesh ? "3300 nodes" : "570 nodes");
+    snprintf(check, sizeof check, "%s, %s", entry.check, nodes_of(c));
     entry.check = check;
-    if (c->mesh || r->short_form) rows_add(r, entry);
+    if (fine || r->short_form) rows_add(r, entry);
     else rows_measured(r, entry);
 }
 
@@ -43,7 +48,7 @@ static void check_straight(rows *r, const char *check, steering_case c) {
     steering_track track = steering_run(&c);
     double off = hypot(steering_deflection(&track, v3(1, 0, 0)), steering_deflection(&track, v3(0, 1, 0)));
     on_mesh(r, (row){.check = check, .reference = "straight line", .value = off, .expected = 0.0, .error = off, .limit = 1e-4, .unit = "m",
-                     .note = "deflection of the tip at 79 mm, absolute error: unsymmetric elements push the tip aside"}, &c);
+                     .note = "deflection of the tip at 79 mm, absolute error: unsymmetric elements push the tip aside"}, &c, c.mesh && !strcmp(c.mesh, FINEST));
 }
 
 /* The S-shaped track of a half turn: its end, and for a needle whose bending decays within a few millimetres also the curvature
@@ -61,7 +66,7 @@ static void check_half_turn(rows *r, const char *name, steering_case c, bool dec
                       .unit = "m", .note = "error as a part of the deflection without a turn"});
     snprintf(check, sizeof check, "%s: curvature after a half turn at 39 mm", name);
     if (decays_at_once) on_mesh(r, (row){.check = check, .reference = "curvature there without the turn, reversed", .value = after, .expected = -before,
-                      .error = fabs(after / before + 1.0), .limit = 0.2, .unit = "1/m"}, &c);
+                      .error = fabs(after / before + 1.0), .limit = 0.2, .unit = "1/m"}, &c, c.mesh);
     snprintf(check, sizeof check, "%s, no turn", name);
     draw_track(r, "steering-half-turn", check, &arc);
     snprintf(check, sizeof check, "%s, half turn", name);
@@ -75,7 +80,7 @@ static void check_mirror(rows *r, const char *check, steering_case c) {
     c.roll = M_PI;
     double rolled = curvature_of(&c);
     on_mesh(r, (row){.check = check, .reference = "curvature with the bevel upright", .value = rolled, .expected = upright,
-                     .error = fabs(rolled / upright - 1.0), .limit = 0.15, .unit = "1/m"}, &c);
+                     .error = fabs(rolled / upright - 1.0), .limit = 0.15, .unit = "1/m"}, &c, c.mesh);
 }
 
 static void check_nitinol_slopes(rows *r) {
@@ -105,20 +110,44 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
+/* Curvatures of one needle on one mesh with the bevel facing four sides. */
+typedef struct {
+    double mean, spread; /* 1/m; largest less smallest, as a part of the mean */
+} curvatures;
+
+static curvatures curvatures_around(steering_case c, const char *mesh) {
+    double least = INFINITY, most = -INFINITY, sum = 0.0;
+    c.mesh = mesh;
+    for (int side = 0; side < 4; side++) {
+        c.roll = side * M_PI / 2.0;
+        double k = curvature_of(&c);
+        least = fmin(least, k), most = fmax(most, k), sum += k;
+    }
+    return (curvatures){sum / 4.0, (most - least) / (sum / 4.0)};
+}
+
+/* Unsymmetric elements turn the track by about as much on every mesh, but each in another direction: the mean over four sides tells what the
+   mesh's size does, the spread what its irregularity does. */
 static void check_meshes(rows *r) {
-    static const int sizes[] = {1700, 3300, 6500};
+    static const int sizes[] = {570, 1700, 3300, 6500};
     steering_case cases[] = {steering_steel(0.05), steering_nitinol(0.05)};
     static const char *const names[] = {"18 G steel", "0.7 mm nitinol"};
     for (int k = 0; k < 2; k++) {
-        double coarse = curvature_of(&cases[k]);
-        for (int i = 0; i < 3; i++) {
-            char path[1024], check[96];
+        curvatures coarse = {0};
+        for (int i = 0; i < 4; i++) {
+            char path[1024], check[160];
             snprintf(path, sizeof path, GENERATED "/prostate-%d.msh", sizes[i]);
-            snprintf(check, sizeof check, "%s, slope 0.05: curvature on 570 nodes against %d", names[k], sizes[i]);
-            cases[k].mesh = path;
-            double fine = curvature_of(&cases[k]);
-            rows_add(r, (row){.check = check, .reference = "the finer mesh", .value = coarse, .expected = fine, .error = fabs(coarse / fine - 1.0),
-                              .limit = 0.15, .unit = "1/m"});
+            curvatures here = curvatures_around(cases[k], i ? path : NULL);
+            snprintf(check, sizeof check, "%s, slope 0.05: spread of the curvature with the bevel facing four sides, %d nodes", names[k], sizes[i]);
+            rows_measured(r, (row){.check = check, .reference = "largest less smallest, relative to the mean", .value = here.spread, .expected = 0.0,
+                                   .error = here.spread, .note = "unsymmetric elements push the tip aside"});
+            if (i == 0) {
+                coarse = here;
+                continue;
+            }
+            snprintf(check, sizeof check, "%s, slope 0.05: curvature on 570 nodes against %d, mean of four sides", names[k], sizes[i]);
+            rows_add(r, (row){.check = check, .reference = "the finer mesh", .value = coarse.mean, .expected = here.mean,
+                              .error = fabs(coarse.mean / here.mean - 1.0), .limit = 0.15, .unit = "1/m"});
         }
     }
 }
@@ -131,12 +160,15 @@ int main(int argc, char **argv) {
     if (!r.short_form) {
         for (int fine = 0; fine < 2; fine++) {
             steering_case steel = steering_steel(0.1), nitinol = steering_nitinol(0.05);
-            steel.mesh = nitinol.mesh = fine ? GENERATED "/prostate-3300.msh" : NULL;
+            steel.mesh = nitinol.mesh = fine ? FINE : NULL;
             check_straight(&r, "0.7 mm nitinol without bevel", nitinol);
             check_half_turn(&r, "0.7 mm nitinol, slope 0.05", nitinol, true);
             check_mirror(&r, "18 G steel, slope 0.1: curvature, rolled by half a turn", steel);
             check_mirror(&r, "0.7 mm nitinol, slope 0.05: curvature, rolled by half a turn", nitinol);
         }
+        steering_case finest = steering_nitinol(0.0);
+        finest.mesh = FINEST;
+        check_straight(&r, "0.7 mm nitinol without bevel", finest);
         check_meshes(&r);
     }
     return rows_end(&r);

@@ -1,0 +1,54 @@
+#include "remesh/contact_surplus.h"
+
+#include <string.h>
+
+#include "remesh/refined_field.h"
+
+/* Of a node alone. A moved node's is that of a node added at the same place. */
+static mat3 own_surplus(const tissue *t, const refinement *refined, int slot) {
+    const added_node *node = &refined->nodes[slot];
+    if (node->moved < 0) return node_surplus(t, refined, refined->count);
+    leaf_point at;
+    memcpy(at.corners, t->mesh->tets[node->tet], sizeof at.corners);
+    mesh_barycentric(t->mesh, node->tet, node->position, at.weights);
+    return surplus_compliance(t, &(refinement){.count = 0}, node->tet, &at);
+}
+
+static void forget_slot(contact_surplus *s, const refinement *refined, int slot) {
+    s->coupled[slot] = 0;
+    for (int i = 0; i < refined->count; i++) s->coupled[refined->order[i]] &= ~(UINT64_C(1) << slot);
+}
+
+static void add_block(contact_surplus *s, int slot, int other, double weight, const mat3 *block) {
+    mat3 *sum = &s->blocks[surplus_place(slot, other)];
+    if (!surplus_couples(s, slot, other)) *sum = (mat3){{{0}}};
+    s->coupled[slot] |= UINT64_C(1) << other;
+    s->coupled[other] |= UINT64_C(1) << slot;
+    m3_add_scaled(sum, weight, block);
+}
+
+/* The node moves with its leaf's corners, some of which may be added nodes, too, */
+static void follow_corners(contact_surplus *s, const refinement *refined, int slot) {
+    const leaf_point *at = &refined->nodes[slot].at;
+    for (int c = 0; c < 4; c++)
+        for (int i = 0; i < refined->count && at->corners[c] < 0; i++) {
+            int corner = -1 - at->corners[c], other = refined->order[i];
+            if (surplus_couples(s, corner, other)) add_block(s, slot, other, at->weights[c], &s->blocks[surplus_place(corner, other)]);
+        }
+}
+
+/* and they move with it. */
+static void move_corners(contact_surplus *s, const refinement *refined, int slot) {
+    const leaf_point *at = &refined->nodes[slot].at;
+    for (int c = 0; c < 4; c++)
+        if (at->corners[c] < 0) add_block(s, slot, slot, at->weights[c], &s->blocks[surplus_place(slot, -1 - at->corners[c])]);
+}
+
+void contact_surplus_add(contact_surplus *s, const tissue *t, const refinement *refined, int slot) {
+    mat3 own = own_surplus(t, refined, slot);
+    forget_slot(s, refined, slot);
+    add_block(s, slot, slot, 1.0, &own);
+    if (refined->nodes[slot].moved >= 0) return;
+    follow_corners(s, refined, slot);
+    move_corners(s, refined, slot);
+}

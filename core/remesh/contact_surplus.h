@@ -1,0 +1,23 @@
+/* What the mesh yields more because contact nodes were added, between them, m/N. Taken off the inverse, it leaves what the nominal mesh
+   yields where they are: exactly, if they were added inside elements. See README.md, "Local compliance". */
+#ifndef TROCAR_CONTACT_SURPLUS_H
+#define TROCAR_CONTACT_SURPLUS_H
+
+#include "remesh/refinement.h"
+#include "tissue/tissue.h"
+
+typedef struct {
+    uint64_t coupled[MAX_CONTACTS]; /* bit j of slot i: the block between them is not zero; bit i always */
+    mat3 blocks[MAX_CONTACTS * (MAX_CONTACTS + 1) / 2]; /* symmetric */
+} contact_surplus;
+
+/* The block between two slots, which must be coupled. RT */
+static inline int surplus_place(int i, int j) { return i > j ? i * (i + 1) / 2 + j : j * (j + 1) / 2 + i; }
+
+/* RT */
+static inline bool surplus_couples(const contact_surplus *s, int i, int j) { return s->coupled[i] >> j & 1; }
+
+/* For the node in `slot`, which comes next in the order, with those before it in the mesh. */
+void contact_surplus_add(contact_surplus *s, const tissue *t, const refinement *refined, int slot);
+
+#endif

@@ -29,7 +29,6 @@ void stiffening_prepare(const tick_context *tick) {
     s->any = model->stiffens && w->point_count > w->guided;
     s->end = (linear_shift){0};
     if (!s->any) return;
-    /* No local compliance becomes negative: several at the limit of linear ones (local_of_share) would not be stable together. */
     for (int i = w->guided; i < w->point_count - w->tip; i++) s->along[i] = stiffening_of_shaft(s->mean[i], radius, s->stiffness[i], w->axial[i]);
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;

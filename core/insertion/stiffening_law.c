@@ -22,6 +22,10 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
+/* Of the local compliance this much is left, or contacts in one element of the mesh, whose displacements are not independent, would no longer
+   be kept apart. */
+static const double KEPT_LOGARITHM = 0.1;
+
 /* The b at which the slope is -most. */
 static double shaft_limit(double most) {
     double q = expm1(most / 1.5);
@@ -76,7 +80,7 @@ static double tip_limit(double most) {
 stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room) {
     if (stiffening == 0.0) return (stiffening_law){.field = NOT_STIFFENING};
     double shear = sqrt(2.0 * stiffening);
-    return (stiffening_law){STIFFENING_SHAFT, radius / shear, shear / (radius * stiffness), fmax(room, 0.0) * stiffness};
+    return (stiffening_law){STIFFENING_SHAFT, radius / shear, shear / (radius * stiffness), fmax(room * stiffness - KEPT_LOGARITHM, 0.0)};
 }
 
 stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, double softness, double angle, double room) {

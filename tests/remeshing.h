@@ -381,6 +381,45 @@ static void nodes_go_in_any_order(void **state) {
     remesher_free(r);
 }
 
+/* Displacement at a point of the nominal mesh under a force at another one, interpolated, from an inversion from scratch. */
+static mat3 nominal_between(const reference *nominal, const added_node *node, const added_node *other) {
+    mat3 sum = {{{0}}};
+    double w[4], v[4];
+    mesh_barycentric(tested->mesh, node->tet, node->position, w);
+    mesh_barycentric(tested->mesh, other->tet, other->position, v);
+    for (int k = 0; k < 9 * 16; k++) {
+        int i = k / 9 / 4, j = k / 9 % 4, a = k % 9 / 3, b = k % 3;
+        sum.m[a][b] += w[i] * v[j] * *reference_entry(nominal, tested->mesh->tets[node->tet][i], a, tested->mesh->tets[other->tet][j], b);
+    }
+    return sum;
+}
+
+/* Nodes added inside elements, many in each, do not make contacts yield more. */
+static void contacts_yield_as_in_the_nominal_mesh(void **state) {
+    (void)state;
+    static const refinement none = {.count = 0};
+    reference nominal;
+    remesher *r = start(method);
+    reference_create(tested, &none, &nominal);
+    for (int n = 0; n < 6; n++) {
+        add_nodes(INSIDE, 9);
+        for (int k = 0; k < 4; k++) refinement_remove(tested->mesh, &request.wanted, request.wanted.nodes[request.wanted.order[rand() % request.wanted.count]].id);
+        serve(r);
+        double largest = 0.0, worst = 0.0;
+        for (int k = 0; k < request.wanted.count * request.wanted.count; k++) {
+            int slot = request.wanted.order[k / request.wanted.count], other = request.wanted.order[k % request.wanted.count];
+            mat3 found = compliance_between(&snapshot, slot, other), expected = nominal_between(&nominal, &request.wanted.nodes[slot], &request.wanted.nodes[other]);
+            for (int a = 0; a < 9; a++) {
+                largest = fmax(largest, fabs(expected.m[a / 3][a % 3]));
+                worst = fmax(worst, fabs(found.m[a / 3][a % 3] - expected.m[a / 3][a % 3]));
+            }
+        }
+        assert_close(worst / largest, 0.0, 1e-8);
+    }
+    reference_free(&nominal);
+    remesher_free(r);
+}
+
 /* Runs all of these tests with each of the given methods. */
 static inline int run_remeshing_tests(const remesh_method *methods, int count) {
     const struct CMUnitTest tests[] = {
@@ -392,6 +431,7 @@ static inline int run_remeshing_tests(const remesh_method *methods, int count) {
         cmocka_unit_test(nodes_aimed_at_corners_edges_and_faces),
         cmocka_unit_test(removal_restores_the_original),
         cmocka_unit_test(nodes_go_in_any_order),
+        cmocka_unit_test(contacts_yield_as_in_the_nominal_mesh),
     };
     int failed = 0;
     srand(1);

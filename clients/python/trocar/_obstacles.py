@@ -51,18 +51,27 @@ class Obstacle:
     def __post_init__(self) -> None:
         from scipy.spatial import cKDTree
         self._tree = cKDTree(self.points)
+        self._low, self._high = self.points.min(axis=0), self.points.max(axis=0)
 
-    def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None) -> float:
+    def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None, enough: float = math.inf) -> float:
         """m from the surface of a needle with this centreline (n, 3) and radius (m), negative where it cuts the obstacle's points; at rest, or in the
-        tissue displaced by `field` (nodes, 3)."""
+        tissue displaced by `field` (nodes, 3). If it is above `enough` (m) for certain, a lower bound may be returned, which costs less."""
         line = _refined(shaft, 0.5e-3)
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # from the box around the points
+        moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
+        if apart.min() - moved - radius > enough:
+            return float(apart.min()) - moved - radius
+        apart_first = np.argsort(apart, kind="stable")
+        nearest = float(self._tree.query(line[apart_first[:32]])[0].min())
+        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle are not nearest
+        nearest = min(nearest, float(self._tree.query(line, distance_upper_bound=nearest)[0].min()))
         if field is None:
-            return float(self._tree.query(line)[0].min()) - radius
+            return nearest - radius
+        if nearest - moved - radius > enough:
+            return nearest - moved - radius
         from scipy.spatial import cKDTree
-        moved = 2.0 * float(np.linalg.norm(field, axis=1).max())
-        nearest = float(self._tree.query(line)[0].min())
         # Whatever can be nearest in the displaced tissue is not further than this at rest.
-        close = sorted(set().union(*self._tree.query_ball_point(line, nearest + moved)))
+        close = np.unique(np.concatenate(self._tree.query_ball_point(line, nearest + 2.0 * moved)).astype(int))
         points = self.points[close]
         nodes, weights = embedding.locate(points)
         points = points + np.einsum("nk,nki->ni", weights, field[nodes])

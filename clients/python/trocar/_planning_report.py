@@ -8,7 +8,8 @@ from typing import Any, Sequence
 import numpy as np
 
 from . import Model
-from . import plan as plans
+from ._locate import locate
+from ._obstacles import region_points
 from ._problem import Problem
 from ._summary import _table
 from .plan import Frame, Needle
@@ -35,38 +36,42 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
     return {**kinds, "this plan": result.expected}
 
 
+def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
+    """Nominal, and in brackets worst, errors; `over` several targets."""
+    worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
+    return _mm(over([e.error for e in expected])) + worst
+
+
 def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
-    frame, sampled = Frame(model), bool(problem.study.parameters)
+    frame, sampled, template = Frame(model), bool(problem.study.parameters), bool(problem.template)
     kinds = list(_kinds(problem, results[0]))
-    parts = [("", lambda e: e.error)] if not sampled else [("", lambda e: e.error), (", worst", lambda e: e.worst)]
-    head = ["target", "hole" if problem.template else "entry, mm", *([] if problem.template else ["tilt, deg"]), "depth, mm", "roll, deg", "turn at, mm",
-            *(kind + part for kind in kinds for part, _ in parts), *(["clearance left, mm"] if problem.obstacles else []), "time, s", ""]
+    where = ["hole"] if template else [f"entry, mm: {', '.join(frame.names)}", "tilt, deg"]
+    steering = ["roll, deg", "turn at, mm"] if problem.bevelled else []
+    head = ["target", *where, "depth, mm", *steering, *kinds, *(["clearance to spare, mm"] if problem.obstacles else []), "s", ""]
     rows = []
     for result in results:
-        cells = _described(result.needle, frame)
-        cells = cells if not problem.template else [cells[0], *cells[2:]]
-        errors = [_mm(measure(expected)) for expected in _kinds(problem, result).values() for _, measure in parts]
-        clear = [_mm(result.expected.clearance)] if problem.obstacles and result.expected.clearance is not None else ["-"] * bool(problem.obstacles)
-        rows.append([result.name, *cells, *errors, *clear, f"{result.seconds:.1f}", result.why])
-    blank = [""] * (4 if problem.template else 5)
+        place, tilt, depth, roll, turn = _described(result.needle, frame)
+        there = _kinds(problem, result)
+        clear = [_mm(result.expected.clearance) if result.expected.clearance is not None else "-"] if problem.obstacles else []
+        rows.append([result.name, place, *([] if template else [tilt]), depth, *([roll, turn] if problem.bevelled else []),
+                     *(_errors([there[kind]], sampled, np.max) for kind in kinds), *clear, f"{result.seconds:.1f}", result.why])
+    blank = [""] * (len(where) + 1 + len(steering))
     for words, over in (("mean", np.mean), ("worst", np.max)):
-        errors = [_mm(over([measure(_kinds(problem, r)[kind]) for r in results])) for kind in kinds for _, measure in parts]
-        seconds = over([r.seconds for r in results])
-        rows.append([words, *blank, *errors, *([""] if problem.obstacles else []), f"{seconds:.1f}", ""])
-    what = "Distance from the tip at its depth, at rest, to where the target has gone in the displaced tissue, mm."
-    if sampled:
-        what += f" Worst: of {len(problem.samples())} samples."
+        errors = [_errors([_kinds(problem, result)[kind] for result in results], sampled, over) for kind in kinds]
+        rows.append([f"**{words}**", *blank, *errors, *([""] if problem.obstacles else []), f"{over([r.seconds for r in results]):.1f}", ""])
+    what = "Distance from the tip, at rest at its depth, to where the target has gone in the displaced tissue, mm"
+    what += f"; in brackets the worst of the scene's own values and {len(problem.samples())} samples." if sampled else "."
     reached = sum(result.reached for result in results)
-    return "\n\n".join([what, _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within {1e3 * problem.tolerance:g} mm"
-                        f"{', in the worst sample' if problem.objective == 'worst' else ''}."]) + "\n"
+    return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within "
+                        f"{1e3 * problem.tolerance:g} mm{dict(worst=', in the worst sample', mean=', on average', nominal='')[problem.objective]}."]) + "\n"
 
 
 def _seeds(problem: Problem, results: Sequence[Any]) -> str:
     kinds = {"nominal": lambda distances: np.array(distances[:1])}
     if problem.study.parameters:
-        kinds["in the samples"] = lambda distances: np.array(distances[1:])
+        kinds["with the samples"] = np.array
     head = ["needle", "depth, mm", "seeds", *(f"{what}, {kind}: {number}" for kind in kinds for what in ("as planned before", "this plan") for number in ("mean", "worst")),
-            "time, s", ""]
+            "s", ""]
     rows = []
 
     def numbers(chosen: Sequence[Any]) -> list[str]:
@@ -143,29 +148,47 @@ def _plot_errors(problem: Problem, results: Sequence[Any], path: Path) -> None:
     plt.close(figure)
 
 
+def _shadow(axis: Any, points: np.ndarray, colour: str, label: str) -> None:
+    """The outline of points (n, 2), mm, of a body."""
+    from scipy.ndimage import binary_closing, gaussian_filter
+    low = points.min(axis=0) - 6.0
+    cells = np.floor(points - low).astype(int)
+    there = np.zeros(cells.max(axis=0) + 7, bool)
+    there[tuple(cells.T)] = True
+    smooth = gaussian_filter(binary_closing(there, iterations=2).astype(float), 1.0)
+    x, y = (low[i] + 0.5 + np.arange(there.shape[i]) for i in (0, 1))
+    axis.contourf(x, y, smooth.T, levels=[0.5, 2.0], colors=[colour], alpha=0.15)
+    axis.contour(x, y, smooth.T, levels=[0.5], colors=[colour], linewidths=0.8)
+    axis.plot([], [], color=colour, linewidth=4, alpha=0.4, label=label)
+
+
 def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Path) -> None:
-    """From above and from the side, as the mesh lies."""
+    """Needles, targets, the targets' region and obstacles in the three planes."""
     plt = _start_plots()
-    figure, axes = plt.subplots(2, 1, figsize=(7.0, 6.2), sharex=True, layout="constrained")
-    gland = model.nodes[np.unique(model.tets[model.tet_regions == model.tet_regions.min()])]
-    region = model.groups[int(model.tet_regions.min())]
-    for axis, across, name in ((axes[0], 0, "x"), (axes[1], 1, "y")):
-        from scipy.spatial import ConvexHull
-        for points, colour, label in ((gland, "#009E73", region), *((o.points, "#CC79A7", o.name) for o in problem.obstacles)):
-            flat = 1e3 * points[:, [2, across]]
-            outline = flat[ConvexHull(flat).vertices]
-            axis.fill(*outline.T, facecolor=colour, alpha=0.12, edgecolor=colour, linewidth=1)
-            axis.annotate(label, outline.mean(axis=0), fontsize=7, ha="center", color=colour)
-        for result in results:
-            if result.expected.shaft:
-                shaft = 1e3 * np.array(result.expected.shaft)
-                axis.plot(shaft[:, 2], shaft[:, across], color="#0072B2", linewidth=1)
-            axis.plot(1e3 * result.target[2], 1e3 * result.target[across], "x", color="black", markersize=5)
-        axis.set_ylabel(f"{name}, mm", fontsize=8)
+    frame = Frame(model)
+    regions = [model.groups[i] for i in sorted({int(model.tet_regions[tet]) for tet in locate(model, [result.target for result in results])[0]})]
+    bodies = [*((name, region_points(model, name, 1e-3)) for name in regions), *((o.name, o.points) for o in problem.obstacles)]
+    colours = ["#009E73", "#CC79A7", "#D55E00", "#E69F00", "#8C564B", "#7F7F7F"]
+    figure, axes = plt.subplots(1, 3, figsize=(9.5, 3.9), layout="constrained", gridspec_kw={"width_ratios": [1.5, 1.5, 1.2]})
+    sign = np.array([1.0, -1.0, 1.0]) if frame.is_patient else np.ones(3)    # front up
+    names = ("left", "anterior", "superior") if frame.is_patient else frame.names
+    planned = [frame.position(np.array(result.expected.shaft)) * sign for result in results if result.expected.shaft]
+    targets = np.array([frame.position(result.target) for result in results]) * sign
+    everything = np.concatenate([frame.position(points) * sign for _, points in bodies] + [targets])
+    for axis, (i, k) in zip(axes, ((2, 1), (2, 0), (0, 1))):
+        for number, (name, points) in enumerate(bodies):
+            _shadow(axis, (frame.position(points) * sign)[:, [i, k]], colours[number % len(colours)], name)
+        for shaft in planned:
+            axis.plot(shaft[:, i], shaft[:, k], color="#0072B2", linewidth=1)
+            axis.plot(*shaft[-1, [i, k]], ".", color="#0072B2", markersize=4)
+        axis.plot(targets[:, i], targets[:, k], "x", color="black", markersize=5, label="target at rest")
+        axis.set_xlim(everything[:, i].min() - 25.0 * (i == 2), everything[:, i].max() + 2.0)
+        axis.set_ylim(everything[:, k].min() - 2.0, everything[:, k].max() + 2.0)
+        axis.set_xlabel(f"{names[i]}, mm", fontsize=8)
+        axis.set_ylabel(f"{names[k]}, mm", fontsize=8)
         axis.tick_params(labelsize=7)
         axis.set_aspect("equal")
-        axis.set_xlim(1e3 * model.nodes[:, 2].min() - 30.0, 1e3 * model.nodes[:, 2].max())
-    axes[1].set_xlabel("z, mm: needles as they lie at their targets; targets at rest", fontsize=8)
+    axes[2].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 

@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
-from typing import Callable, NamedTuple, Sequence
+from typing import Callable, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +23,17 @@ UNIT = 1e-4          # m: errors and missing clearance are counted in this
 STAY = 0.02          # weight of staying at the start, so that of many insertions that reach the target the nearest one is found
 FAILED = 2e-2        # m, error of an insertion that cannot be simulated
 GRID = 13            # entry points along each side of the area that a rigid needle is tried from
-NEIGHBOURS = 4       # holes that are tried, from the nearest on
-ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # that the search starts from, until one of them leads to the target
+NEIGHBOURS = 4       # holes from which a search starts, the nearest first,
+ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # and rolls in an area, until one of them leads to the target
 LAST = 2e-3          # m: a turn this near to the target is left out
+LONGER = 4.0         # times: difference quotients over samples, whose differences are small beside the roughness of a step
 ROUNDING = 1e-5      # m, of a clearance
+MARGIN = 2e-5        # m, of clearance, so that what is found keeps it when it is carried out
+SPARE = 2e-3         # m: clearance beyond what is wanted that has no influence
+TOO_NEAR = 10.0      # weight of missing clearance beside the worst error
+STEPS = 12           # of the search for the least worst error
+SMALLEST = 0.02      # of its steps
+ENOUGH = 0.05        # units: a step that promises less ends it
 
 
 class Variable(NamedTuple):
@@ -85,9 +93,9 @@ class Freedom:
         near = (x - self.low < 1e-3) | (self.high - x < 1e-3)
         return list(dict.fromkeys(v.name for v, there in zip(self.variables, near) if there and v.name != "turn"))
 
-    def stepped(self, x: Array, i: int) -> tuple[Array, float]:
-        """x with its part i one step on, or back at the upper limit, and the step."""
-        step = self.steps[i] if x[i] + self.steps[i] <= self.high[i] else -self.steps[i]
+    def stepped(self, x: Array, i: int, times: float = 1.0) -> tuple[Array, float]:
+        """x with its part i some steps on, or back at the upper limit, and by how much."""
+        step = times * self.steps[i] * (1.0 if x[i] + times * self.steps[i] <= self.high[i] else -1.0)
         other = x.copy()
         other[i] += step
         return other, step
@@ -122,21 +130,21 @@ class Case:
         self.radius = 0.5 * float(problem.scene()["needle.outer_diameter"])
 
     def all_rehearsals(self) -> list[Rehearsal]:
-        """Of the samples, without the nominal one if there are samples."""
+        """Of the scene's own values, and of the samples."""
         if len(self.rehearsals) < len(self.models):
             self.rehearsals += [Rehearsal(model, self.problem.hand) for model in self.models[1:]]
-        return self.rehearsals[1:] if len(self.models) > 1 else self.rehearsals
+        return self.rehearsals
 
     def runs(self) -> int:
         return sum(rehearsal.runs for rehearsal in self.rehearsals)
 
-    def clearances(self, outcome: Outcome) -> list[float]:
-        """m from each obstacle, in the displaced tissue."""
-        return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field) for o in self.problem.obstacles]
+    def clearances(self, outcome: Outcome, exact: bool = False) -> list[float]:
+        """m from each obstacle, in the displaced tissue; a lower bound where the needle keeps clear with plenty to spare, unless `exact`."""
+        return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field, math.inf if exact else o.clearance + SPARE) for o in self.problem.obstacles]
 
     def missing(self, clearances: Sequence[float]) -> Array:
         """(obstacles,) m."""
-        return np.array([max(o.clearance - there, 0.0) for o, there in zip(self.problem.obstacles, clearances)])
+        return np.array([max(o.clearance + MARGIN - there, 0.0) for o, there in zip(self.problem.obstacles, clearances)])
 
     # ---- a rigid needle in tissue at rest ---------------------------------------------------------------------------------------------------
 
@@ -270,32 +278,44 @@ class Case:
         share = float(np.clip(0.5 * (1.0 + (off @ side) / max(bent, 1e-6)), 0.0, 1.0))
         return aim if share > 0.98 else aim._replace(turn=Turn(skin + share * (depth - skin), math.pi))
 
-    def plan(self) -> tuple[str, Found]:
-        """For nominal parameters: the hole, and the insertion."""
-        problem, best = self.problem, None
-        hole, rigid = self.rigid()
-        if problem.area is not None:
-            rolls = [rigid.roll] if problem.roll is not None else ROLLS
-            starts = [("", rigid._replace(roll=roll)) for roll in rolls]
-        else:
+    def starts(self) -> Iterator[tuple[str, Aim]]:
+        """Holes, "" in an area, and aims from which a search may begin."""
+        problem = self.problem
+        if problem.area is None:
             near = self.hole_aims()
             clear = [entry for entry in near[:4 * NEIGHBOURS] if self.straight_missing(entry[1]) < 2e-3] or near
-            starts = clear[:NEIGHBOURS]
-        for hole, aim in starts:
-            if problem.area is None:
-                aim = self.towards_target(aim)
+            for hole, aim in clear[:NEIGHBOURS]:
+                yield hole, self.towards_target(aim)
+            return
+        _, rigid = self.rigid()
+        skin, depth = self._skin(rigid), depth_of(rigid, self.target)
+        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # where it undoes about what the bevel has done
+        for roll in [rigid.roll] if problem.roll is not None else ROLLS:
+            yield "", rigid._replace(roll=roll, turn=turn)
+
+    def plan(self) -> tuple[tuple[str, Found], tuple[str, Found]]:
+        """The plan for nominal parameters, and for the objective: hole and insertion. Searches from one start after the other until the target is
+        reached."""
+        problem, nominal, best = self.problem, None, None
+        for hole, aim in self.starts():
             found = self.search(Freedom(problem, *self._start(aim)))
+            if nominal is None or found.rank() < nominal[1].rank():
+                nominal = hole, found
+            elif found.missing > ROUNDING or found.error > nominal[1].error + problem.tolerance:
+                continue
+            if problem.objective != "nominal" and len(self.models) > 1:
+                found = self.robust(found)
             if best is None or found.rank() < best[1].rank():
-                best = (hole, found)
-            if found.reaches(0.3 * problem.tolerance):
+                best = hole, found
+            if found.reaches(problem.tolerance):
                 break
-        return best
+        return nominal, best
 
     # ---- samples --------------------------------------------------------------------------------------------------------------------------
 
-    def robust(self, nominal: Found, say: Callable[[str], None] = lambda words: None) -> Found:
+    def robust(self, nominal: Found) -> Found:
         """From the plan for nominal parameters, the one whose mean square, or worst, error in the samples is least."""
-        from scipy.optimize import least_squares, minimize
+        from scipy.optimize import least_squares
         problem, freedom = self.problem, nominal.freedom
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
         steps = np.append(freedom.steps, 0.2)      # the depth, in mm, is the last part of z
@@ -310,7 +330,7 @@ class Case:
                     try:
                         outcome = rehearsal.at(aim, 1e-3 * z[-1], self.target)
                         errors.append(outcome.error)
-                        free.append([there - o.clearance for o, there in zip(problem.obstacles, self.clearances(outcome))])
+                        free.append([there - o.clearance - MARGIN for o, there in zip(problem.obstacles, self.clearances(outcome))])
                     except Error as error:
                         if error.status in ("no memory", "system"):
                             raise
@@ -324,7 +344,7 @@ class Case:
             here, parts = evaluate(z), []
             for i in range(n):
                 if i < n - 1:
-                    x, step = freedom.stepped(z[:-1], i)
+                    x, step = freedom.stepped(z[:-1], i, LONGER)
                     other = np.append(x, z[-1])
                 else:
                     other, step = z.copy(), steps[-1]
@@ -346,9 +366,10 @@ class Case:
             (_, free), (errors_, free_) = evaluate(z), slopes(z)
             return np.concatenate([share * errors_.reshape(-1, n), np.where(free < 0.0, 1.0, 0.0).reshape(-1, 1) * free_.reshape(-1, n), STAY * np.eye(n)])
 
-        z = least_squares(residual, inner, jacobian, bounds=(low, high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=12).x
         if problem.objective == "worst":
-            self._worst(z, low, high, evaluate, slopes, minimize)
+            self._worst(inner, low, high, evaluate, slopes)
+        else:
+            least_squares(residual, inner, jacobian, bounds=(low, high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=12)
 
         measure = (lambda errors: math.sqrt(np.mean(np.sum(errors ** 2, axis=1)))) if problem.objective == "mean" else (lambda errors: np.linalg.norm(errors, axis=1).max())
         short = lambda free: float(np.maximum(-free, 0.0).max(initial=0.0))
@@ -360,23 +381,50 @@ class Case:
             aim = aim._replace(turn=None)
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 
-    def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable, minimize: Callable) -> None:
-        """SciPy's SLSQP on the least bound of all errors, as the last variable. What it has tried stays with `evaluate`."""
-        def lengths(errors: Array) -> Array:
-            return np.sqrt(np.sum(errors ** 2, axis=1) + 1e-6)
+    def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
+        """The least worst error, by steps that are best for errors and clearances which are linear in z, within a trust region (Madsen, Journal of the
+        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). What it has tried stays with `evaluate`."""
+        def merit(z: Array) -> float:
+            errors, free = evaluate(z)
+            return float(np.linalg.norm(errors, axis=1).max() + TOO_NEAR * np.maximum(-free, 0.0).max(initial=0.0))
 
-        def constraints(y: Array) -> Array:
-            errors, free = evaluate(y[:-1])
-            return np.concatenate([y[-1] - lengths(errors), free.ravel()])
+        z, radius = start, 0.5
+        for _ in range(STEPS):
+            (errors, free), (errors_, free_) = evaluate(z), slopes(z)
+            step, predicted = _linear_step(errors, free.ravel(), errors_, free_.reshape(free.size, len(z)), np.maximum(low - z, -radius), np.minimum(high - z, radius))
+            gain = merit(z) - predicted
+            if gain < ENOUGH or radius < SMALLEST:
+                break
+            ratio = (merit(z) - merit(z + step)) / gain
+            if ratio > 0.75:
+                radius *= 2.0
+            elif ratio < 0.25:
+                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            if ratio > 0.05:
+                z = z + step
 
-        def gradients(y: Array) -> Array:
-            (errors, free), (errors_, free_) = evaluate(y[:-1]), slopes(y[:-1])
-            of_lengths = -np.einsum("si,sin->sn", errors, errors_) / lengths(errors)[:, None]
-            rows = np.concatenate([of_lengths, free_.reshape(-1, of_lengths.shape[1])])
-            return np.column_stack([rows, np.r_[np.ones(len(errors)), np.zeros(free.size)]])
 
-        first = np.append(start, lengths(evaluate(start)[0]).max())
-        last = np.zeros(len(first))
-        last[-1] = 1.0
-        minimize(lambda y: y[-1], first, jac=lambda y: last, method="SLSQP", bounds=[*zip(low, high), (0.0, None)],
-                 constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 12, "ftol": 1e-2})
+def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:
+    """The step between limits for which the longest of errors (samples, 3), and the largest lack of `free` (m,), weighted, are least together, with slopes
+    (samples, 3, n) and (m, n); and this least value."""
+    from scipy.optimize import minimize
+    n, m = len(low), len(free)
+
+    def constraints(y: Array) -> Array:    # y: step, bound of the errors, bound of the lacks
+        there = errors + errors_ @ y[:n]
+        return np.concatenate([y[n] - np.sqrt(np.sum(there ** 2, axis=1) + 1e-4), free + free_ @ y[:n] + y[n + 1]])
+
+    def gradients(y: Array) -> Array:
+        there = errors + errors_ @ y[:n]
+        of_errors = -np.einsum("si,sin->sn", there, errors_) / np.sqrt(np.sum(there ** 2, axis=1) + 1e-4)[:, None]
+        return np.block([[of_errors, np.ones((len(errors), 1)), np.zeros((len(errors), 1))], [free_, np.zeros((m, 1)), np.ones((m, 1))]])
+
+    first = np.concatenate([np.zeros(n), [np.linalg.norm(errors, axis=1).max() + 0.01, np.maximum(-free, 0.0).max(initial=0.0)]])
+    weights = np.concatenate([np.zeros(n), [1.0, TOO_NEAR]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP leaves the limits by rounding, and says so
+        found = minimize(lambda y: weights @ y, first, jac=lambda y: weights, method="SLSQP", bounds=[*zip(low, high), (0.0, None), (0.0, None)],
+                         constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 100, "ftol": 1e-5})
+    step = np.clip(found.x[:n], low, high)
+    value = np.linalg.norm(errors + errors_ @ step, axis=1).max() + TOO_NEAR * np.maximum(-(free + free_ @ step), 0.0).max(initial=0.0)
+    return step, float(value)

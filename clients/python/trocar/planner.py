@@ -60,8 +60,8 @@ class Expected(NamedTuple):
     """What an insertion leads to, each time in a fresh simulation by the motion with which plans are carried out. m; NAN where it cannot be simulated."""
 
     error: float              # from the displaced target to the tip, for the scene's own values
-    mean: float               # and in the samples; as `error` without samples
-    worst: float
+    mean: float               # over these and the samples
+    worst: float              # of these and the samples
     offset: list[float]       # (3) from the displaced target to the tip
     clearance: float | None   # least distance from an obstacle less the clearance wanted, in any sample; None without obstacles
     nearest: str              # that obstacle
@@ -82,7 +82,7 @@ class Result:
     reached: bool             # within the tolerance, and clear
     why: str                  # not
     runs: int                 # insertions that the search has simulated
-    seconds: float = 0.0      # of the search, and of carrying it out
+    seconds: float = 0.0      # of a processor, for the search and for carrying it out
 
 
 @dataclass
@@ -141,11 +141,10 @@ def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target:
                 raise
             outcomes.append(None)
     distances = np.array([NOTHING if outcome is None else outcome.distance for outcome in outcomes])
-    over = distances[1:] if len(distances) > 1 else distances
-    clear = [(there - o.clearance, o.name) for outcome in outcomes if outcome for o, there in zip(problem.obstacles, case.clearances(outcome))]
+    clear = [(there - o.clearance, o.name) for outcome in outcomes if outcome for o, there in zip(problem.obstacles, case.clearances(outcome, exact=True))]
     least = min(clear) if clear else (None, "")
     first = outcomes[0]
-    return Expected(float(distances[0]), float(over.mean()), float(over.max()), first.error.tolist() if first else [NOTHING] * 3, least[0], least[1],
+    return Expected(float(distances[0]), float(distances.mean()), float(distances.max()), first.error.tolist() if first else [NOTHING] * 3, least[0], least[1],
                     first.shaft.tolist() if first else [])
 
 
@@ -165,23 +164,20 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
 
 def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt.ArrayLike) -> Result:
     """The plan for one target, (3,) m at rest. `models` as `models_of` returns them."""
-    begin = time.monotonic()
+    begin = time.process_time()
     case = Case(problem, models, np.asarray(point, np.float64))
-    hole, found = case.plan()
-    best = found
-    if problem.objective != "nominal" and len(models) > 1:
-        best = case.robust(found)
+    (nominal_hole, nominal), (hole, best) = case.plan()
     expect = lambda aim, depth, hole_: carry_out(problem, models, _needle_of(name, hole_, aim, depth), point)
     needle = _needle_of(name, hole, best.aim, best.depth)
     expected = carry_out(problem, models, needle, point)
-    seconds = time.monotonic() - begin
+    seconds = time.process_time() - begin
     measured = {"nominal": expected.error, "mean": expected.mean, "worst": expected.worst}[problem.objective if len(models) > 1 else "nominal"]
     reached = bool(measured <= problem.tolerance and (expected.clearance is None or expected.clearance >= -ROUNDING))
     plain, (rigid_hole, rigid) = case.unplanned(), case.rigid()
     return Result(name, np.asarray(point).tolist(), needle, expected,
                   expect(plain, depth_of(plain, case.target), case.hole_aims()[0][0] if problem.template else ""),
                   expect(rigid, depth_of(rigid, case.target), rigid_hole),
-                  expected if best is found else expect(found.aim, found.depth, hole), reached, "" if reached else _why(problem, best, expected), case.runs(), seconds)
+                  expected if best is nominal else expect(nominal.aim, nominal.depth, nominal_hole), reached, "" if reached else _why(problem, best, expected), case.runs(), seconds)
 
 
 # ---- seeds ----------------------------------------------------------------------------------------------------------------------------------
@@ -203,9 +199,9 @@ def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Ar
 
 def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> SeedResult:
     """Depths of one needle of the problem's plan with which its seeds come to lie where the plan has them. `models` as `models_of` returns them."""
-    begin, runs = time.monotonic(), 0
+    begin, runs = time.process_time(), 0
     half, axis = 0.5 * models[0].seed_size.length, plans.needle_axis(problem.plan, given, models[0])[1]
-    samples = models[1:] if len(models) > 1 and problem.objective != "nominal" else models[:1]
+    samples = models if problem.objective != "nominal" else models[:1]
     wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of their centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
     for _ in range(SEED_ROUNDS):
@@ -233,11 +229,11 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     chosen = best[1] if best else given
     measure = lambda needle_: [np.linalg.norm(_placed(problem, model, given, needle_), axis=1).tolist() for model in models]
     before, after = measure(given), measure(chosen)
-    over = np.array(after[1:] if len(models) > 1 and problem.objective != "nominal" else after[:1])
+    over = np.array(after[:len(samples)])
     reached = bool(over.max() <= problem.tolerance)
     if not reached and not why:
         why = "across its hole's axis, or the samples differ by more"
-    return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.monotonic() - begin)
+    return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.process_time() - begin)
 
 
 # ---- all of a problem -----------------------------------------------------------------------------------------------------------------------

@@ -182,7 +182,7 @@ def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt
 
 # ---- seeds ----------------------------------------------------------------------------------------------------------------------------------
 
-SEED_ROUNDS = 6
+SEED_ROUNDS = 10
 SEED_EXACT = 2e-5    # m
 
 
@@ -204,6 +204,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     samples = models if problem.objective != "nominal" else models[:1]
     wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of their centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
+    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds came to lie too deep, and not deep enough
     for _ in range(SEED_ROUNDS):
         try:
             off = np.array([_placed(problem, model, given, needle) for model in samples])
@@ -221,7 +222,10 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
         change = 0.5 * (along.max(axis=0) + along.min(axis=0)) if problem.objective == "worst" else along.mean(axis=0)
         if np.abs(change).max() < SEED_EXACT:
             break
-        aimed = aimed - change
+        deep, shallow = np.where(change > 0.0, np.minimum(deep, aimed), deep), np.where(change < 0.0, np.maximum(shallow, aimed), shallow)
+        nearest = aimed - change
+        between = 0.5 * (deep + shallow)    # where a place jumps with the depth, as behind a capsule, that side of the jump is found that is nearer
+        aimed = np.where((nearest < deep) & (nearest > shallow) | ~np.isfinite(between), nearest, between)
         for i in range(1, len(aimed)):    # seeds do not overlap
             aimed[i] = min(aimed[i], aimed[i - 1] - 2.0 * half - 1e-6)
         tip = aimed[0] + half

@@ -123,6 +123,15 @@ class PlanFormat(Case):
         plans.write(plan, self.out / "again.yaml")
         self.assertEqual([needle.roll for needle in plans.read(self.out / "again.yaml").needles], [1.0, 0.0])
 
+    def test_a_table_that_would_lose_the_roll_is_refused(self):
+        text = (SOURCE / "docs/examples/implant-plan.yaml").read_text().replace("{hole: E3, ", "{hole: E3, roll: 0.5, ")
+        errors = io.StringIO()
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
+            command = ["show", str(self.write(text, "plan.yaml")), "--scene", str(SOURCE / "meshes/implant.yaml")]
+            self.assertEqual((plans.main(command), plans.main([*command, "--out", str(self.out / "plan.csv")])), (0, 2))
+        self.assertRegex(errors.getvalue(), r"plan.yaml:\d+: needle E3: the table has no roll")
+        self.assertFalse((self.out / "plan.csv").exists())
+
     def test_bad_needles_are_refused(self):
         for old, new, words in (("entry: [0, 0, 0]", "hole: A1", ":1: missing key \"template\""), ("depth: 0.05}", "depth: 0.05, seeds: [1e-3]}", ":3: .*only of a needle in a hole"),
                                 ("depth: 0.03", "depth: 0.07", ":2: .*turn.depth: 0.07 m is not before"), ("[0, 0.3, 3]", "[0, 0, 0]", ":2: .*direction: it has no length"),
@@ -309,7 +318,7 @@ class Seeds(Case):
             means.append(plans.summary(plans.compare(only(before), model, plans.seeds_of(sim))))
         self.assertGreater(means[0]["along"], 1.0)
         self.assertLess(means[1]["along"], 0.15)
-        self.assertIn(f"{means[1]['distance']:.2f}", output)
+        self.assertRegex(output, rf"\| F4 .*\| {means[1]['distance']:.2f} \|")
 
 
 class Program(Case):

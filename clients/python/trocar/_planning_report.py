@@ -21,10 +21,14 @@ def _mm(value: float) -> str:
     return f"{1e3 * value:.2f}" if np.isfinite(value) else "-"
 
 
-def _described(needle: Needle, frame: Frame) -> list[str]:
-    """Entry and direction, depth, roll and turn in words."""
+def _described(problem: Problem, needle: Needle, frame: Frame) -> list[str]:
+    """Entry, tilt towards each of the area's edges, depth, roll and turn in words."""
     where = needle.hole or " ".join(f"{x:.1f}" for x in frame.position(needle.entry))
-    tilt = "" if needle.hole else " ".join(f"{x:+.1f}" for x in np.degrees(np.arctan2(needle.direction[:2], needle.direction[2])))
+    tilt = ""
+    if problem.area is not None:
+        direction, edges = np.array(needle.direction), problem.area.edges / np.linalg.norm(problem.area.edges, axis=1)[:, None]
+        aside = direction - (direction @ problem.area.direction) * problem.area.direction
+        tilt = " ".join(f"{x:+.1f}" for x in np.degrees(np.arctan2(edges @ aside, direction @ problem.area.direction)) + 0.0)
     turn = f"{1e3 * needle.turn.depth:.1f}" if needle.turn else ""
     return [where, tilt, f"{1e3 * needle.depth:.1f}", f"{np.degrees(needle.roll):.0f}", turn]
 
@@ -50,7 +54,7 @@ def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
     head = ["target", *where, "depth, mm", *steering, *kinds, *(["clearance to spare, mm"] if problem.obstacles else []), "s", ""]
     rows = []
     for result in results:
-        place, tilt, depth, roll, turn = _described(result.needle, frame)
+        place, tilt, depth, roll, turn = _described(problem, result.needle, frame)
         there = _kinds(problem, result)
         clear = [_mm(result.expected.clearance) if result.expected.clearance is not None else "-"] if problem.obstacles else []
         rows.append([result.name, place, *([] if template else [tilt]), depth, *([roll, turn] if problem.bevelled else []),
@@ -67,25 +71,26 @@ def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
 
 
 def _seeds(problem: Problem, results: Sequence[Any]) -> str:
-    kinds = {"nominal": lambda distances: np.array(distances[:1])}
-    if problem.study.parameters:
-        kinds["with the samples"] = np.array
-    head = ["needle", "depth, mm", "seeds", *(f"{what}, {kind}: {number}" for kind in kinds for what in ("as planned before", "this plan") for number in ("mean", "worst")),
-            "s", ""]
-    rows = []
+    sampled = bool(problem.study.parameters)
 
     def numbers(chosen: Sequence[Any]) -> list[str]:
         cells = []
-        for pick in kinds.values():
-            for which in ("before", "after"):
-                values = np.concatenate([pick(getattr(result, which)).ravel() for result in chosen])
-                cells += [_mm(values.mean()), _mm(values.max())]
+        for which in ("before", "after"):
+            values = [np.array(getattr(result, which)) for result in chosen]    # (samples, seeds), the scene's own first
+            for over in (np.mean, np.max):
+                own, all_ = (_mm(over(np.concatenate([part[:end].ravel() for part in values]))) for end in (1, None))
+                cells.append(own + (f" ({all_})" if sampled else ""))
         return cells
 
-    for result in results:
-        rows.append([result.needle.hole, f"{1e3 * result.needle.depth:.1f}", str(len(result.needle.seeds)), *numbers([result]), f"{result.seconds:.1f}", result.why])
-    rows.append(["all", "", str(sum(len(result.needle.seeds) for result in results)), *numbers(results), f"{np.mean([r.seconds for r in results]):.1f}", ""])
-    return "\n\n".join(["Distance of the seeds, in the tissue at rest when the needles are out, from their places in the plan, mm.", _table(head, rows).rstrip("\n")]) + "\n"
+    head = ["needle", "depth, mm", "seeds", "before: mean", "worst", "this plan: mean", "worst", "s", ""]
+    rows = [[result.needle.hole, f"{1e3 * result.needle.depth:.1f}", str(len(result.needle.seeds)), *numbers([result]), f"{result.seconds:.1f}", result.why]
+            for result in results]
+    rows.append(["**all**", "", str(sum(len(result.needle.seeds) for result in results)), *numbers(results), f"{np.mean([r.seconds for r in results]):.1f}", ""])
+    what = "Distance of the seeds, in the tissue at rest after their needle is out, from their places in the plan, mm"
+    what += f"; in brackets over the scene's own values and {len(problem.samples())} samples." if sampled else "."
+    reached = sum(result.reached for result in results)
+    return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} needles leave all seeds within "
+                        f"{1e3 * problem.tolerance:g} mm{', in each sample' if sampled and problem.objective != 'nominal' else ''}."]) + "\n"
 
 
 def carried(problem: Problem, rows: Sequence[tuple[Needle, Any]]) -> str:
@@ -127,17 +132,18 @@ def _start_plots() -> Any:
 
 def _plot_errors(problem: Problem, results: Sequence[Any], path: Path) -> None:
     plt = _start_plots()
-    figure, axis = plt.subplots(figsize=(7.0, 0.6 + 0.3 * len(results)), layout="constrained")
-    places = np.arange(len(results))
-    for kind in _kinds(problem, results[0]):
+    figure, axis = plt.subplots(figsize=(7.0, 0.8 + 0.36 * len(results)), layout="constrained")
+    kinds = list(_kinds(problem, results[0]))
+    for number, kind in enumerate(kinds):
+        places = np.arange(len(results)) + 0.22 * (number - 0.5 * (len(kinds) - 1))
         expected = [_kinds(problem, result)[kind] for result in results]
         nominal, worst = (1e3 * np.array([getattr(e, part) for e in expected]) for part in ("error", "worst"))
-        axis.plot(nominal, places, "o", color=COLOURS[kind], label=kind, markersize=5)
+        axis.plot(nominal, places, "o", color=COLOURS[kind], label=kind, markersize=4)
         if problem.study.parameters:
             axis.hlines(places, np.minimum(nominal, worst), worst, color=COLOURS[kind], linewidth=1.5)
     axis.axvline(1e3 * problem.tolerance, color="0.5", linestyle="--", linewidth=1)
-    axis.set_xscale("log")
-    axis.set_yticks(places, [result.name for result in results], fontsize=8)
+    axis.set_xlim(left=-0.05)
+    axis.set_yticks(range(len(results)), [result.name for result in results], fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("distance from tip to target, mm" + ("; lines: to the worst sample" if problem.study.parameters else ""), fontsize=8)
     axis.tick_params(axis="x", labelsize=8)
@@ -162,6 +168,13 @@ def _shadow(axis: Any, points: np.ndarray, colour: str, label: str) -> None:
     axis.plot([], [], color=colour, linewidth=4, alpha=0.4, label=label)
 
 
+def _inside(shaft: np.ndarray, depth: float) -> np.ndarray:
+    """The last `depth` (m) of a needle."""
+    behind = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shaft[::-1], axis=0), axis=1))])
+    arc = np.append(behind[behind < depth], depth)
+    return np.column_stack([np.interp(arc, behind, column) for column in shaft[::-1].T])[::-1]
+
+
 def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Path) -> None:
     """Needles, targets, the targets' region and obstacles in the three planes."""
     plt = _start_plots()
@@ -172,9 +185,9 @@ def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Pa
     figure, axes = plt.subplots(1, 3, figsize=(9.5, 3.9), layout="constrained", gridspec_kw={"width_ratios": [1.5, 1.5, 1.2]})
     sign = np.array([1.0, -1.0, 1.0]) if frame.is_patient else np.ones(3)    # front up
     names = ("left", "anterior", "superior") if frame.is_patient else frame.names
-    planned = [frame.position(np.array(result.expected.shaft)) * sign for result in results if result.expected.shaft]
+    planned = [frame.position(_inside(np.array(result.expected.shaft), result.needle.depth)) * sign for result in results if result.expected.shaft]
     targets = np.array([frame.position(result.target) for result in results]) * sign
-    everything = np.concatenate([frame.position(points) * sign for _, points in bodies] + [targets])
+    reached = np.concatenate([*(frame.position(points) * sign for _, points in bodies), targets, *planned])
     for axis, (i, k) in zip(axes, ((2, 1), (2, 0), (0, 1))):
         for number, (name, points) in enumerate(bodies):
             _shadow(axis, (frame.position(points) * sign)[:, [i, k]], colours[number % len(colours)], name)
@@ -182,8 +195,8 @@ def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Pa
             axis.plot(shaft[:, i], shaft[:, k], color="#0072B2", linewidth=1)
             axis.plot(*shaft[-1, [i, k]], ".", color="#0072B2", markersize=4)
         axis.plot(targets[:, i], targets[:, k], "x", color="black", markersize=5, label="target at rest")
-        axis.set_xlim(everything[:, i].min() - 25.0 * (i == 2), everything[:, i].max() + 2.0)
-        axis.set_ylim(everything[:, k].min() - 2.0, everything[:, k].max() + 2.0)
+        axis.set_xlim(reached[:, i].min() - 2.0, reached[:, i].max() + 2.0)
+        axis.set_ylim(reached[:, k].min() - 2.0, reached[:, k].max() + 2.0)
         axis.set_xlabel(f"{names[i]}, mm", fontsize=8)
         axis.set_ylabel(f"{names[k]}, mm", fontsize=8)
         axis.tick_params(labelsize=7)

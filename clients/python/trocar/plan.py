@@ -44,7 +44,7 @@ from ._locate import locate
 from ._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
-           "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "write"]
+           "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
 
 _SPACING_TOLERANCE = 1e-6  # m
 _GAP = 1e-9                # m, rounding of lengths that are added
@@ -514,8 +514,18 @@ def _save(table: list[list[str]], path: str) -> None:
 # ---- the program --------------------------------------------------------------------------------------------------------------------
 
 
+def without_steering(plan: Plan, what: str) -> Plan:
+    """The plan itself. BadPlan if needles are rolled or turned, which `what` cannot say."""
+    for needle in plan.needles:
+        if needle.roll or needle.turn:
+            raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
+                          "trocar.motion.Implant")
+    return plan
+
+
 def _show(given: argparse.Namespace, model: Model) -> None:
-    table = _planned_table(planned_seeds(read(given.plan), model), Frame(model))
+    plan = read(given.plan)
+    table = _planned_table(planned_seeds(without_steering(plan, "the table") if given.out else plan, model), Frame(model))
     _save(table, given.out) if given.out else _print(table)
 
 
@@ -529,7 +539,7 @@ def _check(given: argparse.Namespace, model: Model) -> None:
 def _export(given: argparse.Namespace, model: Model) -> None:
     from . import rtplan
     placed = read_seeds(given.seeds, model, given.now) if given.seeds else None
-    rtplan.export(read(given.plan), model, given.out, given.structures, placed)
+    rtplan.export(without_steering(read(given.plan), "DICOM's plan"), model, given.out, given.structures, placed)
 
 
 def _import(given: argparse.Namespace, model: Model) -> None:

@@ -217,7 +217,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
         distances = np.linalg.norm(off, axis=2)
         measured = float(distances.max() if problem.objective == "worst" else np.sqrt(np.mean(distances ** 2)))
         if best is None or measured < best[0]:
-            best = measured, needle
+            best = measured, needle, off[0]
         along = off @ axis
         change = 0.5 * (along.max(axis=0) + along.min(axis=0)) if problem.objective == "worst" else along.mean(axis=0)
         if np.abs(change).max() < SEED_EXACT:
@@ -236,7 +236,10 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     over = np.array(after[:len(samples)])
     reached = bool(over.max() <= problem.tolerance)
     if not reached and not why:
-        why = "across its hole's axis, or the samples differ by more"
+        offset = best[2]
+        aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1).max()
+        why = ("the samples differ by more" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
+               else "a seed's place jumps with the depth")
     return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.process_time() - begin)
 
 

@@ -35,8 +35,8 @@ targets:
 entry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt: 0.2}
 """
 WITHOUT_FORCES = "set: {" + ", ".join(
-    [f"\"regions[{region}].{key}\": 1e-6" for region in ("prostate", "surrounding") for key in ("cutting_force", "cutting_viscosity", "friction.static", "friction.kinetic",
-                                                                                           "friction.viscous")]
+    [f"\"regions[{region}].{key}\": 1e-6" for region in ("prostate", "surrounding")
+     for key in ("cutting_force", "cutting_viscosity", "friction.static", "friction.kinetic", "friction.viscous")]
     + ["\"membranes[skin].puncture_force\": 1e-6", "\"membranes[capsule].puncture_force\": 1e-6"]) + "}"
 
 
@@ -330,10 +330,13 @@ class Program(Case):
         ("name: T1, at: [0.006, 0.004, 0.05]}", "name: T1, at: [0.006, 0.004, 0.05]}\n  - {name: T1, at: [0, 0, 0.05]}", r":5: .*\"T1\" is another target's"),
         ("x: [-0.02, 0.02]", "x: [0.02, -0.02]", r":5: entry.x: -0.02 is not above 0.02"),
         ("x: [-0.02, 0.02]", "x: 0.01", r":5: entry: write two of x, y and z as \[from, to\]"),
+        ("z: 0, tilt", "z: 0.03, tilt", r":5: entry: the rectangle is in the tissue"),
+        ("z: 0, tilt", "z: -0.01, direction: [0, 0, -1], tilt", r":5: entry: target \"T1\" is in front of the rectangle"),
         ("z: 0, tilt: 0.2", "tilt: 0.2", r":5: entry: missing key \"z\""),
         ("tilt: 0.2", "tilt: 20", r":5: entry.tilt: 20: write an angle"),
         ("entry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt: 0.2}", "entry: {template: t}", r":5: entry.template: no guide \"t\": the scene has none"),
         ("entry:", "coordinates: patient\nentry:", r":5: coordinates: the scene does not know the patient's"),
+        ("entry:", "speed: 1e-6\nentry:", r":5: speed: \"1e-6\": write a number of 0.001 or above"),
         ("entry:", "turns: 2\nentry:", r":5: unknown key \"turns\""),
         ("entry:", "avoid: [{surface: bone, clearance: 1e-3}]\nentry:", r":5: avoid\[0\].surface: no surface \"bone\": the mesh has .*capsule"),
         ("entry:", "avoid: [{surface: capsule, clearance: 1e-3, roi: x}]\nentry:", r":5: avoid\[0\]: contours need a \"roi\""),

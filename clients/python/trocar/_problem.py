@@ -14,6 +14,7 @@ from . import Error, Model, Scene
 from . import plan as plans
 from ._definition import BadStudy, Study, _scene_keys, _StudyReader
 from ._obstacles import BadContours, Obstacle, contour_points, read_contours, region_points, spacing_of, surface_points
+from ._locate import locate
 from ._reader import Reader
 from ._rehearsal import Target
 from .motion import Implant
@@ -24,6 +25,8 @@ Array = npt.NDArray[np.float64]
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
 MOST_SAMPLES = 1024
+IN_FRONT = 1e-3      # m: a rectangle on the skin is in the tissue by rounding
+SLOWEST = 1e-3       # m/s
 
 
 class BadProblem(BadStudy):
@@ -166,6 +169,17 @@ class _ProblemReader(_StudyReader):
             raise reader.fail(keys["direction"], "entry.direction: it does not lead through the rectangle: write a vector into the tissue")
         return Area(origin, edges, towards_ / np.linalg.norm(towards_))
 
+    def check_area(self, node: Any, model: Model, problem: Problem) -> None:
+        """The rectangle is outside of the tissue, and targets are behind it."""
+        area, part = problem.area, np.linspace(0.0, 1.0, 4)
+        before = [area.origin + s * area.edges[0] + t * area.edges[1] - IN_FRONT * area.direction for s in part for t in part]
+        if (locate(model, before)[0] >= 0).any():
+            raise self.reader.fail(node, "entry: the rectangle is in the tissue: write one on the skin or in front of it, and the direction from there into the tissue")
+        normal = np.cross(*area.edges)
+        for name, point in problem.targets:
+            if ((point - area.origin) @ normal) / (area.direction @ normal) <= 0.0:
+                raise self.reader.fail(node, f"entry: target \"{name}\" is in front of the rectangle: write the direction from there into the tissue")
+
     def entry(self, node: Any, frame: Frame, patient: bool, model: Model, problem: Problem) -> None:
         reader = self.reader
         keys = reader.mapping(node, "entry", (), ("template", "holes", "x", "y", "z", "direction", "tilt"))
@@ -177,6 +191,7 @@ class _ProblemReader(_StudyReader):
             if "holes" in keys:
                 raise reader.fail(keys["holes"], "entry.holes: only of a template")
             problem.area = self.area(node, keys, frame, patient)
+            self.check_area(node, model, problem)
             return
         for key in ("x", "y", "z", "direction", "tilt"):
             if key in keys:
@@ -241,7 +256,8 @@ class _ProblemReader(_StudyReader):
 
     def read(self) -> Problem:
         reader = self.reader
-        given = reader.mapping(reader.root, "", ("scene",), ("set", "coordinates", "targets", "plan", "entry", "roll", "turn", "tolerance", "speed", "settle", "avoid", "uncertainty"))
+        given = reader.mapping(reader.root, "", ("scene",), ("set", "coordinates", "targets", "plan", "entry", "roll", "turn", "tolerance", "speed", "settle", "avoid",
+                                                          "uncertainty"))
         if ("plan" in given) == ("targets" in given):
             raise reader.fail(reader.root, "write targets, or a plan whose seeds are the targets")
         study = Study(reader.path, "", {}, None, [], "sobol", 0, 0, [])
@@ -249,7 +265,7 @@ class _ProblemReader(_StudyReader):
         scene = self.scene(given, study)
         problem.bevelled = float(scene["needle.bevel_slope"]) != 0.0
         number = lambda key, standard, **limit: reader.number(given[key], key, **limit) if key in given else standard
-        problem.hand = Implant(speed=number("speed", problem.hand.speed), settle=number("settle", problem.hand.settle, inclusive=True))
+        problem.hand = Implant(speed=number("speed", problem.hand.speed, least=SLOWEST, inclusive=True), settle=number("settle", problem.hand.settle, inclusive=True))
         problem.tolerance = number("tolerance", problem.tolerance)
         try:
             model = Model(scene, mesh_only=True)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Sim
+from . import Model, Sim
 from ._locate import locate
 from .motion import Implant, exponential, multiply, towards
 from .plan import Turn

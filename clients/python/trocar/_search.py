@@ -371,7 +371,8 @@ class Case:
         else:
             least_squares(residual, inner, jacobian, bounds=(low, high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=12)
 
-        measure = (lambda errors: math.sqrt(np.mean(np.sum(errors ** 2, axis=1)))) if problem.objective == "mean" else (lambda errors: np.linalg.norm(errors, axis=1).max())
+        mean_square = lambda errors: math.sqrt(np.mean(np.sum(errors ** 2, axis=1)))
+        measure = mean_square if problem.objective == "mean" else (lambda errors: np.linalg.norm(errors, axis=1).max())
         short = lambda free: float(np.maximum(-free, 0.0).max(initial=0.0))
         inside = [np.frombuffer(key) for key in kept if np.all(np.frombuffer(key) >= low - 1e-12) and np.all(np.frombuffer(key) <= high + 1e-12)]
         z = min(inside, key=lambda z: (round(max(short(evaluate(z)[1]) - ROUNDING / UNIT, 0.0), 1), measure(evaluate(z)[0])))

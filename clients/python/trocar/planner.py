@@ -33,7 +33,7 @@ import os
 import signal
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, NamedTuple, Sequence
 
@@ -44,7 +44,7 @@ from . import Error, Model, __version__
 from . import plan as plans
 from ._definition import BadStudy
 from ._problem import BadProblem, Problem, read
-from ._rehearsal import Aim, Outcome, Target, carried_out, depth_of
+from ._rehearsal import Aim, Outcome, carried_out, depth_of
 from ._runs import Pool, model_of
 from ._search import ROUNDING, Case, Found
 from .plan import BadPlan, Needle, Plan, Turn
@@ -177,7 +177,8 @@ def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt
     return Result(name, np.asarray(point).tolist(), needle, expected,
                   expect(plain, depth_of(plain, case.target), case.hole_aims()[0][0] if problem.template else ""),
                   expect(rigid, depth_of(rigid, case.target), rigid_hole),
-                  expected if best is nominal else expect(nominal.aim, nominal.depth, nominal_hole), reached, "" if reached else _why(problem, best, expected), case.runs(), seconds)
+                  expected if best is nominal else expect(nominal.aim, nominal.depth, nominal_hole), reached, "" if reached else _why(problem, best, expected),
+                  case.runs(), seconds)
 
 
 # ---- seeds ----------------------------------------------------------------------------------------------------------------------------------
@@ -352,7 +353,7 @@ def _check(given: argparse.Namespace) -> int:
     else:
         where = f"{len(problem.holes)} holes" if problem.template else f"an area, tilted by up to {problem.tilt:g} rad"
         steering = [*(["roll"] if problem.roll is None else []), *(["half a turn"] if problem.turn else [])]
-        print(f"{problem.path}: {len(problem.targets)} targets; entry through {where}; {' and '.join(['depth', *steering])} are free; avoids "
+        print(f"{problem.path}: {len(problem.targets)} targets; entry through {where}; {', '.join(['depth', *steering[:-1]])}{' and ' + steering[-1] + ' are' if steering else ' is'} free; avoids "
               f"{', '.join(o.name for o in problem.obstacles) or 'nothing'}", end="")
     print(f"; {len(problem.samples())} samples of {len(problem.study.parameters)} parameters, for the {problem.objective} one" if problem.study.parameters else "")
     return 0
@@ -377,8 +378,8 @@ def _carry_out(given: argparse.Namespace) -> int:
 
 def _options() -> argparse.ArgumentParser:
     from ._program import whole_number
-    parser = argparse.ArgumentParser(prog="trocar-plan", description="Plans insertions, described by a file: entry, direction, depth and roll with which the tip, or a plan's "
-                                     "seeds, end where they should in the displaced tissue.",
+    parser = argparse.ArgumentParser(prog="trocar-plan", description="Plans insertions, described by a file: entry, direction, depth and roll with which the tip, or "
+                                     "a plan's seeds, end where they should in the displaced tissue.",
                                      epilog="Exit status: 0, 1 if a target is not reached within its tolerance, 2 for bad input.")
     parser.add_argument("--version", action="version", version=f"trocar-plan {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")

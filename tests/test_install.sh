@@ -104,6 +104,7 @@ offers trocar-device --script fig | grep -qx figure8 || fail "trocar-device --sc
 offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers trocar-bench t)"
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
+offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
 touch scene.yaml scene.csv
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"

@@ -18,7 +18,7 @@ _trocar() {
         --json | --report) _filedir json ;;
         *)
             local benchmark=
-            [[ $1 != *trocar-@(bench|study) || ${words[1]} != [a-z]* || $cword -eq 1 ]] || benchmark=${words[1]}
+            [[ $1 != *trocar-@(bench|study|plan) || ${words[1]} != [a-z]* || $cword -eq 1 ]] || benchmark=${words[1]}
             if [[ $cur == -* ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "$(_parse_help "$1" "$benchmark --help")" -- "$cur")
                 [[ ${COMPREPLY[0]-} != *= ]] || compopt -o nospace
@@ -26,10 +26,12 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "$("$1" --help | sed -n 's/^  \([a-z]\+\)  .*/\1/p')" -- "$cur")
             elif [[ $1 == *trocar-study && $cword -eq 1 ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "run collect summary" -- "$cur")
-            elif [[ $1 == *trocar-study ]]; then
+            elif [[ $1 == *trocar-plan && $cword -eq 1 ]]; then
+                mapfile -t COMPREPLY < <(compgen -W "run check carry-out" -- "$cur")
+            elif [[ $1 == *trocar-@(study|plan) ]]; then
                 _filedir '@(yaml|yml)'
             elif [[ $1 == *trocar-anatomy ]]; then
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan

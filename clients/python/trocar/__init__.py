@@ -295,6 +295,15 @@ class Model:
         """(m,) index into `groups`; read only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
 
+    def surface(self, name: str) -> npt.NDArray[np.int32]:
+        """(k, 3) node indices: the triangles of a surface among the mesh's groups. ValueError if there is none of this name."""
+        if name not in self.groups:
+            raise ValueError("the mesh has no surface \"%s\": it has %s" % (name, ", ".join(self.groups)))
+        shape = (lib.trocar_model_tet_count(self._handle), 4)
+        bits = np.asarray(_View(lib.trocar_model_face_surfaces(self._handle), "u4", shape, self))
+        tets, opposite = np.nonzero(bits >> self.groups.index(name) & 1)
+        return np.array([np.delete(self.tets[t], corner) for t, corner in zip(tets, opposite)], np.int32).reshape(-1, 3)
+
     @property
     def groups(self) -> list[str]:
         """Names of the mesh's groups: regions, surfaces, points."""

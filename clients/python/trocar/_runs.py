@@ -230,7 +230,7 @@ def _use_one_thread() -> None:
         pass
 
 
-def _child(write: int, work: Callable[[], tuple[str, list[float]]]) -> None:
+def _child(write: int, work: Callable[[], Any], program: str) -> None:
     """In the child: sends the outcome and ends."""
     status = 1
     try:
@@ -241,7 +241,7 @@ def _child(write: int, work: Callable[[], tuple[str, list[float]]]) -> None:
             pipe.write(json.dumps(work()).encode())
         status = 0
     except BaseException as error:  # noqa: BLE001    nothing may come out of a child
-        print(f"trocar-study: {type(error).__name__}: {error}", file=sys.stderr)
+        print(f"{program}: {type(error).__name__}: {error}", file=sys.stderr)
     finally:
         sys.stderr.flush()
         os._exit(status)
@@ -251,20 +251,20 @@ class Pool:
     """Up to `workers` children of this process, one for each run. A child starts with what its parent has built, such as a model, without a copy, and
     with nothing of other runs."""
 
-    def __init__(self, workers: int, finished: Callable[[int, tuple[str, list[float]] | None, str], None]):
-        """finished(run, outcome, why): outcome None if the child ended without one."""
-        self.workers, self.finished = workers, finished
+    def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
+        """finished(run, outcome, why): outcome as JSON keeps it, None if the child ended without one."""
+        self.workers, self.finished, self.program = workers, finished, program
         self._running: dict[int, tuple[int, int, bytearray]] = {}    # read end: run, process, received
         self._selector = selectors.DefaultSelector()
 
-    def start(self, run_: int, work: Callable[[], tuple[str, list[float]]]) -> None:
+    def start(self, run_: int, work: Callable[[], Any]) -> None:
         while len(self._running) >= self.workers:
             self.wait()
         read, write = os.pipe()
         process = os.fork()
         if process == 0:
             os.close(read)
-            _child(write, work)
+            _child(write, work, self.program)
         os.close(write)
         self._running[read] = (run_, process, bytearray())
         self._selector.register(read, selectors.EVENT_READ)

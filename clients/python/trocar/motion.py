@@ -21,7 +21,7 @@ import numpy.typing as npt
 from . import Sim
 
 if TYPE_CHECKING:
-    from .plan import Plan
+    from .plan import Needle, Plan
 
 __all__ = ["Adjustment", "BadMotion", "Implant", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
@@ -271,41 +271,60 @@ class Table(_Motion):
 
 @dataclass(frozen=True)
 class Implant(_Motion):
-    """A plan of an implant, one needle after the other: in at `speed` (m/s), back from seed to seed, out."""
+    """A plan of an implant, one needle after the other: in at `speed` (m/s), with a turn if the plan has one, back from seed to seed, out."""
 
     plan: Plan | None = None
     speed: float = 0.08
-    settle: float = 0.05      # s at rest before a seed is dropped
-    outside: float = 0.02     # m from the template's face, where a needle starts and ends
+    settle: float = 0.05      # s at rest before a seed is dropped, or at the depth of a needle without seeds
+    outside: float = 0.02     # m from the template's face, or the entry, where a needle starts and ends
+    turning: float = 2.0 * math.pi    # rad/s, of a turn on the way
 
     adjustable = ("speed", "roll")
 
     def duration(self) -> None:
         return None
 
+    def _pose(self, axis: tuple[Array, Array], depths: Array, roll: float | Array, length: float) -> Array:
+        """Poses (n, 7) with the tip at depths (n,) m along the axis, a point and a direction, and the needle rolled by `roll` (rad)."""
+        point, direction = axis
+        turned = multiply(towards(direction), exponential(np.multiply.outer(np.broadcast_to(roll, depths.shape), [0.0, 0.0, 1.0])))
+        return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
+
+    def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
+        """Poses that move the tip between two depths, in m, the first of them left out."""
+        steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
+        return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
+
+    def insert(self, sim: Sim, needle: Needle, dt: float) -> Iterator[Array]:
+        """One needle, from its reset outside of the tissue to its rest at the depth."""
+        from . import plan as plans
+        axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
+        roll, at = needle.roll + self.adjustment.roll, -self.outside
+        sim.reset(self._go(axis, at, at, roll, length, dt)[0])
+        if needle.turn:
+            yield self._go(axis, at, needle.turn.depth, roll, length, dt)
+            at = needle.turn.depth
+            steps = max(math.ceil(abs(needle.turn.by) / (self.turning * dt)), 1)
+            yield self._pose(axis, np.full(steps, at), roll + np.linspace(0.0, needle.turn.by, steps + 1)[1:], length)
+            roll += needle.turn.by
+        yield self._go(axis, at, needle.depth, roll, length, dt)
+        yield np.tile(self._go(axis, needle.depth, needle.depth, roll, length, dt), (round(self.settle / dt), 1))
+
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
         from . import plan as plans
-        plan, half = self.plan, 0.5 * sim.model.seed_size.length
+        plan, half, length = self.plan, 0.5 * sim.model.seed_size.length, sim.model.needle_length
         plans.check(plan, sim.model)
-        guide = plans.guide_of(plan, sim.model)
-        turned = multiply(towards(guide.normal), exponential([0.0, 0.0, self.adjustment.roll]))
-
-        def go(start: float, end: float) -> Array:
-            """Poses that move the tip between two depths behind the face, in m, the first of them left out."""
-            steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
-            at = np.linspace(start, end, steps + 1)[1:, None]
-            return np.concatenate([face + (at - sim.model.needle_length) * guide.normal, np.tile(turned, (steps, 1))], axis=1)
-
         for needle in plan.needles:
-            face, tip = plans.hole_axis(guide, needle.hole), -self.outside
-            sim.reset(go(tip, tip)[0])
-            yield go(tip, needle.depth)
+            axis = plans.needle_axis(plan, needle, sim.model)
+            roll = needle.roll + self.adjustment.roll + (needle.turn.by if needle.turn else 0.0)
+            go = lambda start, end: self._go(axis, start, end, roll, length, dt)
+            yield from self.insert(sim, needle, dt)
             tip = needle.depth
             for behind in needle.seeds:
                 target = needle.depth - (behind - half)    # of the tip, when the seed is dropped
                 if target != tip:
                     yield go(tip, target)
-                yield np.tile(go(target, target), (round(self.settle / dt), 1))
+                    yield np.tile(go(target, target), (round(self.settle / dt), 1))
                 sim.drop_seeds()
                 tip = target
                 while sim.pending_seeds():    # drawn back until the seed is left

@@ -11,6 +11,15 @@ A plan is a YAML file:
       - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
         depth: 0.115               # m, from the face of the template where needles enter to the tip
         seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
+        roll: 1.57                 # rad, turn of the needle about its axis; may be left out
+        turn: {depth: 0.08, by: 3.14159}    # m, rad: where it is turned by how much; may be left out
+      - name: T1                   # may be left out
+        entry: [0.01, 0, -5e-3]    # m, in the mesh: in place of a hole, for a needle without seeds; depth counts from here
+        direction: [0, 0.1, 1]     # of any length; may be left out: [0, 0, 1]
+        depth: 0.06
+
+A plan of which no needle has a hole needs no template, columns, rows and spacing. At roll 0 the bevel faces local +y after the shortest turn from +z to
+the needle's direction (`trocar.motion.towards`).
 
 As a program:
 
@@ -34,8 +43,8 @@ from . import Error, Guide, Model, Scene, Sim
 from ._locate import locate
 from ._reader import Reader
 
-__all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "compare", "guide_of", "hole_axis", "hole_name", "hole_number",
-           "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "write"]
+__all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
+           "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
 
 _SPACING_TOLERANCE = 1e-6  # m
 _GAP = 1e-9                # m, rounding of lengths that are added
@@ -54,21 +63,38 @@ class Source:
     strength: float  # U (uGy m^2/h), air kerma strength of one seed at the time of the implant
 
 
+class Turn(NamedTuple):
+    """A turn of the needle about its axis on its way, at rest."""
+
+    depth: float        # m, of the tip, counted as the needle's
+    by: float           # rad
+
+
 @dataclass
 class Needle:
     """One needle of a plan."""
 
-    hole: str           # such as C3.5
-    depth: float        # m, from the face of the template where needles enter to the tip
+    hole: str           # such as C3.5; "" for a needle with an entry
+    depth: float        # m, from the face of the template where needles enter, or from the entry, to the tip
     seeds: list[float]  # m, from the tip back to each seed's centre, ascending
     line: int = 0       # in the file; 0: unknown
+    name: str = ""
+    roll: float = 0.0   # rad
+    turn: Turn | None = None
+    entry: tuple[float, ...] | None = None               # (3) m, in the mesh
+    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, with an entry
+
+    @property
+    def title(self) -> str:
+        """For people: the name or the hole."""
+        return self.name or self.hole or "without a name"
 
 
 @dataclass
 class Plan:
     """A plan, as its file says it."""
 
-    template: str   # name of the scene's guide
+    template: str   # name of the scene's guide; "" if no needle is in a hole
     columns: int
     rows: int
     spacing: float  # m
@@ -135,36 +161,82 @@ def _grid_words(columns: int, rows: int) -> str:
 # ---- reading and writing --------------------------------------------------------------------------------------------------------
 
 
-def _read_needle(reader: Reader, node: Any, place: str, plan: Plan) -> Needle:
-    keys = reader.mapping(node, place, ("hole", "depth", "seeds"))
-    name = reader.text(keys["hole"], f"{place}.hole")
+def _read_hole(reader: Reader, node: Any, place: str, plan: Plan, seedless: bool) -> str:
+    name = reader.text(node, place)
+    if not plan.template:
+        raise reader.fail(node, f"{place}: the plan has no template: write template, columns, rows and spacing, or an entry in place of the hole")
     at = hole_number(name)
     if at is None or at[0] >= plan.columns or at[1] >= plan.rows:
-        raise reader.fail(keys["hole"], f"{place}.hole: no hole \"{name}\": the template has {_grid_words(plan.columns, plan.rows)}, as in "
+        raise reader.fail(node, f"{place}: no hole \"{name}\": the template has {_grid_words(plan.columns, plan.rows)}, as in "
                           f"{hole_name(plan.columns // 2, plan.rows // 2)}")
     name = hole_name(*at)
     for other in plan.needles:
-        if other.hole == name:
-            raise reader.fail(keys["hole"], f"{place}.hole: {name} is taken by the needle in line {other.line}: a hole has one needle")
-    depth = reader.number(keys["depth"], f"{place}.depth")
-    seeds: list[float] = []
-    for i, item in enumerate(reader.items(keys["seeds"], f"{place}.seeds")):
+        if other.hole == name and not (seedless and not other.seeds):
+            raise reader.fail(node, f"{place}: {name} is taken by the needle in line {other.line}: a hole has one needle with seeds")
+    return name
+
+
+def _read_direction(reader: Reader, node: Any, place: str) -> tuple[float, ...]:
+    vector = reader.numbers(node, place, 3)
+    length = math.hypot(*vector)
+    if length < 1e-9:
+        raise reader.fail(node, f"{place}: it has no length: write a vector from the entry into the tissue")
+    return tuple(x / length for x in vector)
+
+
+def _read_needle(reader: Reader, node: Any, place: str, plan: Plan) -> Needle:
+    keys = reader.mapping(node, place, ("depth",), ("name", "hole", "entry", "direction", "seeds", "roll", "turn"))
+    if ("hole" in keys) == ("entry" in keys):
+        raise reader.fail(node, f"{place}: write a hole or an entry: a hole of the template, or a point x, y, z")
+    if "seeds" not in keys and "hole" in keys:
+        raise reader.fail(node, f"{place}: missing key \"seeds\": write [] for a needle without seeds")
+    items = reader.items(keys["seeds"], f"{place}.seeds") if "seeds" in keys else []
+    if items and "entry" in keys:
+        raise reader.fail(keys["seeds"], f"{place}.seeds: only of a needle in a hole")
+    if "direction" in keys and "hole" in keys:
+        raise reader.fail(keys["direction"], f"{place}.direction: only with an entry: a hole has its axis")
+    needle = Needle(_read_hole(reader, keys["hole"], f"{place}.hole", plan, not items) if "hole" in keys else "",
+                    reader.number(keys["depth"], f"{place}.depth"), [], reader.line(node))
+    if "entry" in keys:
+        needle.entry = tuple(reader.numbers(keys["entry"], f"{place}.entry", 3))
+    if "direction" in keys:
+        needle.direction = _read_direction(reader, keys["direction"], f"{place}.direction")
+    if "name" in keys:
+        needle.name = reader.text(keys["name"], f"{place}.name")
+    if "roll" in keys:
+        needle.roll = reader.number(keys["roll"], f"{place}.roll", -math.inf)
+    if "turn" in keys:
+        turn = reader.mapping(keys["turn"], f"{place}.turn", ("depth", "by"))
+        needle.turn = Turn(reader.number(turn["depth"], f"{place}.turn.depth"), reader.number(turn["by"], f"{place}.turn.by", -math.inf))
+        if needle.turn.depth >= needle.depth:
+            raise reader.fail(turn["depth"], f"{place}.turn.depth: {needle.turn.depth:g} m is not before the needle's depth, {needle.depth:g} m")
+    for i, item in enumerate(items):
         seed = reader.number(item, f"{place}.seeds[{i}]")
-        if seeds and seed <= seeds[-1]:
-            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m is not behind the one before, {seeds[-1]:g} m: list them from the tip back")
-        if seed >= depth:
-            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m behind the tip is outside of the template's face, which is {depth:g} m behind it; "
+        if needle.seeds and seed <= needle.seeds[-1]:
+            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m is not behind the one before, {needle.seeds[-1]:g} m: list them from the tip back")
+        if seed >= needle.depth:
+            raise reader.fail(item, f"{place}.seeds[{i}]: {seed:g} m behind the tip is outside of the template's face, which is {needle.depth:g} m behind it; "
                               "lengths are in metres")
-        seeds.append(seed)
-    return Needle(name, depth, seeds, reader.line(node))
+        needle.seeds.append(seed)
+    return needle
+
+
+def _all_have_entries(reader: Reader, node: Any) -> bool:
+    keys = [[str(key.value) for key, _ in item.value] if isinstance(item, reader.yaml.MappingNode) else [] for item in reader.items(node, "needles")]
+    return bool(keys) and all("entry" in there for there in keys)
 
 
 def read(path: str | PathLike[str]) -> Plan:
     """Reads a plan. BadPlan with file, line and remedy for anything that it does not understand."""
+    of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
-    keys = reader.mapping(reader.root, "", ("template", "columns", "rows", "spacing", "needles"), ("source",))
-    plan = Plan(reader.text(keys["template"], "template"), reader.count(keys["columns"], "columns"), reader.count(keys["rows"], "rows"),
-                reader.number(keys["spacing"], "spacing"), path=fspath(path), line=reader.line(keys["template"]))
+    keys = reader.mapping(reader.root, "", (), (*of_template, "needles", "source"))
+    plan = Plan("", 0, 0, 0.0, path=fspath(path))
+    if "needles" not in keys or any(key in keys for key in of_template) or not _all_have_entries(reader, keys["needles"]):
+        keys = reader.mapping(reader.root, "", (*of_template, "needles"), ("source",))
+        plan.template, plan.line = reader.text(keys["template"], "template"), reader.line(keys["template"])
+        plan.columns, plan.rows = reader.count(keys["columns"], "columns"), reader.count(keys["rows"], "rows")
+        plan.spacing = reader.number(keys["spacing"], "spacing")
     if "source" in keys:
         given = reader.mapping(keys["source"], "source", ("isotope", "model", "strength"))
         isotope = reader.text(given["isotope"], "source.isotope")
@@ -181,14 +253,25 @@ def read(path: str | PathLike[str]) -> Plan:
 def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
     """Writes a plan that `read` reads."""
     number = lambda value: f"{value:.9g}"
+    numbers = lambda values: f"[{', '.join(map(number, values))}]"
     quoted = lambda text: "\"" + text.replace("\\", "\\\\").replace("\"", "\\\"") + "\""
     lines = [f"# {line}" for line in comment.splitlines()]
-    lines += [f"template: {quoted(plan.template)}", f"columns: {plan.columns}", f"rows: {plan.rows}", f"spacing: {number(plan.spacing)}    # m"]
+    if plan.template:
+        lines += [f"template: {quoted(plan.template)}", f"columns: {plan.columns}", f"rows: {plan.rows}", f"spacing: {number(plan.spacing)}    # m"]
     if plan.source:
         lines.append(f"source: {{isotope: {plan.source.isotope}, model: {quoted(plan.source.model)}, strength: {number(plan.source.strength)}}}")
-    lines.append("needles:    # m: depth of the tip behind the template's face, seeds from the tip back to their centres")
+    lines.append("needles:    # m: depth of the tip behind the template's face, or the entry; seeds from the tip back to their centres; rad: roll, turn.by")
     for needle in plan.needles:
-        lines.append(f"  - {{hole: {needle.hole}, depth: {number(needle.depth)}, seeds: [{', '.join(map(number, needle.seeds))}]}}")
+        cells = [f"name: {quoted(needle.name)}"] if needle.name else []
+        cells += [f"hole: {needle.hole}"] if needle.entry is None else [f"entry: {numbers(needle.entry)}", f"direction: {numbers(needle.direction)}"]
+        cells.append(f"depth: {number(needle.depth)}")
+        if needle.roll:
+            cells.append(f"roll: {number(needle.roll)}")
+        if needle.turn:
+            cells.append(f"turn: {{depth: {number(needle.turn.depth)}, by: {number(needle.turn.by)}}}")
+        if needle.entry is None:
+            cells.append(f"seeds: {numbers(needle.seeds)}")
+        lines.append(f"  - {{{', '.join(cells)}}}")
     with open(path, "w", encoding="utf-8") as file:
         file.write("\n".join(lines) + "\n")
 
@@ -222,6 +305,8 @@ class Frame:
 def guide_of(plan: Plan, model: Model) -> Guide:
     """The scene's guide that the plan is made for. BadPlan if the scene has no such template."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
+    if not plan.template:
+        raise BadPlan(f"{place}: the plan has no template: its needles have entries in place of holes")
     guides = model.guides
     guide = next((g for g in guides if g.name == plan.template), None)
     if guide is None:
@@ -240,24 +325,32 @@ def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
     return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
 
 
+def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(3,) m, the point from which the needle's depth counts, and (3,) its direction, a unit vector. BadPlan as `guide_of`."""
+    if needle.entry is not None:
+        return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
+    guide = guide_of(plan, model)
+    return hole_axis(guide, needle.hole), guide.normal
+
+
 def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
     """Where the plan has its seeds in the tissue at rest: on the axes of the holes. BadPlan if the scene's template is another, its needle is
     too short, or the seeds would overlap."""
-    guide, length, reach = guide_of(plan, model), model.seed_size.length, model.needle_length
+    length, reach = model.seed_size.length, model.needle_length
     found = []
     for needle in plan.needles:
-        place = f"{plan.path}:{needle.line}: needle {needle.hole}" if needle.line else f"{plan.path}: needle {needle.hole}"
+        face, direction = needle_axis(plan, needle, model)
+        place = f"{plan.path}:{needle.line}: needle {needle.title}" if needle.line else f"{plan.path}: needle {needle.title}"
         if needle.depth >= reach:
-            raise BadPlan(f"{place}: its depth of {needle.depth:g} m does not leave its base in front of the template: the scene's needle is {reach:g} m long; "
-                          "lengths are in metres")
+            raise BadPlan(f"{place}: its depth of {needle.depth:g} m does not leave its base in front of the {'template' if needle.hole else 'entry'}: the scene's "
+                          f"needle is {reach:g} m long; lengths are in metres")
         if needle.seeds and needle.seeds[0] < 0.5 * length - _GAP:
             raise BadPlan(f"{place}: the first seed's centre is {1e3 * needle.seeds[0]:g} mm behind the tip, less than half of its length of {1e3 * length:g} mm")
         for before, after in zip(needle.seeds, needle.seeds[1:]):
             if after - before < length - _GAP:
                 raise BadPlan(f"{place}: seeds of {1e3 * length:g} mm at {1e3 * before:g} and {1e3 * after:g} mm behind the tip overlap")
-        face = hole_axis(guide, needle.hole)
         for i, seed in enumerate(needle.seeds):
-            found.append(Planned(needle.hole, i + 1, face + (needle.depth - seed) * guide.normal, guide.normal))
+            found.append(Planned(needle.hole, i + 1, face + (needle.depth - seed) * direction, direction))
     return found
 
 
@@ -421,8 +514,18 @@ def _save(table: list[list[str]], path: str) -> None:
 # ---- the program --------------------------------------------------------------------------------------------------------------------
 
 
+def without_steering(plan: Plan, what: str) -> Plan:
+    """The plan itself. BadPlan if needles are rolled or turned, which `what` cannot say."""
+    for needle in plan.needles:
+        if needle.roll or needle.turn:
+            raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
+                          "trocar.motion.Implant")
+    return plan
+
+
 def _show(given: argparse.Namespace, model: Model) -> None:
-    table = _planned_table(planned_seeds(read(given.plan), model), Frame(model))
+    plan = read(given.plan)
+    table = _planned_table(planned_seeds(without_steering(plan, "the table") if given.out else plan, model), Frame(model))
     _save(table, given.out) if given.out else _print(table)
 
 
@@ -436,7 +539,7 @@ def _check(given: argparse.Namespace, model: Model) -> None:
 def _export(given: argparse.Namespace, model: Model) -> None:
     from . import rtplan
     placed = read_seeds(given.seeds, model, given.now) if given.seeds else None
-    rtplan.export(read(given.plan), model, given.out, given.structures, placed)
+    rtplan.export(without_steering(read(given.plan), "DICOM's plan"), model, given.out, given.structures, placed)
 
 
 def _import(given: argparse.Namespace, model: Model) -> None:

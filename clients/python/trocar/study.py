@@ -29,7 +29,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -37,6 +36,7 @@ import numpy as np
 
 from . import Error, __version__
 from ._definition import BadStudy, Study, read
+from ._program import Progress, whole_number
 from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, has_frames, heading, line_of, model_of, read_rows, row_files, run
 from .plan import BadPlan
 
@@ -147,31 +147,6 @@ def _submit(given: argparse.Namespace, study: Study) -> int:
 # ---- the program ------------------------------------------------------------------------------------------------------------------------
 
 
-class _Progress:
-    """A bar on a terminal, else a line at the start, at every tenth and at the end."""
-
-    WIDTH = 30
-
-    def __init__(self, quiet: bool):
-        self.quiet, self.bar = quiet, sys.stderr.isatty()
-        self.start, self.first, self.shown, self.tenth = time.monotonic(), None, 0.0, -1
-
-    def __call__(self, done: int, of: int) -> None:
-        now = time.monotonic()
-        self.first = done if self.first is None else self.first
-        if self.quiet or of == 0:
-            return
-        rate = (done - self.first) / max(now - self.start, 1e-9)
-        words = f"{done} of {of} runs" + (f", {rate:.1f} a second, {(of - done) / rate:.0f} s left" if done > self.first and done < of else "")
-        if self.bar and (now - self.shown > 0.1 or done == of):
-            full = self.WIDTH * done // of
-            print(f"\r[{'#' * full}{' ' * (self.WIDTH - full)}] {words}\033[K", end="\n" if done == of else "", file=sys.stderr, flush=True)
-            self.shown = now
-        elif not self.bar and 10 * done // of > self.tenth:
-            print(f"trocar-study: {words}", file=sys.stderr, flush=True)
-            self.tenth = 10 * done // of
-
-
 def _say(words: str) -> None:
     print(f"trocar-study: {words}", file=sys.stderr)
 
@@ -190,7 +165,7 @@ def _run(given: argparse.Namespace) -> int:
     if given.engine == "slurm":
         return _submit(given, study)
     task, out = given.task or (1, 1), Path(given.out)
-    outcome = carry_out(study, out, task, given.workers or len(os.sched_getaffinity(0)), _Progress(given.quiet), _say)
+    outcome = carry_out(study, out, task, given.workers or len(os.sched_getaffinity(0)), Progress(given.quiet, "trocar-study", "runs"), _say)
     for words in outcome.lost[:3]:
         _say(f"{words}: ended without a result")
     if outcome.lost:
@@ -228,12 +203,6 @@ def _task(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _number(text: str) -> int:
-    if not re.fullmatch(r"[1-9]\d{0,5}", text):
-        raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
-    return int(text)
-
-
 def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="trocar-study", description="Thousands of insertions with varied parameters, described by a file: carries them out on all "
                                      "processors or on a cluster, resumes after an interruption, and summarises the results.",
@@ -249,10 +218,10 @@ def _options() -> argparse.ArgumentParser:
         return added
 
     added = command("run", _run, "carry out the runs that are not done yet, and collect them")
-    added.add_argument("--workers", type=_number, help="runs at a time (default: one for each processor; with Slurm 1 for each task)", metavar="N")
+    added.add_argument("--workers", type=whole_number, help="runs at a time (default: one for each processor; with Slurm 1 for each task)", metavar="N")
     added.add_argument("--task", type=_task, help="only part i of N, for a cluster or GNU parallel; nothing is collected", metavar="i/N")
     added.add_argument("--engine", choices=("local", "slurm"), default="local", help="slurm: write a job array and submit it (default: local)")
-    added.add_argument("--tasks", type=_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
+    added.add_argument("--tasks", type=whole_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
     added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, with its dashes; may be repeated", metavar="OPTION")
     added.add_argument("--wait", action="store_true", help="with Slurm: wait for the job and collect")
     added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, each 20 ms or as the study says")

@@ -1,0 +1,39 @@
+"""What the programs share: progress, and kinds of options."""
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import time
+
+
+class Progress:
+    """A bar on a terminal, else a line at the start, at every tenth and at the end."""
+
+    WIDTH = 30
+
+    def __init__(self, quiet: bool, program: str, things: str):
+        self.program, self.things = program, things
+        self.quiet, self.bar = quiet, sys.stderr.isatty()
+        self.start, self.first, self.shown, self.tenth = time.monotonic(), None, 0.0, -1
+
+    def __call__(self, done: int, of: int) -> None:
+        now = time.monotonic()
+        self.first = done if self.first is None else self.first
+        if self.quiet or of == 0:
+            return
+        rate = (done - self.first) / max(now - self.start, 1e-9)
+        words = f"{done} of {of} {self.things}" + (f", {rate:.1f} a second, {(of - done) / rate:.0f} s left" if done > self.first and done < of else "")
+        if self.bar and (now - self.shown > 0.1 or done == of):
+            full = self.WIDTH * done // of
+            print(f"\r[{'#' * full}{' ' * (self.WIDTH - full)}] {words}\033[K", end="\n" if done == of else "", file=sys.stderr, flush=True)
+            self.shown = now
+        elif not self.bar and 10 * done // of > self.tenth:
+            print(f"{self.program}: {words}", file=sys.stderr, flush=True)
+            self.tenth = 10 * done // of
+
+
+def whole_number(text: str) -> int:
+    if not re.fullmatch(r"[1-9]\d{0,5}", text):
+        raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
+    return int(text)

@@ -124,7 +124,7 @@ if not rows.short:
             sim.step(other.pose(), DT, other.index)
         shifts.append(1e3 * gland.motion(sim)[1])
     rows.add("shift of the gland's base, 4 needles", STONE, ABSTRACT, (0, 30), shifts[-1], "mm", published="median 15 mm (0 to 30), with 16 needles", kind=PREDICTED, fitted=FORCES,
-             scatter=f"{shifts[1]:.1f} with one needle", weak=True, regression=(1.9, 2.5), note="the range begins at 0, and the median is far above; 16 needles were not tried")
+             scatter=f"{shifts[1]:.1f} with one needle", weak=True, regression=(2.7, 3.7), note="the range begins at 0, and the median is far above; 16 needles were not tried")
     rows.curve("gland-shift", "model", range(5), shifts, "needles", "shift of the gland's base (mm)")
     shift = {}
     for speed in (0.005, 0.12):

@@ -13,8 +13,7 @@ LIMIT, MEDIAN = 0.05, 0.02  # of a single force; of all of them
 TICK_LIMIT = 0.002  # cross-coupling between directions, which rigid_needle.c neglects
 ABREAST = "the sum of springs neglects cross-coupling between directions"
 BESIDE = "too stiff: elements of 12 mm, 10 mm from a free side; 3000 nodes are enough"
-BY_TICK = 6  # number of meshes on which the tick is used; on finer ones, the sum of springs
-COARSE = 4  # number of meshes on which both are compared
+COARSE = 4  # number of meshes on which the springs are added up as well
 SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0125 * 0.999, 0.0078, 0.0053, 0.0040, 0.0030)}
 
 
@@ -29,13 +28,11 @@ def rigid_needle(rows, mesh, case):
 
 
 def compare(rows, name, case, meshes):
-    """The needle by the tick (on the two finest meshes by the sum of springs); the tip's disc, whose shaft slides, by its own spring."""
+    """The needle by the tick; the tip's disc, whose shaft slides, by its own spring."""
     errors = []
-    for index, mesh in enumerate(meshes):
-        nodes, contacts, sideways, along, tip, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
-        if index < BY_TICK:
-            sideways, along = tick_sideways, tick_along
-        note = f"{nodes} nodes, {contacts} contacts" + ("" if index < BY_TICK or case["kind"] == "disc" else ", sum of springs")
+    for mesh in meshes:
+        nodes, contacts, _, _, tip, sideways, along = rigid_needle(rows, mesh, case)
+        note = f"{nodes} nodes, {contacts} contacts"
         for direction, value in (("sideways", sideways), ("axial", tip if case["kind"] == "disc" else along)):
             if direction in case["force"]:
                 expected = case["force"][direction]
@@ -51,8 +48,11 @@ def compare_with_tick(rows, name, case, meshes):
     for mesh in meshes:
         _, _, sideways, along, _, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
         apart = max(apart, abs(sideways / tick_sideways - 1), abs(along / tick_along - 1))
-    rows.error(f"{name}: the springs' forces above against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick", apart, TICK_LIMIT,
-               ABREAST if apart > TICK_LIMIT else "")
+    check, reference = f"{name}: the springs' forces against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick"
+    if name == "side": # pushed sideways, the tissue moves along the needle, too
+        rows.measured(check, reference, apart, None, apart, "", ABREAST)
+    else:
+        rows.error(check, reference, apart, TICK_LIMIT)
 
 
 def main():

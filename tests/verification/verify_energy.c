@@ -91,11 +91,12 @@ static void add_twist(const lockstep *l, picture *s, point *p, const contact_poi
     s->local += 0.5 * p->torque * p->twisted;
 }
 
-/* Displacement at a nominal point in this state: of the refined mesh, or of the nominal mesh where the tip's force acts. */
+/* Displacement of the nominal mesh at a point in this state. */
 static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
-    leaf_point leaf = refinement_locate(m, &s->refined, p->id >= TIP_SHAFT ? 0 : s->refined.count, p->tet, p->nominal);
+    double weights[4];
     vec3 u = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) u = v3_axpy(leaf.weights[c], leaf.corners[c] >= 0 ? s->nominal[leaf.corners[c]] : s->added[-1 - leaf.corners[c]], u);
+    mesh_barycentric(m, p->tet, p->nominal, weights);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], s->nominal[m->tets[p->tet][c]], u);
     return u;
 }
 

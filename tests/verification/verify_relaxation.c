@@ -5,7 +5,6 @@
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 #include "random_hand.h"
-#include "remesh/refined_field.h"
 #include "rows.h"
 #include "twist.h"
 
@@ -31,16 +30,11 @@ typedef struct {
     vec3 *nominal, *displaced;
 } nodal;
 
-/* Energy of loads on the nominal mesh, J; `added` on the contact nodes in order. Overwrites both. */
-static double energy_of(lockstep *l, nodal n, vec3 *added) {
-    vec3 moved[MAX_CONTACTS];
-    refinement refined;
-    size_t nodes = (size_t)l->simulation.mesh.node_count;
-    insertion_refinement(&l->state, &refined);
-    refined_displacement(l->simulation.inverse, &refined, (refined_vectors){n.nominal, added}, l->simulation.field_scratch, (refined_vectors){n.displaced, moved});
+/* Energy of loads on the nominal mesh, J. Overwrites both. */
+static double energy_of(lockstep *l, nodal n) {
     double sum = 0.0;
-    for (size_t i = 0; i < nodes; i++) sum += v3_dot(n.nominal[i], n.displaced[i]);
-    for (int i = 0; i < refined.count; i++) sum += v3_dot(added[i], moved[i]);
+    inverse_apply(l->simulation.inverse, n.nominal, n.displaced);
+    for (int i = 0; i < l->simulation.mesh.node_count; i++) sum += v3_dot(n.nominal[i], n.displaced[i]);
     return 0.5 * sum;
 }
 
@@ -49,12 +43,16 @@ static void spread(const mesh *m, int tet, const double weights[4], vec3 force, 
 }
 
 /* Forces of the needle (term -1) or those that a term remembers. */
-static void put_loads(const lockstep *l, int term, vec3 *nominal, vec3 *added) {
+static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     const insertion_state *s = &l->state;
     const mesh *m = &l->simulation.mesh;
     memset(nominal, 0, (size_t)m->node_count * sizeof *nominal);
-    for (int k = 0; contact_is_active(s, k); k++)
-        added[k] = term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].load[term] : v3(0, 0, 0);
+    for (int k = 0; contact_is_active(s, k); k++) { /* as the nominal mesh yields: see core/remesh/contact_surplus.h */
+        const added_node *node = &s->refined.nodes[s->refined.order[k]];
+        double weights[4];
+        mesh_barycentric(m, node->tet, node->position, weights);
+        spread(m, node->tet, weights, term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].load[term] : v3(0, 0, 0), nominal);
+    }
     if (s->tip.phase == TIP_INSIDE && s->tip.known_tet >= 0)
         spread(m, s->tip.known_tet, s->tip.known_weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].load[term] : v3(0, 0, 0), nominal);
     for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
@@ -137,13 +135,12 @@ static double stiffened_energy(const lockstep *l) {
 }
 
 static double stored(lockstep *l, nodal n) {
-    vec3 added[MAX_CONTACTS];
     const creep_series *creep = &l->simulation.insertion.creep;
     double sum = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l) + twist_energy_of_tissue(l) + stiffened_energy(l);
     for (int term = -1; term < creep->count; term++) {
         double factor = term < 0 ? 1.0 : creep->compliance[term];
-        put_loads(l, term, n.nominal, added);
-        sum += factor * (energy_of(l, n, added) + local_energy(l, term));
+        put_loads(l, term, n.nominal);
+        sum += factor * (energy_of(l, n) + local_energy(l, term));
         if (term >= 0) sum += factor * twist_energy(l, term);
     }
     return sum;

@@ -22,8 +22,8 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
-/* Of the local compliance this much is left, or contacts in one element of the mesh, whose displacements are not independent, would no longer
-   be kept apart. */
+/* So much of ln(R / r) is always left of the local compliance, or contacts in one element of the mesh, whose displacements are not
+   independent, would no longer be kept apart. */
 static const double KEPT_LOGARITHM = 0.1;
 
 /* The b at which the slope is -most. */

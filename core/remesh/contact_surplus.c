@@ -52,3 +52,8 @@ void contact_surplus_add(contact_surplus *s, const tissue *t, const refinement *
     follow_corners(s, refined, slot);
     move_corners(s, refined, slot);
 }
+
+void contact_surplus_copy(const contact_surplus *from, int span, contact_surplus *to) {
+    memcpy(to->coupled, from->coupled, sizeof to->coupled);
+    memcpy(to->blocks, from->blocks, (size_t)surplus_place(span, 0) * sizeof *to->blocks);
+}

@@ -1,5 +1,6 @@
 /* What the mesh yields more because contact nodes were added, between them, m/N. Taken off the inverse, it leaves what the nominal mesh
-   yields where they are: exactly, if they were added inside elements. See README.md, "Local compliance". */
+   yields where they are: exactly, if they were added inside elements; on faces a little more; for moved nodes about that. See README.md,
+   "Local compliance". */
 #ifndef TROCAR_CONTACT_SURPLUS_H
 #define TROCAR_CONTACT_SURPLUS_H
 
@@ -19,5 +20,8 @@ static inline bool surplus_couples(const contact_surplus *s, int i, int j) { ret
 
 /* For the node in `slot`, which comes next in the order, with those before it in the mesh. */
 void contact_surplus_add(contact_surplus *s, const tissue *t, const refinement *refined, int slot);
+
+/* The part in use, where `span` is one more than the highest slot in use. */
+void contact_surplus_copy(const contact_surplus *from, int span, contact_surplus *to);
 
 #endif

@@ -211,7 +211,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     memcpy(snapshot->resolved, r->resolved, sizeof snapshot->resolved);
-    snapshot->surplus = r->surplus;
+    contact_surplus_copy(&r->surplus, refinement_span(&r->refined), &snapshot->surplus);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
@@ -269,7 +269,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
-    r->surplus = snapshot->surplus;
+    contact_surplus_copy(&snapshot->surplus, refinement_span(&r->refined), &r->surplus);
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

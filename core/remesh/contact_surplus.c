@@ -4,16 +4,6 @@
 
 #include "remesh/refined_field.h"
 
-/* Of a node alone. A moved node's is that of a node added at the same place. */
-static mat3 own_surplus(const tissue *t, const refinement *refined, int slot) {
-    const added_node *node = &refined->nodes[slot];
-    if (node->moved < 0) return node_surplus(t, refined, refined->count);
-    leaf_point at;
-    memcpy(at.corners, t->mesh->tets[node->tet], sizeof at.corners);
-    mesh_barycentric(t->mesh, node->tet, node->position, at.weights);
-    return surplus_compliance(t, &(refinement){.count = 0}, node->tet, &at);
-}
-
 static void forget_slot(contact_surplus *s, const refinement *refined, int slot) {
     s->coupled[slot] = 0;
     for (int i = 0; i < refined->count; i++) s->coupled[refined->order[i]] &= ~(UINT64_C(1) << slot);
@@ -44,11 +34,16 @@ static void move_corners(contact_surplus *s, const refinement *refined, int slot
         if (at->corners[c] < 0) add_block(s, slot, slot, at->weights[c], &s->blocks[surplus_place(slot, -1 - at->corners[c])]);
 }
 
+void surplus_put(contact_surplus *s, int i, int j, const mat3 *block) {
+    s->blocks[surplus_place(i, j)] = i >= j ? *block : m3_transposed(block);
+    s->coupled[i] |= UINT64_C(1) << j;
+    s->coupled[j] |= UINT64_C(1) << i;
+}
+
 void contact_surplus_add(contact_surplus *s, const tissue *t, const refinement *refined, int slot) {
-    mat3 own = own_surplus(t, refined, slot);
+    mat3 own = node_surplus(t, refined, refined->count);
     forget_slot(s, refined, slot);
     add_block(s, slot, slot, 1.0, &own);
-    if (refined->nodes[slot].moved >= 0) return;
     follow_corners(s, refined, slot);
     move_corners(s, refined, slot);
 }

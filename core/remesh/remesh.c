@@ -62,7 +62,7 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    contact_surplus_add(&r->surplus, r->tissue, refined, slot);
+    if (node->moved < 0 && !added_on_face(node)) contact_surplus_add(&r->surplus, r->tissue, refined, slot);
     trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
@@ -135,6 +135,54 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
         if (status != TROCAR_OK) return status;
     }
     return TROCAR_OK;
+}
+
+static bool is_nested_inside(const remesher *r) {
+    for (int i = 0; i < r->refined.count; i++) {
+        const added_node *node = &r->refined.nodes[r->refined.order[i]];
+        if (node->moved >= 0 || added_on_face(node)) return false;
+    }
+    return true;
+}
+
+static mat3 interpolated(remesher *r, const added_node *node, const added_node *other) {
+    const mesh *m = r->tissue->mesh;
+    mat3 sum = {{{0}}};
+    double w[4], v[4];
+    mesh_barycentric(m, node->tet, node->position, w);
+    mesh_barycentric(m, other->tet, other->position, v);
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            mat3 block = nominal_block(r, m->tets[node->tet][a], m->tets[other->tet][b]);
+            m3_add_scaled(&sum, w[a] * v[b], &block);
+        }
+    return sum;
+}
+
+/* Nodes on faces, and moved ones, change how nodes around them yield: the surplus is then the difference to the nominal mesh between all
+   contacts. */
+static void compare_surplus(remesher *r) {
+    const refinement *refined = &r->refined;
+    for (int i = 0; i < refined->count; i++)
+        for (int j = 0; j <= i; j++) {
+            int slot = refined->order[i], other = refined->order[j];
+            mat3 block = handle_get(r, slot, other), nominal = interpolated(r, &refined->nodes[slot], &refined->nodes[other]);
+            m3_add_scaled(&block, -1.0, &nominal);
+            surplus_put(&r->surplus, slot, other, &block);
+        }
+}
+
+static void add_surplus_again(remesher *r) {
+    int count = r->refined.count;
+    for (r->refined.count = 0; r->refined.count < count; r->refined.count++)
+        contact_surplus_add(&r->surplus, r->tissue, &r->refined, r->refined.order[r->refined.count]);
+}
+
+static void update_surplus(remesher *r) {
+    bool compared = r->surplus_compared;
+    r->surplus_compared = !is_nested_inside(r);
+    if (r->surplus_compared) compare_surplus(r);
+    else if (compared) add_surplus_again(r);
 }
 
 /* Only rows and columns in use: a snapshot is large. */
@@ -230,6 +278,8 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
+    if (status == TROCAR_OK) update_surplus(r);
+    if (status == TROCAR_OK) status = confirm(r, why);
     return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
 }
 
@@ -270,6 +320,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
     contact_surplus_copy(&snapshot->surplus, refinement_span(&r->refined), &r->surplus);
+    r->surplus_compared = !is_nested_inside(r);
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

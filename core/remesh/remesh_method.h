@@ -47,6 +47,7 @@ struct remesher {
     line_piece pieces[MAX_PIECES];   /* of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
     contact_surplus surplus;
+    bool surplus_compared;           /* by compare_surplus */
     left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */

@@ -19,7 +19,10 @@ mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int oth
     mat3 block = {{{0}}};
     m3_add_block(&block, 1.0, &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
     bool contacts = handle < MAX_CONTACTS && other < MAX_CONTACTS;
-    if (contacts && surplus_couples(&snapshot->surplus, handle, other)) m3_add_scaled(&block, -1.0, &snapshot->surplus.blocks[surplus_place(handle, other)]);
+    if (contacts && surplus_couples(&snapshot->surplus, handle, other)) {
+        mat3 surplus = surplus_between(&snapshot->surplus, handle, other);
+        m3_add_scaled(&block, -1.0, &surplus);
+    }
     return block;
 }
 

@@ -114,7 +114,7 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 /* What the mesh resolves at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance between two handles, m/N; without contact_surplus where both are contact nodes. RT */
+/* Compliance between two handles, m/N; the nominal mesh's where both are contact nodes. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 /* Compliance between the point of these corners and weights, and a handle. RT */

@@ -94,8 +94,7 @@ class SeedResult:
     """A needle's plan for its seeds."""
 
     needle: Needle
-    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, as the plan was; the scene's own values first; NaN where it cannot
-                                 # be simulated
+    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, as the plan was; the scene's own values first; NaN: not simulated
     after: list[list[float]]     # as it is now
     reached: bool
     why: str

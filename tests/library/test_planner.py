@@ -12,6 +12,7 @@ import re
 import sys
 import tempfile
 import unittest
+from unittest import mock
 from pathlib import Path
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
@@ -26,6 +27,8 @@ from trocar import motion, planner
 from trocar import plan as plans
 from trocar._obstacles import Embedding, Obstacle, contour_points, surface_points
 from trocar._rehearsal import Aim, Rehearsal, Target
+from trocar._search import Case as Search
+from trocar._search import Freedom
 
 SCENE = SOURCE / "meshes/figure8.yaml"
 PROBLEM = """scene: SCENE
@@ -321,6 +324,61 @@ class Seeds(Case):
         self.assertRegex(output, rf"\| F4 .*\| {means[1]['distance']:.2f} \|")
 
 
+class Failures(Case):
+    """Insertions that cannot be simulated, and searches that end without a result."""
+
+    def seeds(self):
+        text = (SOURCE / "docs/examples/planning-seeds.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes")).replace(
+            "implant-plan.yaml", str(SOURCE / "docs/examples/implant-plan.yaml"))
+        return planner.read(self.write(text))
+
+    def test_an_insertion_that_cannot_be_simulated_ranks_last(self):
+        problem = planner.read(self.write(PROBLEM))
+        case = Search(problem, planner.models_of(problem), problem.targets[0][1])
+        with mock.patch.object(Rehearsal, "best", side_effect=trocar.Error("lost", "numeric")):
+            found = case.search(Freedom(problem, case.rigid()[1], 0.05, 0.0))
+        self.assertGreater(found.rank(), dataclasses.replace(found, missing=0.01, error=0.03).rank())
+
+    def test_turns_are_those_that_a_plan_may_have(self):
+        problem = planner.read(self.write(PROBLEM + "turn: true\n"))
+        freedom = Freedom(problem, Aim(np.array([0.006, 0.004, 0.0]), np.array([0.0, 0.0, 1.0])), 0.05, 0.0)
+        self.assertGreaterEqual(freedom.aim(freedom.low).turn.depth, 1e-3)
+
+    def test_one_sample_that_cannot_be_simulated_leaves_the_others(self):
+        problem = self.seeds()
+        problem.objective = "nominal"
+        given, scene = problem.plan.needles[0], trocar.Scene.load(SOURCE / "meshes/implant.yaml")
+        one, other = (trocar.Model(scene, mesh_only=True) for _ in range(2))
+
+        def placed(problem, model, given, needle):
+            if model is other:
+                raise trocar.Error("the tip is lost", "numeric")
+            return np.full((len(given.seeds), 3), 1e-6)
+
+        with mock.patch.object(planner, "_placed", placed):
+            result = planner.plan_seeds(problem, [one, other], given)
+            problem.tolerance = 1e-9
+            short = planner.plan_seeds(problem, [one, other], given)
+        np.testing.assert_allclose(result.after, [[np.sqrt(3) * 1e-6] * 4, [np.nan] * 4])
+        self.assertEqual((result.reached, short.reached, short.why), (True, False, "cannot be simulated: the tip is lost"))
+
+    def test_finished_results_are_kept_and_the_lost_one_is_named(self):
+        problem, lost = self.seeds(), []
+
+        def plan_seeds(problem, models, needle):
+            if needle.hole == "F4":
+                raise MemoryError()
+            return planner.SeedResult(needle, [[0.0]], [[0.0]], True, "", 1)
+
+        with mock.patch.object(planner, "plan_seeds", plan_seeds):
+            results = planner.plan(problem, [None], 1, lost=lost.append)
+            self.assertEqual([result.needle.hole for result in results], [needle.hole for needle in problem.plan.needles if needle.hole != "F4"])
+            self.assertEqual(len(lost), 1)
+            self.assertRegex(lost[0], "needle F4: .*ended without a result")
+            with self.assertRaisesRegex(trocar.Error, "needle F4"):
+                planner.plan(problem, [None], 1)
+
+
 class Program(Case):
     BAD = [
         ("scene: SCENE", "scene: none.yaml", r":1: scene: no file .*none.yaml"),
@@ -345,6 +403,18 @@ class Program(Case):
         ("entry:", "uncertainty: {samples: {method: random, count: 4, seed: 1}, parameters: {motion.x: {uniform: [0, 1]}}}\nentry:", r":5: parameters.motion.x: not of a plan"),
         ("entry:", "uncertainty: {objective: best, samples: {method: grid}, parameters: {}}\nentry:", r":5: uncertainty.objective: \"best\": there are nominal, mean, worst"),
         ("targets:\n  - {name: T1, at: [0.006, 0.004, 0.05]}\n", "", r":1: write targets, or a plan"),
+        ("name: T1", "name: T|1", r":4: targets\[0\].name: write one line without \|"),
+        ("name: T1", "name: \"T\\n1\"", r":4: targets\[0\].name: write one line without \|"),
+        ("entry:", "tolerance: 0.3\nentry:", r":5: tolerance: 0.3 m: write at most 0.1; lengths are in metres"),
+        ("entry:", "settle: 1e9\nentry:", r":5: settle: 1e\+09 s: write at most 60"),
+        ("entry:", "avoid: [{surface: capsule, clearance: 2}]\nentry:", r":5: avoid\[0\].clearance: 2 m: write at most 0.1; lengths are in metres"),
+        ("entry:", "uncertainty: {samples: {method: random, count: 65, seed: 1}, parameters: {\"regions[prostate].youngs_modulus\": {uniform: [1e3, 2e3]}}}\nentry:",
+         r":5: samples: 65 of them: write at most 64, as a model of each is kept in memory"),
+        ("entry:", "uncertainty: {samples: {method: random, count: 4, seed: 1}, parameters: {needle.outer_diameter: {uniform: [1e-3, 2e-3]}}}\nentry:",
+         r":5: parameters.needle.outer_diameter: not of a plan"),
+        ("[0.006, 0.004, 0.05]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt", "[-0.045, 0, 0.005]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, "
+         "direction: [0.97, 0, 0.24], tilt", r":5: entry: the direction leads away from target \"T1\""),
+        ("entry:", "avoid: [{region: surrounding, clearance: 0}]\nentry:", r":5: avoid\[0\].region: \"surrounding\" is too large: .* points, 0.25 mm apart"),
     ]
 
     def test_bad_problems_are_refused_with_file_line_and_remedy(self):
@@ -356,6 +426,58 @@ class Program(Case):
                 self.assertEqual(status, 2, errors)
                 self.assertRegex(errors, "problem.yaml" + words)
                 self.assertFalse((self.out / "plan").exists())
+
+    def test_holes_are_named_once(self):
+        text = (SOURCE / "docs/examples/planning-template.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes"))
+        for holes, words in (("[]", "entry.holes: empty: write at least one"), ("[C3, D4, C3.0]", r"entry.holes\[2\]: C3 is given twice")):
+            path = self.write(text.replace("{template: template}", f"{{template: template, holes: {holes}}}"))
+            status, _, errors = self.main("check", path)
+            self.assertEqual(status, 2)
+            self.assertRegex(errors, words)
+
+    def test_keeps_what_it_has_not_made(self):
+        path = self.write(PROBLEM)
+        (self.out / "plan.yaml").write_text("mine\n")
+        seeds = (SOURCE / "docs/examples/planning-seeds.yaml").read_text().replace("../../meshes", str(SOURCE / "meshes"))
+        made = "# Made by trocar-plan\n" + (SOURCE / "docs/examples/implant-plan.yaml").read_text()
+        for name, text in (("problem.yaml", "mine\n"), ("seeds.yaml", made)):
+            if text == made:
+                path = self.write(seeds.replace("implant-plan.yaml", "plan.yaml"), name)
+                (self.out / "plan.yaml").write_text(made)
+            status, _, errors = self.main("run", path, "--out", self.out, "--quiet")
+            self.assertEqual(status, 2)
+            self.assertRegex(errors, "plan.yaml: it would be overwritten: choose another folder with --out")
+            self.assertEqual((self.out / "plan.yaml").read_text(), text)
+
+    def test_what_would_fail_at_the_end_fails_at_the_start(self):
+        path = self.write(PROBLEM)
+        for out in (path, path / "plan"):
+            status, _, errors = self.main("run", path, "--out", out, "--quiet")
+            self.assertEqual(status, 2)
+            self.assertIn(f"{out}: not a folder: choose another folder with --out", errors)
+        with mock.patch.dict(sys.modules, {"matplotlib": None}):
+            status, _, errors = self.main("run", path, "--out", self.out / "plan", "--quiet")
+        self.assertEqual(status, 1)
+        self.assertIn("python3-matplotlib", errors)
+        with mock.patch.object(planner, "models_of", side_effect=MemoryError()):
+            status, _, errors = self.main("run", path, "--out", self.out / "plan", "--quiet")
+        self.assertEqual((status, errors.count("\n")), (1, 1))
+        self.assertIn("not enough memory", errors)
+        self.assertFalse((self.out / "plan").exists())
+
+    def test_plans_that_cannot_be_carried_out_are_refused(self):
+        path = self.write(PROBLEM)
+        plan = "needles:\n  - {name: T1, entry: [0.006, 0.004, 0], depth: 0.05}\n"
+        for old, new, words in (("0.05}", "60}", "its depth of 60 m .*lengths are in metres"), ("0.05}", "1e9}", r"its depth of 1e\+09 m .*lengths are in metres"),
+                                ("0.004, 0]", "0.004, 0.01]", "its entry is in the tissue")):
+            status, output, errors = self.main("carry-out", path, self.write(plan.replace(old, new), "plan.yaml"))
+            self.assertEqual((status, output), (2, ""))
+            self.assertRegex(errors, f"plan.yaml:2: needle T1: {words}")
+        with mock.patch.object(planner, "carried_out", side_effect=trocar.Error("the tip\nis lost", "numeric")):
+            status, output, errors = self.main("carry-out", path, self.write(plan, "plan.yaml"))
+        self.assertEqual(status, 1)
+        self.assertIn("| T1 | - |", output)
+        self.assertIn("plan.yaml:2: needle T1: cannot be simulated: the tip is lost", errors)
 
     def test_runs_checks_and_carries_out(self):
         path = self.write(PROBLEM)

@@ -88,11 +88,15 @@ def spacing_of(clearance: float) -> float:
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
-def _simplex_points(corners: Array, spacing: float) -> Array:
-    """Points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3)."""
+def _simplex_points(corners: Array, spacing: float, most: float) -> Array:
+    """Points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). ValueError if it would be more than `most`, where those that
+    neighbours share count for each."""
     found, count = [], corners.shape[1]
     edges = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     parts = np.maximum(np.ceil(edges / spacing).astype(int), 1)
+    needed = float(np.prod([parts + 1.0 + i for i in range(count - 1)], axis=0).sum()) / math.factorial(count - 1)
+    if needed > most:
+        raise ValueError(f"it would be {needed:.2g} points, {1e3 * spacing:g} mm apart")
     for n in np.unique(parts):
         grid = np.stack(np.meshgrid(*[np.arange(n + 1)] * (count - 1), indexing="ij"), -1).reshape(-1, count - 1)
         grid = grid[grid.sum(axis=1) <= n] / n
@@ -101,12 +105,12 @@ def _simplex_points(corners: Array, spacing: float) -> Array:
     return np.unique(np.round(np.concatenate(found), 9), axis=0) if found else np.empty((0, 3))
 
 
-def surface_points(model: Model, name: str, spacing: float) -> Array:
-    return _simplex_points(model.nodes[model.surface(name)], spacing)
+def surface_points(model: Model, name: str, spacing: float, most: float = math.inf) -> Array:
+    return _simplex_points(model.nodes[model.surface(name)], spacing, most)
 
 
-def region_points(model: Model, name: str, spacing: float) -> Array:
-    return _simplex_points(model.nodes[model.tets[model.tet_regions == model.groups.index(name)]], spacing)
+def region_points(model: Model, name: str, spacing: float, most: float = math.inf) -> Array:
+    return _simplex_points(model.nodes[model.tets[model.tet_regions == model.groups.index(name)]], spacing, most)
 
 
 # ---- contours ---------------------------------------------------------------------------------------------------------------------------

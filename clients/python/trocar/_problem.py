@@ -24,7 +24,10 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 1024
+MOST_SAMPLES = 64    # a model of each is kept in memory
+MOST_POINTS = 2e6    # of an obstacle
+LONGEST = 0.1        # m, of a clearance or a tolerance
+LONGEST_REST = 60.0  # s
 IN_FRONT = 1e-3      # m: a rectangle on the skin is in the tissue by rounding
 SLOWEST = 1e-3       # m/s
 
@@ -110,14 +113,14 @@ class _ProblemReader(_StudyReader):
             place = f"parameters.{key.value}"
             if any(parameter.name == key.value for parameter in study.parameters):
                 raise reader.fail(key, f"parameters: \"{key.value}\" is given twice: remove one")
-            if str(key.value).startswith(("motion.", "guides[")) or key.value in ("needle.length", "needles", "rate_hz"):
-                raise reader.fail(key, f"{place}: not of a plan: write keys of the tissue or the needle")
+            if str(key.value).startswith(("motion.", "guides[")) or key.value in ("needle.length", "needle.outer_diameter", "needles", "rate_hz"):
+                raise reader.fail(key, f"{place}: not of a plan: write keys of the tissue, or of the needle except for its length and outer diameter")
             study.parameters.append(self.parameter(key.value, value, place, reader.line(key), scene, None, known, study.method == "grid"))
         if not study.parameters:
             raise reader.fail(given["parameters"], "parameters: empty: write at least one")
         self.samples(samples, study, given["samples"])
         if study.count > MOST_SAMPLES:
-            raise reader.fail(given["samples"], f"samples: {study.count} of them: write at most {MOST_SAMPLES}, as each is simulated at each step of the search")
+            raise reader.fail(given["samples"], f"samples: {study.count} of them: write at most {MOST_SAMPLES}, as a model of each is kept in memory, and simulated at each step of the search")
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> Array:
         numbers = np.array(self.reader.numbers(node, place, 3))
@@ -129,6 +132,8 @@ class _ProblemReader(_StudyReader):
             place = f"targets[{i}]"
             keys = reader.mapping(item, place, ("name", "at"))
             name, point = reader.text(keys["name"], f"{place}.name"), self.point(keys["at"], f"{place}.at", frame, patient)
+            if "|" in name or not name.isprintable():    # it goes into a Markdown table and a plan
+                raise reader.fail(keys["name"], f"{place}.name: write one line without |")
             if name in [other for other, _ in problem.targets]:
                 raise reader.fail(keys["name"], f"{place}.name: \"{name}\" is another target's: choose another one")
             try:
@@ -139,6 +144,12 @@ class _ProblemReader(_StudyReader):
             problem.targets.append((name, point))
         if not problem.targets:
             raise reader.fail(node, "targets: empty: write at least one")
+
+    def length(self, node: Any, place: str, inclusive: bool = False) -> float:
+        value = self.reader.number(node, place, inclusive=inclusive)
+        if value > LONGEST:
+            raise self.reader.fail(node, f"{place}: {value:g} m: write at most {LONGEST:g}; lengths are in metres")
+        return value
 
     def limits(self, node: Any, place: str) -> tuple[float, float]:
         low, high = self.reader.numbers(node, place, 2)
@@ -175,10 +186,12 @@ class _ProblemReader(_StudyReader):
         before = [area.origin + s * area.edges[0] + t * area.edges[1] - IN_FRONT * area.direction for s in part for t in part]
         if (locate(model, before)[0] >= 0).any():
             raise self.reader.fail(node, "entry: the rectangle is in the tissue: write one on the skin or in front of it, and the direction from there into the tissue")
-        normal = np.cross(*area.edges)
+        normal, corners = np.cross(*area.edges), [area.origin + s * area.edges[0] + t * area.edges[1] for s in (0, 1) for t in (0, 1)]
         for name, point in problem.targets:
             if ((point - area.origin) @ normal) / (area.direction @ normal) <= 0.0:
                 raise self.reader.fail(node, f"entry: target \"{name}\" is in front of the rectangle: write the direction from there into the tissue")
+            if all((point - corner) @ area.direction <= 0.0 for corner in corners):
+                raise self.reader.fail(node, f"entry: the direction leads away from target \"{name}\" all over the rectangle: write one that leads to it")
 
     def entry(self, node: Any, frame: Frame, patient: bool, model: Model, problem: Problem) -> None:
         reader = self.reader
@@ -206,7 +219,11 @@ class _ProblemReader(_StudyReader):
             number = plans.hole_number(reader.text(item, f"entry.holes[{i}]"))
             if number is None or plans.hole_name(*number) not in there:
                 raise reader.fail(item, f"entry.holes[{i}]: no hole \"{item.value}\": there are {there[0]} to {there[-1]}")
+            if plans.hole_name(*number) in problem.holes:
+                raise reader.fail(item, f"entry.holes[{i}]: {plans.hole_name(*number)} is given twice: remove one")
             problem.holes.append(plans.hole_name(*number))
+        if "holes" in keys and not problem.holes:
+            raise reader.fail(keys["holes"], "entry.holes: empty: write at least one, or leave it out for all holes")
         problem.holes = problem.holes or there
 
     def avoid(self, node: Any, model: Model, frame: Frame, problem: Problem) -> None:
@@ -220,7 +237,7 @@ class _ProblemReader(_StudyReader):
             kind = kinds[0]
             if ("roi" in keys) != (kind == "contours"):
                 raise reader.fail(item, f"{place}: contours need a \"roi\", and only they: the name of a region of interest in the file")
-            clearance = reader.number(keys["clearance"], f"{place}.clearance", inclusive=True)
+            clearance = self.length(keys["clearance"], f"{place}.clearance", inclusive=True)
             spacing = spacing_of(clearance)
             if kind == "contours":
                 path, name = self.file(keys["contours"], f"{place}.contours"), reader.text(keys["roi"], f"{place}.roi")
@@ -234,7 +251,11 @@ class _ProblemReader(_StudyReader):
                 name = reader.text(keys[kind], f"{place}.{kind}")
                 if name not in model.groups:
                     raise reader.fail(keys[kind], f"{place}.{kind}: no {kind} \"{name}\": the mesh has {', '.join(model.groups)}")
-                points = (surface_points if kind == "surface" else region_points)(model, name, spacing)
+                try:
+                    points = (surface_points if kind == "surface" else region_points)(model, name, spacing, MOST_POINTS)
+                except ValueError as error:
+                    remedy = "write its surface, or a larger clearance" if kind == "region" else "write a larger clearance"
+                    raise reader.fail(keys[kind], f"{place}.{kind}: \"{name}\" is too large: {error}; at most {MOST_POINTS:.0e} are kept: {remedy}") from None
             if not len(points):
                 raise reader.fail(keys[kind], f"{place}.{kind}: \"{name}\" is no {kind}, or empty")
             problem.obstacles.append(Obstacle(name, clearance, points))
@@ -266,7 +287,10 @@ class _ProblemReader(_StudyReader):
         problem.bevelled = float(scene["needle.bevel_slope"]) != 0.0
         number = lambda key, standard, **limit: reader.number(given[key], key, **limit) if key in given else standard
         problem.hand = Implant(speed=number("speed", problem.hand.speed, least=SLOWEST, inclusive=True), settle=number("settle", problem.hand.settle, inclusive=True))
-        problem.tolerance = number("tolerance", problem.tolerance)
+        if problem.hand.settle > LONGEST_REST:
+            raise reader.fail(given["settle"], f"settle: {problem.hand.settle:g} s: write at most {LONGEST_REST:g}")
+        if "tolerance" in given:
+            problem.tolerance = self.length(given["tolerance"], "tolerance")
         try:
             model = Model(scene, mesh_only=True)
         except Error as error:

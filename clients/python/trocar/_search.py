@@ -66,8 +66,9 @@ class Freedom:
             self.variables.append(Variable("roll", 1.0, start.roll - 2.0 * math.pi, start.roll + 2.0 * math.pi, 0.1))
             values.append(start.roll)
         if problem.turn:
-            high = depth + 5e-3
-            self.variables.append(Variable("turn", 2e-2, skin, high, 2e-3))
+            low = max(skin, 1e-3)    # a plan has turns at depths above 0 only
+            high = max(depth, low) + 5e-3
+            self.variables.append(Variable("turn", 2e-2, low, high, 2e-3))
             values.append(start.turn.depth if start.turn else high)
         self.scale = np.array([v.scale for v in self.variables])
         self.low = np.array([v.low for v in self.variables]) / self.scale
@@ -108,7 +109,7 @@ class Found:
     aim: Aim
     depth: float
     error: float          # m: at nominal parameters, or their mean or worst one, as the objective says
-    missing: float        # m of clearance, 0 if all is kept
+    missing: float        # m of clearance, 0 if all is kept; inf if it cannot be simulated
     limits: list[str]     # of variables that it has reached
     x: Array
     freedom: Freedom
@@ -199,6 +200,7 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
+        tried = tried or [(0.0, plain)]    # no point from which the target is ahead
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
         for _, aim in tried:    # the first that keeps clear has the least tilt
@@ -247,7 +249,7 @@ class Case:
         _, outcome, missing = evaluate(x)
         aim = freedom.aim(x)
         if outcome is None:
-            return Found(aim, depth_of(aim, self.target), FAILED, 0.0, freedom.at_limits(x), x, freedom)
+            return Found(aim, depth_of(aim, self.target), FAILED, math.inf, freedom.at_limits(x), x, freedom)
         if aim.turn and aim.turn.depth > outcome.depth - LAST:
             aim = aim._replace(turn=None)
         return Found(aim, outcome.depth, outcome.distance, float(missing.sum()), freedom.at_limits(x), x, freedom)
@@ -335,7 +337,7 @@ class Case:
                         if error.status in ("no memory", "system"):
                             raise
                         errors.append(np.full(3, FAILED))
-                        free.append([0.0] * obstacles)
+                        free.append([-FAILED] * obstacles)
                 kept[key] = np.array(errors) / UNIT, np.reshape(free, (len(errors), obstacles)) / UNIT
             return kept[key]
 
@@ -378,7 +380,7 @@ class Case:
         z = min(inside, key=lambda z: (round(max(short(evaluate(z)[1]) - ROUNDING / UNIT, 0.0), 1), measure(evaluate(z)[0])))
         errors, free = evaluate(z)
         aim = freedom.aim(z[:-1])
-        if aim.turn and aim.turn.depth > 1e-3 * z[-1]:
+        if aim.turn and aim.turn.depth > 1e-3 * z[-1] - LAST:
             aim = aim._replace(turn=None)
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 

@@ -32,6 +32,7 @@ import argparse
 import os
 import signal
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -43,7 +44,8 @@ import numpy.typing as npt
 from . import Error, Model, __version__
 from . import plan as plans
 from ._definition import BadStudy
-from ._problem import BadProblem, Problem, read
+from ._locate import locate
+from ._problem import IN_FRONT, BadProblem, Problem, read
 from ._rehearsal import Aim, Outcome, carried_out, depth_of
 from ._runs import Pool, model_of
 from ._search import ROUNDING, Case, Found
@@ -54,10 +56,11 @@ __all__ = ["BadProblem", "Expected", "Problem", "Result", "SeedResult", "carry_o
 Array = npt.NDArray[np.float64]
 
 NOTHING = float("nan")
+MADE_BY = "# Made by trocar-plan"    # first line of plan.yaml
 
 
 class Expected(NamedTuple):
-    """What an insertion leads to, each time in a fresh simulation by the motion with which plans are carried out. m; NAN where it cannot be simulated."""
+    """What an insertion leads to, each time in a fresh simulation by the motion with which plans are carried out. m; NaN where it cannot be simulated."""
 
     error: float              # from the displaced target to the tip, for the scene's own values
     mean: float               # over these and the samples
@@ -66,6 +69,7 @@ class Expected(NamedTuple):
     clearance: float | None   # least distance from an obstacle less the clearance wanted, in any sample; None without obstacles
     nearest: str              # that obstacle
     shaft: list[list[float]]  # (joints, 3) from base to tip
+    why: str = ""             # it cannot be simulated, in the first sample in which it cannot
 
 
 @dataclass
@@ -90,7 +94,7 @@ class SeedResult:
     """A needle's plan for its seeds."""
 
     needle: Needle
-    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, as the plan was; the scene's own values first
+    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, as the plan was; the scene's own values first; NaN: not simulated
     after: list[list[float]]     # as it is now
     reached: bool
     why: str
@@ -108,6 +112,10 @@ def models_of(problem: Problem) -> list[Model]:
 
 
 # ---- tips -----------------------------------------------------------------------------------------------------------------------------------
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def _rounded(needle: Needle) -> Needle:
@@ -133,6 +141,7 @@ def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target:
     """What a needle leads to that is aimed at this point (3,) of the tissue at rest, m, in each of the models: of the scene first, then of the samples."""
     case, frame = Case(problem, models, np.asarray(target, np.float64)), _frame_of(problem, models[0])
     outcomes: list[Outcome | None] = []
+    why = ""
     for model in models:
         try:
             outcomes.append(carried_out(model, frame, needle, problem.hand, case.target))
@@ -140,12 +149,13 @@ def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target:
             if error.status in ("no memory", "system"):
                 raise
             outcomes.append(None)
+            why = why or _one_line(error)
     distances = np.array([NOTHING if outcome is None else outcome.distance for outcome in outcomes])
     clear = [(there - o.clearance, o.name) for outcome in outcomes if outcome for o, there in zip(problem.obstacles, case.clearances(outcome, exact=True))]
     least = min(clear) if clear else (None, "")
     first = outcomes[0]
     return Expected(float(distances[0]), float(distances.mean()), float(distances.max()), first.error.tolist() if first else [NOTHING] * 3, least[0], least[1],
-                    first.shaft.tolist() if first else [])
+                    first.shaft.tolist() if first else [], why)
 
 
 def _why(problem: Problem, found: Found, expected: Expected) -> str:
@@ -153,7 +163,7 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
     if expected.clearance is not None and expected.clearance < -ROUNDING:
         return f"{1e3 * -expected.clearance:.2f} mm too near to {expected.nearest}"
     if not np.isfinite(expected.worst):
-        return "cannot be simulated in every sample"
+        return f"cannot be simulated{' in every sample' if len(problem.study.parameters) else ''}: {expected.why}"
     reasons = [f"the {name} is at its limit" for name in found.limits]
     if problem.template:
         reasons.append("no hole is nearer" if not problem.bevelled else "the bevel does not bend it as far")
@@ -212,7 +222,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
         except (BadPlan, Error) as error:
             if isinstance(error, Error) and error.status in ("no memory", "system"):
                 raise
-            why = " ".join(str(error).split())
+            why = _one_line(error)
             break
         runs += len(samples)
         distances = np.linalg.norm(off, axis=2)
@@ -232,10 +242,25 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
         tip = aimed[0] + half
         needle = _rounded(replace(given, depth=float(tip), seeds=[round(float(tip - centre), 9) for centre in aimed]))
     chosen = best[1] if best else given
-    measure = lambda needle_: [np.linalg.norm(_placed(problem, model, given, needle_), axis=1).tolist() for model in models]
+    failed: list[str] = []
+
+    def measure(needle_: Needle) -> list[list[float]]:
+        rows = []
+        for model in models:
+            try:
+                rows.append(np.linalg.norm(_placed(problem, model, given, needle_), axis=1).tolist())
+            except (BadPlan, Error) as error:
+                if isinstance(error, Error) and error.status in ("no memory", "system"):
+                    raise
+                failed.append(_one_line(error))
+                rows.append([NOTHING] * len(wanted))
+        return rows
+
     before, after = measure(given), measure(chosen)
     over = np.array(after[:len(samples)])
     reached = bool(over.max() <= problem.tolerance)
+    if not np.isfinite(after).all():
+        why = f"cannot be simulated: {failed[-1]}"
     if not reached and not why:
         offset = best[2]
         aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1).max()
@@ -248,21 +273,26 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 
 
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
-         progress: Callable[[int, int], None] = lambda done, of: None) -> list[Result] | list[SeedResult]:
+         progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
     """The plans of all targets, or of those named, or of all needles of a plan, in their order: the same for any number of workers, which are processes.
-    The progress is told (done, of). Error of the library."""
+    The progress is told (done, of). If the search for one ends without a result, as by lack of memory, `lost` is told which, and the results are those of
+    the others; without `lost`, or any result, that is an Error. Error of the library."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
-        jobs = [lambda needle=needle: plan_seeds(problem, models, needle) for needle in problem.plan.needles if needle.seeds and (not only or needle.title in only)]
+        needles = [needle for needle in problem.plan.needles if needle.seeds and (not only or needle.title in only)]
+        names = [f"needle {needle.title}" for needle in needles]
+        jobs = [lambda needle=needle: plan_seeds(problem, models, needle) for needle in needles]
     else:
-        jobs = [lambda name=name, point=point: plan_target(problem, models, name, point) for name, point in problem.targets if not only or name in only]
+        targets = [(name, point) for name, point in problem.targets if not only or name in only]
+        names = [f"target \"{name}\"" for name, _ in targets]
+        jobs = [lambda name=name, point=point: plan_target(problem, models, name, point) for name, point in targets]
     found: list[Any] = [None] * len(jobs)
-    lost: list[str] = []
+    without: list[str] = []
 
     def finished(index: int, outcome: Any, why: str) -> None:
         if outcome is None:
-            lost.append(f"target {index + 1}: {why}")
+            without.append(f"{names[index]}: {why}: ended without a result, by lack of memory or a defect")
         else:
             found[index] = _restored(outcome)
         progress(sum(result is not None for result in found), len(jobs))
@@ -278,9 +308,11 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
         pool.join()
     finally:
         pool.kill()
-    if lost:
-        raise Error(f"{lost[0]}: ended without a result, by lack of memory or a defect", "system")
-    return found
+    if without and (lost is None or len(without) == len(jobs)):
+        raise Error(without[0], "system")
+    for words in without:
+        lost(words)
+    return [result for result in found if result is not None]
 
 
 def _stored(result: Result | SeedResult) -> dict[str, Any]:
@@ -327,23 +359,54 @@ def _chosen(problem: Problem, only: Sequence[str]) -> None:
             raise BadProblem(f"{problem.path}: --only {name}: there is no such {'needle' if problem.plan else 'target'}: there are {', '.join(names)}")
 
 
+def _keep_input(problem: Problem, out: Path) -> None:
+    """BadProblem if the folder has a plan.yaml that is no earlier result, or the problem's own plan."""
+    path = out / "plan.yaml"
+    if not path.exists():
+        return
+    ours = path.is_file() and path.read_text(encoding="utf-8", errors="replace").startswith(MADE_BY)
+    if not ours or problem.plan and path.samefile(problem.plan.path):
+        raise BadProblem(f"{path}: it would be overwritten: choose another folder with --out")
+
+
+def _prepare(out: Path) -> None:
+    """Makes the folder, and sees whether files can be written there. BadProblem if not."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        why = "not a folder" if isinstance(error, (FileExistsError, NotADirectoryError)) else f"cannot be written: {error.strerror or error}"
+        raise BadProblem(f"{out}: {why}: choose another folder with --out") from error
+
+
 def _run(given: argparse.Namespace) -> int:
+    import scipy.optimize    # noqa: F401    what is not installed is told before the search
+    import scipy.spatial    # noqa: F401
+    if not given.no_plots:
+        import matplotlib    # noqa: F401
     from . import _planning_report as report
     from ._program import Progress
     problem = read(given.problem)
     _chosen(problem, given.only)
     out = Path(given.out)
-    out.mkdir(parents=True, exist_ok=True)
+    _keep_input(problem, out)
     models = models_of(problem)
+    _prepare(out)
+    lost: list[str] = []
     results = plan(problem, models, given.workers or len(os.sched_getaffinity(0)), given.only,
-                   Progress(given.quiet, "trocar-plan", "needles" if problem.plan else "targets"))
+                   Progress(given.quiet, "trocar-plan", "needles" if problem.plan else "targets"), lost.append)
+    for words in lost:
+        _say(f"{words}; {'plan.yaml has it as it was' if problem.plan else 'plan.yaml does not have it'}")
     found = whole(problem, models[0], results)
-    plans.write(found, out / "plan.yaml", f"Made by trocar-plan {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, with a "
+    temporary = out / f"plan.yaml.{os.getpid()}"
+    plans.write(found, temporary, f"{MADE_BY.removeprefix('# ')} {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, with a "
                 f"rest of {problem.hand.settle:g} s.")
+    os.replace(temporary, out / "plan.yaml")
     text, files = report.write(problem, models[0], results, out, not given.no_plots)
     print(text, end="")
     print(", ".join(str(path) for path in (out / "plan.yaml", *files)))
-    return 0 if all(result.reached for result in results) else 1
+    return 0 if not lost and all(result.reached for result in results) else 1
 
 
 def _check(given: argparse.Namespace) -> int:
@@ -359,28 +422,39 @@ def _check(given: argparse.Namespace) -> int:
     return 0
 
 
+def _check_plan(problem: Problem, found: Plan) -> None:
+    """BadPlan if the needles of a plan for the problem's targets cannot be carried out."""
+    model, points = Model(problem.scene(), mesh_only=True), dict(problem.targets)
+    for needle in found.needles:
+        if needle.name not in points:
+            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: its name is no target's in {problem.path}: there are {', '.join(points)}")
+    plans.planned_seeds(found, model)
+    for needle in found.needles:
+        if needle.entry is not None and locate(model, [np.array(needle.entry) - IN_FRONT * np.array(needle.direction)])[0][0] >= 0:
+            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: its entry is in the tissue: write one on the skin or in front of it, in metres")
+
+
 def _carry_out(given: argparse.Namespace) -> int:
     from . import _planning_report as report
     problem, found = read(given.problem), plans.read(given.plan)
     if problem.plan:
         raise BadProblem(f"{problem.path}: carry-out is for targets: the seeds of a plan are compared by python3 -m trocar.plan compare")
-    models = models_of(problem)
-    points, rows = dict(problem.targets), []
-    for needle in found.needles:
-        if needle.name not in points:
-            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: its name is no target's in {problem.path}: there are {', '.join(points)}")
-        if needle.hole:
-            plans.guide_of(found, models[0])
-        rows.append((needle, carry_out(problem, models, needle, points[needle.name])))
+    _check_plan(problem, found)
+    models, points = models_of(problem), dict(problem.targets)
+    rows = [(needle, carry_out(problem, models, needle, points[needle.name])) for needle in found.needles]
     print(report.carried(problem, rows), end="")
-    return 0
+    for needle, expected in rows:
+        if expected.why:
+            _say(f"{found.path}:{needle.line}: needle {needle.title}: cannot be simulated: {expected.why}")
+    return 1 if any(expected.why for _, expected in rows) else 0
 
 
 def _options() -> argparse.ArgumentParser:
     from ._program import whole_number
     parser = argparse.ArgumentParser(prog="trocar-plan", description="Plans insertions, described by a file: entry, direction, depth and roll with which the tip, or "
                                      "a plan's seeds, end where they should in the displaced tissue.",
-                                     epilog="Exit status: 0, 1 if a target is not reached within its tolerance, 2 for bad input.")
+                                     epilog="Exit status: 0, 1 if a target is not reached within its tolerance or something failed, such as memory, a missing package or "
+                                     "a file that cannot be written, 2 for bad input.")
     parser.add_argument("--version", action="version", version=f"trocar-plan {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -393,7 +467,7 @@ def _options() -> argparse.ArgumentParser:
     added = command("run", _run, "find the plan, and write it with its expected errors")
     added.add_argument("--out", default="planning", help="folder of the results (default: planning)", metavar="FOLDER")
     added.add_argument("--workers", type=whole_number, help="targets at a time (default: one for each processor)", metavar="N")
-    added.add_argument("--only", action="append", default=[], help="only this target, or the needle in this hole; may be repeated", metavar="NAME")
+    added.add_argument("--only", action="append", default=[], help="only this target, or the needle with this name, or in this hole if it has none; may be repeated", metavar="NAME")
     added.add_argument("--no-plots", action="store_true", help="write no pictures")
     added.add_argument("--quiet", action="store_true", help="print no progress")
     command("check", _check, "check the problem, and say what is free")
@@ -418,11 +492,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError as error:
         _say(f"{error}: apt install python3-yaml python3-scipy python3-matplotlib")
         return 1
+    except MemoryError:
+        _say("not enough memory: plan fewer samples, or a coarser mesh")
+        return 1
     except KeyboardInterrupt:
         _say("interrupted")
         return 130
     except OSError as error:
-        _say(f"{error.filename or given.problem}: {error.strerror}")
+        _say(f"{error.filename or given.problem}: {error.strerror or error}")
         return 1
 
 

@@ -161,8 +161,17 @@ static mat3 interpolated(remesher *r, const added_node *node, const added_node *
 
 /* Nodes on faces, and moved ones, change how nodes around them yield: the surplus is then the difference to the nominal mesh between all
    contacts. */
-static void compare_surplus(remesher *r) {
+static trocar_status compare_surplus(remesher *r, report *why) {
     const refinement *refined = &r->refined;
+    gather_start(r);
+    for (int i = 0; i < refined->count; i++)
+        for (int c = 0; c < 4; c++) {
+            int corner = r->tissue->mesh->tets[refined->nodes[refined->order[i]].tet][c];
+            gather_row(r, corner);
+            gather_column(r, corner);
+        }
+    trocar_status status = gather_finish(r, why);
+    if (status != TROCAR_OK) return status;
     for (int i = 0; i < refined->count; i++)
         for (int j = 0; j <= i; j++) {
             int slot = refined->order[i], other = refined->order[j];
@@ -170,6 +179,7 @@ static void compare_surplus(remesher *r) {
             m3_add_scaled(&block, -1.0, &nominal);
             surplus_put(&r->surplus, slot, other, &block);
         }
+    return confirm(r, why);
 }
 
 static void add_surplus_again(remesher *r) {
@@ -178,11 +188,12 @@ static void add_surplus_again(remesher *r) {
         contact_surplus_add(&r->surplus, r->tissue, &r->refined, r->refined.order[r->refined.count]);
 }
 
-static void update_surplus(remesher *r) {
+static trocar_status update_surplus(remesher *r, report *why) {
     bool compared = r->surplus_compared;
     r->surplus_compared = !is_nested_inside(r);
-    if (r->surplus_compared) compare_surplus(r);
-    else if (compared) add_surplus_again(r);
+    if (r->surplus_compared) return compare_surplus(r, why);
+    if (compared) add_surplus_again(r);
+    return TROCAR_OK;
 }
 
 /* Only rows and columns in use: a snapshot is large. */
@@ -278,8 +289,7 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status == TROCAR_OK) update_surplus(r);
-    if (status == TROCAR_OK) status = confirm(r, why);
+    if (status == TROCAR_OK) status = update_surplus(r, why);
     return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
 }
 

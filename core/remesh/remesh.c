@@ -58,14 +58,32 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
+/* Compliance of the nominal mesh between the places of two nodes. */
+static mat3 nominal_between(remesher *r, const added_node *node, const added_node *other) {
+    const mesh *m = r->tissue->mesh;
+    mat3 sum = {{{0}}};
+    double w[4], v[4];
+    mesh_barycentric(m, node->tet, node->position, w);
+    mesh_barycentric(m, other->tet, other->position, v);
+    for (int a = 0; a < 4; a++)
+        for (int b = 0; b < 4; b++) {
+            mat3 block = nominal_block(r, m->tets[node->tet][a], m->tets[other->tet][b]);
+            m3_add_scaled(&sum, w[a] * v[b], &block);
+        }
+    return sum;
+}
+
 static trocar_status add_node(remesher *r, int slot, const added_node *node, report *why) {
     refinement *refined = &r->refined;
     refined->order[refined->count] = slot;
     refined->nodes[slot] = *node;
-    if (node->moved < 0 && !added_on_face(node)) contact_surplus_add(&r->surplus, r->tissue, refined, slot);
     trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
+    for (int i = 0; i <= refined->count; i++) {
+        int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
+        r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[higher], &refined->nodes[lower]);
+    }
     status = confirm(r, why);
     if (status == TROCAR_OK) refined->count++;
     else r->operations->remove(r, slot, refined->count);
@@ -137,65 +155,6 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
     return TROCAR_OK;
 }
 
-static bool is_nested_inside(const remesher *r) {
-    for (int i = 0; i < r->refined.count; i++) {
-        const added_node *node = &r->refined.nodes[r->refined.order[i]];
-        if (node->moved >= 0 || added_on_face(node)) return false;
-    }
-    return true;
-}
-
-static mat3 interpolated(remesher *r, const added_node *node, const added_node *other) {
-    const mesh *m = r->tissue->mesh;
-    mat3 sum = {{{0}}};
-    double w[4], v[4];
-    mesh_barycentric(m, node->tet, node->position, w);
-    mesh_barycentric(m, other->tet, other->position, v);
-    for (int a = 0; a < 4; a++)
-        for (int b = 0; b < 4; b++) {
-            mat3 block = nominal_block(r, m->tets[node->tet][a], m->tets[other->tet][b]);
-            m3_add_scaled(&sum, w[a] * v[b], &block);
-        }
-    return sum;
-}
-
-/* Nodes on faces, and moved ones, change how nodes around them yield: the surplus is then the difference to the nominal mesh between all
-   contacts. */
-static trocar_status compare_surplus(remesher *r, report *why) {
-    const refinement *refined = &r->refined;
-    gather_start(r);
-    for (int i = 0; i < refined->count; i++)
-        for (int c = 0; c < 4; c++) {
-            int corner = r->tissue->mesh->tets[refined->nodes[refined->order[i]].tet][c];
-            gather_row(r, corner);
-            gather_column(r, corner);
-        }
-    trocar_status status = gather_finish(r, why);
-    if (status != TROCAR_OK) return status;
-    for (int i = 0; i < refined->count; i++)
-        for (int j = 0; j <= i; j++) {
-            int slot = refined->order[i], other = refined->order[j];
-            mat3 block = handle_get(r, slot, other), nominal = interpolated(r, &refined->nodes[slot], &refined->nodes[other]);
-            m3_add_scaled(&block, -1.0, &nominal);
-            surplus_put(&r->surplus, slot, other, &block);
-        }
-    return confirm(r, why);
-}
-
-static void add_surplus_again(remesher *r) {
-    int count = r->refined.count;
-    for (r->refined.count = 0; r->refined.count < count; r->refined.count++)
-        contact_surplus_add(&r->surplus, r->tissue, &r->refined, r->refined.order[r->refined.count]);
-}
-
-static trocar_status update_surplus(remesher *r, report *why) {
-    bool compared = r->surplus_compared;
-    r->surplus_compared = !is_nested_inside(r);
-    if (r->surplus_compared) return compare_surplus(r, why);
-    if (compared) add_surplus_again(r);
-    return TROCAR_OK;
-}
-
 /* Only rows and columns in use: a snapshot is large. */
 static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
@@ -205,6 +164,10 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
         memcpy(snapshot->compliance + row, r->handles + row, contacts * sizeof(double));
         if (end > window) memcpy(snapshot->compliance + row + window, r->handles + row + window, (end - window) * sizeof(double));
     }
+}
+
+static void copy_pairs(const remesher *r, const mat3 *from, mat3 *to) {
+    memcpy(to, from, (size_t)contact_pair(refinement_span(&r->refined), 0) * sizeof *to);
 }
 
 /* ---- looking ahead --------------------------------------------------------------------------------------------------- */
@@ -270,7 +233,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     memcpy(snapshot->resolved, r->resolved, sizeof snapshot->resolved);
-    contact_surplus_copy(&r->surplus, refinement_span(&r->refined), &snapshot->surplus);
+    copy_pairs(r, r->between_contacts, snapshot->between_contacts);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
@@ -289,7 +252,6 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     trocar_status status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    if (status == TROCAR_OK) status = update_surplus(r, why);
     return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
 }
 
@@ -329,8 +291,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
-    contact_surplus_copy(&snapshot->surplus, refinement_span(&r->refined), &r->surplus);
-    r->surplus_compared = !is_nested_inside(r);
+    copy_pairs(r, snapshot->between_contacts, r->between_contacts);
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

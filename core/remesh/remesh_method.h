@@ -46,8 +46,7 @@ struct remesher {
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
-    contact_surplus surplus;
-    bool surplus_compared;           /* by compare_surplus */
+    mat3 between_contacts[CONTACT_PAIRS]; /* as in compliance_snapshot */
     left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */

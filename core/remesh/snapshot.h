@@ -3,7 +3,6 @@
 #define TROCAR_SNAPSHOT_H
 
 #include "inverse/inverse_attached.h"
-#include "remesh/contact_surplus.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
 
@@ -76,6 +75,10 @@ typedef struct {
     left_loads left;
 } remesh_request;
 
+/* Contacts of two slots in triangular order. What is kept of a pair is between the higher slot and the lower one. RT */
+enum { CONTACT_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) / 2 };
+static inline int contact_pair(int i, int j) { return i > j ? i * (i + 1) / 2 + j : j * (j + 1) / 2 + i; }
+
 /* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
    handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
 typedef struct {
@@ -83,7 +86,7 @@ typedef struct {
     uint64_t ids[MAX_CONTACTS]; /* of the contact node in each slot; 0: the slot is free */
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
     resolved_field resolved[MAX_CONTACTS]; /* what the mesh resolves at each contact node */
-    contact_surplus surplus;
+    mat3 between_contacts[CONTACT_PAIRS]; /* m/N, compliance of the nominal mesh there: see contact_pair */
     int piece_count;
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
@@ -114,7 +117,8 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 /* What the mesh resolves at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance between two handles, m/N; the nominal mesh's where both are contact nodes. RT */
+/* Compliance between two handles, m/N; the nominal mesh's where both are contacts, so that a node that is added changes what is computed, not
+   what is felt. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 /* Compliance between the point of these corners and weights, and a handle. RT */

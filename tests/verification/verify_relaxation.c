@@ -47,7 +47,7 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     const insertion_state *s = &l->state;
     const mesh *m = &l->simulation.mesh;
     memset(nominal, 0, (size_t)m->node_count * sizeof *nominal);
-    for (int k = 0; contact_is_active(s, k); k++) { /* as the nominal mesh yields: see core/remesh/contact_surplus.h */
+    for (int k = 0; contact_is_active(s, k); k++) { /* compliance_between contacts is the nominal mesh's */
         const added_node *node = &s->refined.nodes[s->refined.order[k]];
         double weights[4];
         mesh_barycentric(m, node->tet, node->position, weights);

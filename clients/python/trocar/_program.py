@@ -1,10 +1,12 @@
-"""What the programs share: progress, and kinds of options."""
+"""What the programs share: progress, kinds of options, and how they end."""
 from __future__ import annotations
 
 import argparse
 import re
+import signal
 import sys
 import time
+from typing import Any, Callable
 
 
 class Progress:
@@ -37,3 +39,28 @@ def whole_number(text: str) -> int:
     if not re.fullmatch(r"[1-9]\d{0,5}", text):
         raise argparse.ArgumentTypeError(f"{text}: write a whole number from 1")
     return int(text)
+
+
+def say(program: str, words: str) -> None:
+    print(f"{program}: {words}", file=sys.stderr)
+
+
+def _stop(number: int, _: Any) -> None:
+    raise SystemExit(128 + number)
+
+
+def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
+    """Exit status of `call()`. What stops any program is said in a line: an interruption, a missing one of these Debian packages, and files that cannot be
+    read or written (`place`, if the error names none). SIGTERM ends it as an exception would."""
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        return call()
+    except ImportError as error:
+        say(program, f"{error}: apt install {packages}")
+        return 1
+    except KeyboardInterrupt:
+        say(program, interrupted)
+        return 130
+    except OSError as error:
+        say(program, f"{error.filename or place}: {error.strerror or error}")
+        return 1

@@ -30,11 +30,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import tempfile
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, NamedTuple, Sequence
 
@@ -46,6 +46,7 @@ from . import plan as plans
 from ._definition import BadStudy
 from ._locate import locate
 from ._problem import IN_FRONT, BadProblem, Problem, read
+from ._program import ended, say
 from ._rehearsal import Aim, Outcome, carried_out, depth_of
 from ._runs import Pool, model_of
 from ._search import ROUNDING, Case, Found
@@ -347,9 +348,7 @@ def whole(problem: Problem, model: Model, results: Sequence[Result] | Sequence[S
 
 # ---- the program ----------------------------------------------------------------------------------------------------------------------------
 
-
-def _say(words: str) -> None:
-    print(f"trocar-plan: {words}", file=sys.stderr)
+_say = partial(say, "trocar-plan")
 
 
 def _chosen(problem: Problem, only: Sequence[str]) -> None:
@@ -476,31 +475,21 @@ def _options() -> argparse.ArgumentParser:
     return parser
 
 
-def _stop(number: int, _: Any) -> None:
-    raise SystemExit(128 + number)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The program; returns its exit status."""
-    given = _options().parse_args(arguments)
-    signal.signal(signal.SIGTERM, _stop)
+def _call(given: argparse.Namespace) -> int:
     try:
         return given.call(given)
     except (BadStudy, BadPlan, Error) as error:
         _say(str(error))
         return 1 if isinstance(error, Error) and error.status in ("no memory", "system") else 2
-    except ImportError as error:
-        _say(f"{error}: apt install python3-yaml python3-scipy python3-matplotlib")
-        return 1
     except MemoryError:
         _say("not enough memory: plan fewer samples, or a coarser mesh")
         return 1
-    except KeyboardInterrupt:
-        _say("interrupted")
-        return 130
-    except OSError as error:
-        _say(f"{error.filename or given.problem}: {error.strerror or error}")
-        return 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The program; returns its exit status."""
+    given = _options().parse_args(arguments)
+    return ended("trocar-plan", lambda: _call(given), given.problem, "python3-yaml python3-scipy python3-matplotlib")
 
 
 if __name__ == "__main__":

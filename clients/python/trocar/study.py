@@ -26,9 +26,9 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -36,7 +36,7 @@ import numpy as np
 
 from . import Error, __version__
 from ._definition import BadStudy, Study, read
-from ._program import Progress, whole_number
+from ._program import Progress, ended, say, whole_number
 from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, has_frames, heading, line_of, model_of, read_rows, row_files, run
 from .plan import BadPlan
 
@@ -146,9 +146,7 @@ def _submit(given: argparse.Namespace, study: Study) -> int:
 
 # ---- the program ------------------------------------------------------------------------------------------------------------------------
 
-
-def _say(words: str) -> None:
-    print(f"trocar-study: {words}", file=sys.stderr)
+_say = partial(say, "trocar-study")
 
 
 def _finish(given: argparse.Namespace, study: Study, out: Path, who: str) -> int:
@@ -235,8 +233,15 @@ def _options() -> argparse.ArgumentParser:
     return parser
 
 
-def _stop(number: int, _: Any) -> None:
-    raise SystemExit(128 + number)
+def _call(given: argparse.Namespace) -> int:
+    try:
+        return given.call(given)
+    except (BadStudy, BadPlan, Error) as error:
+        _say(str(error))
+        return 2
+    except Incomplete as error:
+        _say(str(error))
+        return 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -247,24 +252,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.error("--task is for a single task: Slurm's tasks are counted by --tasks")
     if given.command == "run" and given.wait and given.engine != "slurm":
         options.error("--wait is for --engine slurm")
-    signal.signal(signal.SIGTERM, _stop)
-    try:
-        return given.call(given)
-    except (BadStudy, BadPlan, Error) as error:
-        _say(str(error))
-        return 2
-    except Incomplete as error:
-        _say(str(error))
-        return 1
-    except ImportError as error:
-        _say(f"{error}: apt install python3-yaml python3-scipy python3-h5py python3-matplotlib")
-        return 1
-    except KeyboardInterrupt:
-        _say("interrupted: start again to go on")
-        return 130
-    except OSError as error:
-        _say(f"{error.filename or given.out}: {error.strerror}")
-        return 1
+    return ended("trocar-study", lambda: _call(given), given.out, "python3-yaml python3-scipy python3-h5py python3-matplotlib", "interrupted: start again to go on")
 
 
 if __name__ == "__main__":

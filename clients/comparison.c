@@ -63,10 +63,14 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
             c->foreign++;
             continue;
         }
-        const trocar_needle_wrench_t *match = bsearch(w, replayed, (size_t)count, sizeof *w, by_pose);
-        if (!match)
+        if (w->pose_seq > replayed[count - 1].pose_seq)
             return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: is it of another recording?",
                         golden_path, w->pose_seq);
+        const trocar_needle_wrench_t *match = bsearch(w, replayed, (size_t)count, sizeof *w, by_pose);
+        if (!match) {
+            c->unrecorded++;
+            continue;
+        }
         deviation d = worst_component(w, replayed, count, (int)(match - replayed), peaks);
         d.golden = i;
         if (d.share > tolerance && c->differing++ == 0) c->first = d;
@@ -113,6 +117,7 @@ void comparison_print(const comparison *c, const wrench_log *golden, const char 
         fprintf(out, "%s: %d wrenches agree\n", golden_path, c->compared);
     }
     if (c->foreign) fprintf(out, "  %d wrenches of another server ignored, which ran at the same time or later\n", c->foreign);
+    if (c->unrecorded) fprintf(out, "  %d wrenches ignored: the recording lacks the poses that they answer\n", c->unrecorded);
     if (golden->skipped_not_finite) fprintf(out, "  %" PRId64 " non-finite wrenches ignored\n", golden->skipped_not_finite);
     fprintf(out, "  largest: ");
     print_deviation(&c->largest, replayed, out);

@@ -17,6 +17,7 @@ enum { SHARE_BINS = 1001 };
 typedef struct {
     int compared, differing; /* golden wrenches */
     int foreign;             /* golden wrenches of other servers than the first one's, ignored */
+    int unrecorded;          /* golden wrenches that answer poses which the recording missed, ignored */
     deviation first;         /* the first beyond the tolerance; undefined if none differs */
     deviation largest;
     deviation last;          /* of the last golden wrench */
@@ -26,8 +27,9 @@ typedef struct {
 /* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may differ by `tolerance` (a
    share of its peak, which counts as at least 0.1 N or 2 mN m) from the range of the replay at the answered pose and its
    neighbours, because other processors and BLAS kernels round differently, which shifts contact events by a tick. Golden wrenches
-   of other sessions and of other servers than that of the first compared one are ignored; there may be fewer than poses. BAD_INPUT
-   if one answers a pose that was not replayed, or if none is left. */
+   of other sessions and of other servers than that of the first compared one are ignored, as are those whose pose is missing among
+   the replayed ones, because the recording began after it or lost it; there may be fewer than poses. BAD_INPUT if one answers a
+   pose after the last replayed one, or if none is left. */
 trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
                                int count, double tolerance, comparison *c, report *why);
 

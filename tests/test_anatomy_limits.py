@@ -20,6 +20,14 @@ limits.run("forever", time.sleep, 1000)
 """
 
 
+def running(process):
+    try:
+        with open(f"/proc/{process}/stat", encoding="ascii") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
 def refuse():
     raise contours.Unusable("Apex", "too thin", 3.0)
 
@@ -63,8 +71,11 @@ class Limits(unittest.TestCase):
         program.send_signal(signal.SIGTERM)
         self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
         program.stdout.close()
-        with self.assertRaises(ProcessLookupError):
-            os.kill(child, 0)
+        for _ in range(200): # the kernel kills it once the program has ended; it is gone when init has reaped it
+            if not running(child):
+                break
+            time.sleep(0.05)
+        self.assertFalse(running(child))
 
 
 if __name__ == "__main__":

@@ -126,12 +126,29 @@ static void wrenches_of_another_recording_are_refused(void **state) {
     comparison c;
     f->golden.wrenches[3].session = 5;
     assert_int_equal(compare(f, 0).compared, COUNT / 5 - 1);
-    f->golden.wrenches[5].pose_seq++;
+    f->golden.wrenches[5].pose_seq = 2 * COUNT;
     assert_int_equal(compare_wrenches(&f->golden, "golden.log", f->replayed, COUNT, 0, &c, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "golden.log: a wrench answers pose 51, which was not replayed"));
+    assert_non_null(strstr(why.text, "golden.log: a wrench answers pose 200, which was not replayed"));
     for (int i = 0; i < f->golden.count; i++) f->golden.wrenches[i].session = 5;
     assert_int_equal(compare_wrenches(&f->golden, "golden.log", f->replayed, COUNT, 0, &c, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "no wrench answers"));
+}
+
+static void wrenches_whose_pose_was_not_recorded_are_left_out(void **state) {
+    fixture *f = *state;
+    f->golden.wrenches[0].pose_seq = -1; /* before the recording began */
+    f->golden.wrenches[5].pose_seq++;    /* lost in between */
+    comparison c = compare(f, 0);
+    assert_int_equal(c.compared, COUNT / 5 - 2);
+    assert_int_equal(c.differing, 0);
+    assert_int_equal(c.unrecorded, 2);
+    char *text;
+    size_t size;
+    FILE *file = open_memstream(&text, &size);
+    comparison_print(&c, &f->golden, "golden.log", f->replayed, file);
+    fclose(file);
+    assert_non_null(strstr(text, "2 wrenches ignored: the recording lacks the poses that they answer\n"));
+    free(text);
 }
 
 static void print_reports_the_difference(void **state) {
@@ -171,6 +188,7 @@ int main(void) {
         TEST(small_components_use_a_minimum_peak),
         TEST(non_finite_values_differ),
         TEST(rendered_wrenches_are_not_compared),
+        TEST(wrenches_whose_pose_was_not_recorded_are_left_out),
         TEST(wrenches_of_another_recording_are_refused),
         TEST(print_reports_the_difference),
     };

@@ -156,7 +156,7 @@ felt() { tail -n +\$1 forces | awk '\$2 > '\$2' { found = 1 } END { exit !found 
 
 start_server
 lcm-logger --quiet --force session.log >logger.txt & logger=\$!
-sleep 0.3
+wait_for test -s session.log # the server's monitoring: the logger receives
 timeout 1 bridge/build/bridge || [ \$? -eq 124 ]
 kill \$logger
 sleep 2.2 # until the needle may have another owner

@@ -3,11 +3,12 @@
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 
+#include "insertion/elimination.h"
 #include "insertion/guide.h"
 #include "remesh/refinement.h"
 
-enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = 248 };
-_Static_assert(CONTACT_LD >= MAX_UNKNOWNS, "a row holds all unknowns");
+enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = MOST_COLUMNS };
+_Static_assert(CONTACT_LD >= ELIMINATION_COLUMNS(MAX_UNKNOWNS), "a row holds all unknowns, its gap and padding");
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 
@@ -17,7 +18,7 @@ typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
    force along the needle. */
 typedef struct {
     int count, axial_count;              /* n, m: guides, contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
-    double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: lower triangle; destroyed by the solve */
+    double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: upper triangle; destroyed by the solve */
     double gap[MAX_UNKNOWNS];            /* m */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
     double viscosity[MAX_AXIAL][2];      /* N/m (viscous friction over the tick), >= 0: backward, forward */

@@ -224,7 +224,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
             int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
-            if (row >= column) p->compliance[row][column] = turned.m[a][b];
+            if (row <= column) p->compliance[row][column] = turned.m[a][b];
             else p->compliance[column][row] = turned.m[a][b];
         }
 }
@@ -232,7 +232,7 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, 
 /* The shaft next to the tip acts at the same point along the same line: so far a copy of the tip's last row and column. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
-    memcpy(p->compliance[shaft], p->compliance[tip], (size_t)shaft * sizeof **p->compliance);
+    for (int i = 0; i <= tip; i++) p->compliance[i][shaft] = p->compliance[i][tip];
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
@@ -249,7 +249,7 @@ static void add_local_compliance(contact_problem *p, const insertion_workspace *
     double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
     for (int i = 0; i < 3; i++)
         for (int j = 0; j <= i; j++)
-            p->compliance[row[i]][row[j]] += least * ((i == j) - along[i] * along[j]) + more * easy[i] * easy[j] + (j == 2 ? shaft : held) * along[i] * along[j];
+            p->compliance[row[j]][row[i]] += least * ((i == j) - along[i] * along[j]) + more * easy[i] * easy[j] + (j == 2 ? shaft : held) * along[i] * along[j];
     if (tip) p->compliance[face][face] += w->axial[point];
 }
 

@@ -231,7 +231,7 @@ static void find_lag(const tick_context *tick) {
     }
     for (int i = 0; i < all; i++) {
         w->lag[i] = p->gap[i];
-        for (int j = 0; j < all; j++) w->lag[i] -= (i > j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
+        for (int j = 0; j < all; j++) w->lag[i] -= (i < j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
     }
 }
 

@@ -239,7 +239,7 @@ void guides_add_compliance(const tick_context *tick, int point) {
     int x = unknown(p->count, point, 0), along = unknown(p->count, point, 2);
     bool touched = edge->touched; /* otherwise not coupled to anything, and without force */
     p->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
-    p->compliance[x + 1][x] += touched ? edge->lateral[1] : 0.0;
+    p->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
     p->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;
     p->compliance[along][along] += touched ? 1.0 / guide_of(tick, point)->stiffness : 1.0;
 }

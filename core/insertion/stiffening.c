@@ -120,7 +120,7 @@ void stiffening_add_compliance(const tick_context *tick) {
     for (int i = w->guided; i < p->count; i++) {
         track_unknowns at = unknowns_of(tick, i);
         for (int a = 0; a < 3; a++)
-            for (int b = 0; b <= a; b++) p->compliance[at.row[a]][at.row[b]] += s->shaft[i].slope * at.along[a] * at.along[b];
+            for (int b = 0; b <= a; b++) p->compliance[at.row[b]][at.row[a]] += s->shaft[i].slope * at.along[a] * at.along[b];
     }
     int face = unknown(p->count, p->count - 1, 2);
     if (w->tip) p->compliance[face][face] += s->end.slope;

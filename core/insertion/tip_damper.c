@@ -38,7 +38,7 @@ void damp_tip(const tick_context *tick) {
     if (held == 0.0) return;
     double dent = tick->state->tip.dent - dent_without_forces(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
-        for (int j = 0; j <= i; j++) p->compliance[i][j] -= held * a[i] * a[j];
+        for (int j = i; j < all; j++) p->compliance[i][j] -= held * a[i] * a[j];
         p->gap[i] -= held * a[i] * dent;
     }
 }

@@ -88,7 +88,7 @@ static trocar_status take_compliance(const tick_context *tick, inverse *inv, res
         for (int v = 0; v <= u; v++) {
             mat3 block = {{{0}}};
             m3_add_block(&block, 1.0, blocks + 3 * point_of(r, u) * ld + 3 * point_of(r, v), ld);
-            r->compliance[u][v] = p->compliance[u][v] - yield * v3_dot(direction_of(r, u), m3_apply(&block, direction_of(r, v)));
+            r->compliance[u][v] = p->compliance[v][u] - yield * v3_dot(direction_of(r, u), m3_apply(&block, direction_of(r, v)));
         }
     free(blocks);
     return status;
@@ -231,7 +231,7 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
     for (int u = 0; u < n; u++)
         for (int v = 0; v <= u; v++) {
             bool apart = r->compliance[u][v] == 0.0 && u != v;
-            scratch->matrix[v][u] = apart ? 0.0 : p->compliance[u][v]; /* column-major */
+            scratch->matrix[v][u] = apart ? 0.0 : p->compliance[v][u]; /* column-major */
         }
     memcpy(columns, r->motions, sizeof columns);
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', n, m, scratch->matrix[0], MAX_UNKNOWNS, columns[0], MAX_UNKNOWNS) != 0)

@@ -1,0 +1,42 @@
+/* Elimination in a dense symmetric system: the upper triangle is kept by rows, with the right-hand side as one more column. Rows are
+   eliminated in panels, so that the rest of the matrix is read and written once for each panel.
+
+   What is below the diagonal is overwritten with anything. */
+#ifndef TROCAR_ELIMINATION_H
+#define TROCAR_ELIMINATION_H
+
+#include "base/lanes.h"
+
+enum { PANEL_ROWS = 8, TILE_ROWS = 4, TILE_COLUMNS = 2 * LANES, MOST_COLUMNS = 252 };
+
+/* Columns that a system of so many unknowns takes, with the right-hand side and padding; at most MOST_COLUMNS. */
+#define ELIMINATION_COLUMNS(order) ((order) / LANES * LANES + TILE_COLUMNS)
+
+typedef struct {
+    double *a;               /* element (i, j >= i): a[i * ld + j]; of the right-hand side: j = order */
+    int ld, order;
+} symmetric_system;
+
+/* Rows that are eliminated together, as they were before they were divided by their pivots. */
+typedef struct {
+    int begin, end;          /* at most PANEL_ROWS */
+    double undivided[PANEL_ROWS][MOST_COLUMNS];
+} elimination_panel;
+
+/* Makes the columns after the right-hand side zero, which are computed with, too: to be called first. RT */
+void elimination_begin(const symmetric_system *s);
+
+/* Turns rows i and i + 1 by an angle, right of their block on the diagonal. RT */
+void turn_rows(const symmetric_system *s, int i, double cosine, double sine);
+
+/* Divides rows [i, i + count) of the panel, whose block on the diagonal is diagonal, by their pivots, right of that block, and subtracts
+   their part from the rest of the panel; count is 1 or 2. RT */
+void eliminate_in_panel(const symmetric_system *s, elimination_panel *panel, int i, int count, const double *inverse_pivots);
+
+/* Subtracts the panel's part from all rows after it. RT */
+void eliminate_after_panel(const symmetric_system *s, const elimination_panel *panel);
+
+/* The sum of row[j] x[j] over [begin, end). RT */
+double dot_product(const double *row, const double *x, int begin, int end);
+
+#endif

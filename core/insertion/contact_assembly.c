@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/between_points.h"
 #include "insertion/creep.h"
 #include "insertion/guides.h"
 #include "insertion/local_compliance.h"
@@ -210,25 +211,6 @@ void bound_contacts(const tick_context *tick) {
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
 
-static mat3 needle_block(const needle_tangent *tangent, const needle_point *p, const needle_point *q) {
-    mat3 sum = {{{0}}};
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            m3_add_block(&sum, p->weights[i] * q->weights[j], &tangent->compliance[3 * (p->first + i)][3 * (q->first + j)], NEEDLE_LD);
-    return sum;
-}
-
-static void put_block(contact_problem *p, int i, int j, const mat3 *compliance, const mat3 *frame_i, const mat3 *frame_j) {
-    mat3 half = m3_multiply(compliance, frame_j), turned = m3_transposed(frame_i);
-    turned = m3_multiply(&turned, &half);
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) {
-            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
-            if (row <= column) p->compliance[row][column] = turned.m[a][b];
-            else p->compliance[column][row] = turned.m[a][b];
-        }
-}
-
 /* The shaft next to the tip acts at the same point along the same line: so far a copy of the tip's last row and column. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
@@ -257,21 +239,7 @@ void assemble_compliance(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     const insertion_state *state = tick->state;
     contact_problem *p = &w->problem;
-    for (int i = 0; i < p->count; i++)
-        for (int j = 0; j <= i; j++) {
-            const contact_point *at = &w->points[i], *other = &w->points[j];
-            mat3 sum = {{{0}}};
-            if (guides_is_open(w, i) || guides_is_open(w, j)) {
-                put_block(p, i, j, &sum, &at->at.frame, &other->at.frame);
-                continue;
-            }
-            if (at->kind == POINT_TIP) sum = w->tip_row[j];
-            else if (j >= w->guided) sum = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, at->handle, other->handle));
-            mat3 needle = needle_block(&w->tangent, &at->at, &other->at);
-            m3_add_scaled(&sum, 1.0, &needle);
-            for (int a = 0; a < 3; a++) sum.m[a][a] += tick->base.compliance;
-            put_block(p, i, j, &sum, &at->at.frame, &other->at.frame);
-        }
+    assemble_between_points(tick);
     if (w->tip) repeat_tip(p);
     int t = w->point_count - w->tip;
     for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);

@@ -8,7 +8,8 @@
 
 enum {
     NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
-    NEEDLE_LD = 3 * (NEEDLE_MAX_SEGMENTS + 1),
+    NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint; whole blocks of four joints */
+    NEEDLE_POINT_JOINTS = 3,                /* that a point of the centreline is interpolated from */
     NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
     NEEDLE_SECTION = 1 + NEEDLE_RIM,
     NEEDLE_LAYER_TETS = 3 * NEEDLE_RIM,     /* tetrahedra between two sections */
@@ -64,7 +65,7 @@ typedef struct {
    continuous and its position linear in the joints. */
 typedef struct {
     int first;               /* joints first, first+1, first+2 */
-    double weights[3];       /* sum to 1 */
+    double weights[NEEDLE_POINT_JOINTS]; /* sum to 1 */
     vec3 position;           /* m */
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
@@ -74,13 +75,13 @@ typedef struct {
     int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
                                                    unsupported needle under these loads; tetrahedra: 0 */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints for zero load (linearised), m */
-    double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b] */
+    double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
     union {
         struct {
             mat3 pivot_inverse[NEEDLE_MAX_SEGMENTS];    /* block L D L^T of the tangent stiffness */
             mat3 lower[NEEDLE_MAX_SEGMENTS];
             vec3 moments[NEEDLE_MAX_SEGMENTS];          /* spatial moment of the joint before each segment, N m */
-            double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint, rad/N */
+            double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
         } rod;
         struct {
             block_tridiagonal stiffness;                      /* of sections 1..segments, factorised, N/m */

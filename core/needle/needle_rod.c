@@ -4,6 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/lanes.h"
+
 static void place_joints(const needle_model *model, needle_state *state) {
     state->joints[0] = state->base.position;
     for (int k = 0; k < model->given.segments; k++)
@@ -38,7 +40,8 @@ static vec3 joint_curvature(const needle_state *state, int k) {
 /* Inverse of the right Jacobian of SO(3): rate of the rotation vector w per body rotation (Sola et al. 2018, eq. 144). */
 static mat3 inverse_right_jacobian(vec3 w) {
     double angle2 = v3_dot(w, w), angle = sqrt(angle2);
-    double c = angle2 < 1e-8 ? 1.0 / 12.0 : 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
+    double c = angle2 < 1e-2 ? 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)) /* to 1e-15 */
+                             : 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
     const double v[3] = {w.x, w.y, w.z};
     mat3 j = {{{0, -0.5 * w.z, 0.5 * w.y}, {0.5 * w.z, 0, -0.5 * w.x}, {-0.5 * w.y, 0.5 * w.x, 0}}};
     for (int a = 0; a < 3; a++)
@@ -133,57 +136,73 @@ static void solve_tangent(int n, const needle_tangent *tangent, vec3 *rotation) 
     }
 }
 
-/* to -= m * from, or m^T * from, for three rows. */
-static void subtract_rows(const mat3 *m, bool transposed, double (*from)[NEEDLE_LD], double (*to)[NEEDLE_LD], int begin, int end) {
-    for (int a = 0; a < 3; a++) {
-        double x = transposed ? m->m[0][a] : m->m[a][0], y = transposed ? m->m[1][a] : m->m[a][1], z = transposed ? m->m[2][a] : m->m[a][2];
-        for (int c = begin; c < end; c++) to[a][c] -= x * from[0][c] + y * from[1][c] + z * from[2][c];
-    }
+/* Three rows of a matrix with three columns for each joint. */
+typedef double (*joint_rows)[NEEDLE_LD];
+enum { BLOCK = 12 }; /* columns of four joints */
+
+static void put_block(joint_rows rows, int joint, const mat3 *block) {
+    for (int a = 0; a < 3; a++) memcpy(&rows[a][3 * joint], block->m[a], sizeof block->m[a]);
 }
 
-/* Rotations under unit forces at all joints >= first, one column each: a force at a joint exerts the moment length * axis x force on
-   every segment before it. */
-static void solve_unit_forces(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
+/* to = own - m^T from, where `own` is the same for every joint of columns [begin, end), in whole blocks. */
+static void carry_back(const mat3 *own, const mat3 *m, joint_rows from, joint_rows to, int begin, int end) {
+    double added[3][BLOCK];
+    for (int a = 0; a < 3; a++)
+        for (int c = 0; c < BLOCK; c++) added[a][c] = own->m[a][c % 3];
+    for (int block = begin / BLOCK * BLOCK; block < end; block += BLOCK)
+        for (int c = 0; c < BLOCK; c += LANES) {
+            lanes x = lanes_load(&from[0][block + c]), y = lanes_load(&from[1][block + c]), z = lanes_load(&from[2][block + c]);
+            for (int a = 0; a < 3; a++)
+                lanes_store(&to[a][block + c], lanes_load(&added[a][c]) - m->m[0][a] * x - m->m[1][a] * y - m->m[2][a] * z);
+        }
+}
+
+/* Rotations under unit forces, one column for each: a force at a joint exerts the moment length * axis x force on every segment before it, and
+   none on those beyond. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward substitution begins with
+   the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. */
+static void find_rotations(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, end = 3 * (n + 1);
+    mat3 moment[NEEDLE_MAX_SEGMENTS], own = {{{0}}};
     for (int k = 0; k < n; k++) {
         vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
-        double (*row)[NEEDLE_LD] = &tangent->rod.rotation[3 * k];
-        for (int a = 0; a < 3; a++) memset(&row[a][begin], 0, (size_t)(end - begin) * sizeof(double));
-        for (int joint = first > k ? first : k + 1; joint <= n; joint++) {
-            int c = 3 * joint;
-            row[0][c + 1] = -t.z, row[0][c + 2] = t.y;
-            row[1][c] = t.z, row[1][c + 2] = -t.x;
-            row[2][c] = -t.y, row[2][c + 1] = t.x;
-        }
-        if (k > 0) subtract_rows(&tangent->rod.lower[k], false, row - 3, row, begin, end);
+        moment[k] = (mat3){{{0, -t.z, t.y}, {t.z, 0, -t.x}, {-t.y, t.x, 0}}};
+        mat3 before = k > 0 ? m3_multiply(&tangent->rod.lower[k], &moment[k - 1]) : (mat3){{{0}}};
+        m3_add_scaled(&moment[k], -1.0, &before);
     }
     for (int k = n - 1; k >= 0; k--) {
-        double (*row)[NEEDLE_LD] = &tangent->rod.rotation[3 * k];
-        const mat3 *d = &tangent->rod.pivot_inverse[k];
-        for (int c = begin; c < end; c++) {
-            double x = row[0][c], y = row[1][c], z = row[2][c];
-            for (int a = 0; a < 3; a++) row[a][c] = d->m[a][0] * x + d->m[a][1] * y + d->m[a][2] * z;
+        joint_rows rows = &tangent->rod.rotation[3 * k];
+        const mat3 *pivot_inverse = &tangent->rod.pivot_inverse[k], *lower = &tangent->rod.lower[k + 1];
+        if (k + 1 < n) {
+            mat3 carried = m3_multiply(&own, lower), up = m3_transposed(lower), free = m3_multiply(pivot_inverse, &moment[k]);
+            own = m3_multiply(&up, &carried);
+            carry_back(&free, lower, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), end);
         }
-        if (k + 1 < n) subtract_rows(&tangent->rod.lower[k + 1], true, row + 3, row, begin, end);
+        m3_add_scaled(&own, 1.0, pivot_inverse);
+        mat3 here = m3_multiply(&own, &moment[k]);
+        put_block(rows, k + 1, &here);
     }
 }
 
 /* Displacement of a joint: sum of length * rotation x axis over the segments before it. */
 static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, begin = 3 * first, end = 3 * (n + 1);
-    double sum[3][NEEDLE_LD];
-    memset(sum, 0, sizeof sum);
-    for (int a = 0; a < 3 && first == 0; a++) memset(tangent->compliance[a], 0, (size_t)end * sizeof(double)); /* the base is fixed */
+    int n = model->given.segments, end = 3 * (n + 1);
+    double sum[3][NEEDLE_LD] = {{0}};
+    for (int a = 0; a < 3; a++)
+        for (int c = 0; c < end; c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
     for (int k = 0; k < n; k++) {
         vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
-        const double (*r)[NEEDLE_LD] = (const double (*)[NEEDLE_LD])&tangent->rod.rotation[3 * k];
-        for (int c = begin; c < end; c++) {
-            sum[0][c] += r[1][c] * t.z - r[2][c] * t.y;
-            sum[1][c] += r[2][c] * t.x - r[0][c] * t.z;
-            sum[2][c] += r[0][c] * t.y - r[1][c] * t.x;
+        joint_rows rotation = &tangent->rod.rotation[3 * k], rows = &tangent->compliance[3 * (k + 1)];
+        for (int c = lanes_below(3 * (k + 1 > first ? k + 1 : first)); c < end; c += LANES) {
+            lanes x = lanes_load(&rotation[0][c]), y = lanes_load(&rotation[1][c]), z = lanes_load(&rotation[2][c]);
+            lanes moved[3] = {y * t.z - z * t.y, z * t.x - x * t.z, x * t.y - y * t.x};
+            for (int a = 0; a < 3; a++) {
+                moved[a] += lanes_load(&sum[a][c]);
+                lanes_store(&sum[a][c], moved[a]);
+                lanes_store(&rows[a][c], moved[a]);
+            }
         }
-        if (k + 1 < first) continue;
-        for (int a = 0; a < 3; a++) memcpy(&tangent->compliance[3 * (k + 1) + a][begin], &sum[a][begin], (size_t)(end - begin) * sizeof(double));
+        for (int c = 3 * (k > NEEDLE_POINT_JOINTS - 2 ? k + 2 - NEEDLE_POINT_JOINTS : 0); c < 3 * (k + 1); c++) /* by symmetry */
+            for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
 }
 
@@ -206,7 +225,7 @@ static void rod_linearise(const needle_model *model, const needle_state *state, 
     release_moments(n, tangent, rotation);
     solve_tangent(n, tangent, rotation);
     move_joints(model, state, rotation, tangent->drift);
-    solve_unit_forces(model, state, first, tangent);
+    find_rotations(model, state, first, tangent);
     sum_displacements(model, state, first, tangent);
 }
 

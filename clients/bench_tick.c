@@ -124,9 +124,10 @@ static trocar_status measure(bench *b, report *why) {
 /* ---- results ----------------------------------------------------------------------------------------------------- */
 
 static void print_row(const bench *b, timed_motion motion, const tick_timing *row, FILE *out) {
-    fprintf(out, "%8d  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f", row->contacts, timed_motion_name(motion),
+    fprintf(out, "%8d  %-7s  %8.1f  %8.1f  %8.1f  %13.4f  %6.2f  %8.2f ", row->contacts, timed_motion_name(motion),
             1e6 * histogram_quantile(&row->time, 0.5), 1e6 * histogram_quantile(&row->time, 0.99),
             1e6 * histogram_max(&row->time), per_baseline(&b->baseline, &row->time), row->passes, row->switches);
+    for (int i = 0; i < TROCAR_STAGES; i++) fprintf(out, "%8.1f", 1e6 * row->stages[i]);
     if (row->unstable) fprintf(out, "  (%d ticks without equilibrium)", row->unstable);
     fprintf(out, "\n");
 }
@@ -137,7 +138,8 @@ static void print_table(const bench *b, FILE *out) {
             trocar_model_node_count(b->model), trocar_model_tet_count(b->model), trocar_model_rate(b->model), 1e3 * b->spacing, o->ticks);
     fprintf(out, "baseline: dgemm of order %d, p50 %.1f us, p99 %.1f us\n\n", BASELINE_ORDER,
             1e6 * histogram_quantile(&b->baseline, 0.5), 1e6 * histogram_quantile(&b->baseline, 0.99));
-    fprintf(out, "contacts  motion     p50 us    p99 us    max us  p50/baseline   passes  switches\n");
+    fprintf(out, "                                                                         mean us of stage\n"
+                 "contacts  motion     p50 us    p99 us    max us  p50/baseline   passes  switches   tissue  needle contact  wrench\n");
     for (int i = 0; i < o->count_count; i++)
         for (timed_motion motion = 0; motion < TIMED_MOTIONS; motion++) print_row(b, motion, &b->rows[i][motion], out);
 }
@@ -153,6 +155,7 @@ static void json_row(json *j, const bench *b, int index, timed_motion motion) {
     json_number(j, "passes", row->passes);
     json_number(j, "switches", row->switches);
     json_integer(j, "unstable", row->unstable);
+    json_numbers(j, "stages_s", row->stages, TROCAR_STAGES);
     json_close(j, '}');
 }
 

@@ -80,7 +80,11 @@ static trocar_status settle(timing_run *run, pose *base, report *why) {
     return TROCAR_OK;
 }
 
-static void record(const trocar_output *output, int64_t time, tick_timing *result) {
+static void record(const timing_run *run, int64_t time, tick_timing *result) {
+    const trocar_output *output = &run->output;
+    int64_t stages[TROCAR_STAGES];
+    trocar_sim_stages(run->sim, stages);
+    for (int i = 0; i < TROCAR_STAGES; i++) result->stages[i] += 1e-9 * (double)stages[i];
     histogram_add(&result->time, time);
     result->passes += output->passes;
     result->switches += output->switches;
@@ -98,7 +102,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
         base.orientation = q_multiply(base.orientation, q_exp(v3(0, 0, wanted->turn_rate * t)));
         trocar_status status = timed_step(run, base, &time, why);
         if (status != TROCAR_OK || run->output.contacts != result->contacts) return status;
-        record(&run->output, time, result);
+        record(run, time, result);
     }
     return TROCAR_OK;
 }
@@ -120,6 +124,7 @@ static trocar_status time_again(timing_run *run, tick_timing *result, report *wh
 
 trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why) {
     timing_run run = {.sim = sim, .wanted = wanted};
+    trocar_sim_set_clock(sim, monotonic_ns);
     *result = (tick_timing){.contacts = 0};
     trocar_status status = trocar_scene_get_number(scene, "needle.length", &run.length, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(scene, "contact.spacing", &run.spacing, why);
@@ -127,6 +132,7 @@ trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, co
     while (status == TROCAR_OK && result->time.count < wanted->ticks) status = time_again(&run, result, why);
     result->passes /= wanted->ticks;
     result->switches /= wanted->ticks;
+    for (int i = 0; i < TROCAR_STAGES; i++) result->stages[i] /= wanted->ticks;
     return status;
 }
 
@@ -134,6 +140,7 @@ void tick_timing_add(tick_timing *sum, const tick_timing *part) {
     double before = (double)sum->time.count, added = (double)part->time.count;
     sum->passes = (sum->passes * before + part->passes * added) / (before + added);
     sum->switches = (sum->switches * before + part->switches * added) / (before + added);
+    for (int i = 0; i < TROCAR_STAGES; i++) sum->stages[i] = (sum->stages[i] * before + part->stages[i] * added) / (before + added);
     sum->contacts = part->contacts;
     sum->unstable += part->unstable;
     histogram_merge(&sum->time, &part->time);

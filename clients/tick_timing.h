@@ -29,6 +29,7 @@ typedef struct {
     histogram time;          /* of trocar_sim_tick alone, without the worker's part */
     int contacts;            /* present while timed */
     double passes, switches; /* mean per tick */
+    double stages[TROCAR_STAGES]; /* s, mean per tick, with the time that the clock takes */
     int unstable;            /* ticks without an equilibrium */
 } tick_timing;
 

@@ -64,21 +64,33 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     check_equilibrium(PLACE_MOVED, REMESH_IMPLICIT);
 }
 
-/* The bending moment at the root, computed from the needle's shape alone, balances the contacts' moment about the base. */
-static void needle_is_in_equilibrium_with_its_bending(void **unused) {
-    (void)unused;
+/* The bending moment at the root, computed from the needle's shape alone, against the contacts' moment about the base. */
+static double worst_imbalance(double tolerance, double speed) {
     simulation_config c = lockstep_config();
+    c.insertion.tolerance = tolerance;
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.06), 1.0, 1e-3);
     double worst = 0.0;
     for (int i = 0; i < 200; i++) {
-        lockstep_move(l, v3(2e-5, 5e-5, -1e-4), 1e-3, 1e-3);
+        lockstep_move(l, v3_scale(speed, v3(0.02, 0.05, -0.1)), 1e-3, 1e-3);
         double off = v3_norm(v3_sub(needle_root_moment(&l->simulation.needle, &l->state.needle), l->wrench.torque));
         worst = fmax(worst, off / fmax(v3_norm(l->wrench.torque), 1e-3));
     }
-    print_message("bending at the root against the base torque: %.1e\n", worst);
-    assert_true(worst < 1e-6);
     lockstep_free(l);
+    return worst;
+}
+
+/* Whatever the shape that the first pass starts from. With the default tolerance the imbalance is small, whether the motion is slow enough
+   for a single pass or not. */
+static void needle_is_in_equilibrium_with_its_bending(void **unused) {
+    (void)unused;
+    const double speeds[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 2e-3};
+    for (int i = 0; i < 5; i++) {
+        double converged = worst_imbalance(1e-18, speeds[i]), usual = worst_imbalance(lockstep_config().insertion.tolerance, speeds[i]);
+        print_message("bending at the root against the base torque at %.2f of full speed: %.1e; %.1e at the default tolerance\n", 1e3 * speeds[i], converged, usual);
+        assert_true(converged < 1e-6);
+        assert_true(usual < 2e-3);
+    }
 }
 
 /* A rigid base moved tick by tick to where the base on the spring was feels the same wrench, except in the tick in which a contact

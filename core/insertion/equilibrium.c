@@ -200,11 +200,13 @@ static pass_result run_passes(const tick_context *tick, int most) {
     return r;
 }
 
-/* Shape and forces at the start of the tick. */
-static void remember(const tick_context *tick) {
+/* Shape at the start of the tick, */
+static void remember_shape(const tick_context *tick) { tick->scratch->start = tick->state->needle; }
+
+/* and forces. */
+static void remember_forces(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    w->start = state->needle;
     for (int i = 0; i < w->point_count; i++) w->start_force[i] = *point_force(state, &w->points[i]);
     w->start_traction = state->tip.shaft_traction;
     w->start_end_force = state->tip.end_force;
@@ -260,7 +262,7 @@ static pass_result approach(const tick_context *tick) {
         w->lag_left = 1.0 - (done + step);
         r = run_passes(tick, tick->model->settings.max_passes);
         bool stable = r.found && r.converged && !is_saddle(w);
-        if (stable) remember(tick), done += step;
+        if (stable) remember_shape(tick), remember_forces(tick), done += step;
         else recall(tick), step *= 0.5;
         r.buckling = !stable;
     }
@@ -274,15 +276,20 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     w->lag_left = 0.0;
+    remember_shape(tick);
+    if (!guides_hold(tick->model, state)) /* what would move the needle into the edge of a hole */
+        needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle); /* as in the last step: often one pass is enough then */
     prepare(tick, handles);
-    remember(tick);
+    remember_forces(tick);
     pass_result r = run_passes(tick, tick->model->settings.max_passes);
     for (int i = 0; i < MOST_ENDS && r.found && w->tip && old_tracks_overrun(&state->tip); i++) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
         old_tracks_end(tick);
         r = run_passes(tick, tick->model->settings.max_passes);
     }
     bool suspect = !r.found || r.diverging || is_saddle(w);
+    state->motion.time = 0.0;
     if (suspect && !state->saddle) r = approach(tick);
+    else if (r.converged && !suspect) needle_motion_of(tick->model->needle, &w->start, &state->needle, tick->dt, &state->motion);
     if (r.buckling) buckle(tick);
     else if (r.found && !r.diverging) judge_stability(tick, r.converged);
     else give_up(tick);

@@ -146,7 +146,7 @@ static void solve(const tick_context *tick) {
     guides_follow(tick);
     if (!in_tissue) lose_contact(tick);
     if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
-    else tick->state->base_shift = v3(0, 0, 0);
+    else tick->state->base_shift = v3(0, 0, 0), tick->state->motion.time = 0.0;
 }
 
 /* Sums the forces of all points into the wrench on the base. */
@@ -175,6 +175,7 @@ static void step(const tick_context *tick) {
     creep_begin(tick);
     guides_slide(tick->model, state);
     if (state->buckled) {
+        state->motion.time = 0.0;
         bool returned = has_returned(tick);
         tick->output->depth = state->tip.depth;
         tick->output->contacts = contacts_active(state);

@@ -127,6 +127,7 @@ enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 typedef struct {
     vec3 base_shift;             /* m, by which the spring that holds the base has yielded */
     needle_state needle;
+    needle_motion motion;        /* of the last step, if it ended in equilibrium */
     double base_turn;            /* rad, of the base about the needle's axis, all turns counted */
     double tip_lead;             /* rad, of the tip's roll before the base's; negative: it lags */
     needle_tip tip;

@@ -37,6 +37,17 @@ double needle_advance(const needle_model *model, const needle_tangent *tangent, 
     return model->kind->advance(model, tangent, load, state);
 }
 
+void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
+    motion->time = 0.0;
+    if (!model->kind->motion) return;
+    motion->time = dt;
+    model->kind->motion(model, before, after, motion);
+}
+
+void needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
+    if (motion->time > 0.0) model->kind->go_on(model, motion, dt / motion->time, state);
+}
+
 vec3 needle_root_moment(const needle_model *model, const needle_state *state) { return model->kind->root_moment(model, state); }
 
 double needle_energy(const needle_model *model, const needle_state *state) { return model->kind->energy(model, state); }

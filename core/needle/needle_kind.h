@@ -9,6 +9,8 @@ struct needle_kind {
     void (*rest)(const needle_model *, pose base, needle_state *);
     void (*hold)(const needle_model *, pose base, needle_state *);
     void (*linearise)(const needle_model *, const needle_state *, const vec3 *load, int first, needle_tangent *);
+    void (*motion)(const needle_model *, const needle_state *before, const needle_state *after, needle_motion *);
+    void (*go_on)(const needle_model *, const needle_motion *, double fraction, needle_state *);
     double (*advance)(const needle_model *, const needle_tangent *, const vec3 *load, needle_state *);
     vec3 (*root_moment)(const needle_model *, const needle_state *);
     double (*energy)(const needle_model *, const needle_state *);

@@ -61,6 +61,12 @@ typedef struct {
     vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; tetrahedra only; the centre nodes are the joints */
 } needle_state;
 
+/* How the needle's shape has changed in a step. */
+typedef struct {
+    double time;             /* s, that it took; 0: not known */
+    quat turn[NEEDLE_MAX_SEGMENTS]; /* of each segment, world frame */
+} needle_motion;
+
 /* A point on the centreline: quadratic B-spline over three joints (linear at both ends), so that its tangent is
    continuous and its position linear in the joints. */
 typedef struct {

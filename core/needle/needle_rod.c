@@ -247,10 +247,27 @@ static double rod_advance(const needle_model *model, const needle_tangent *tange
     return sqrt(largest);
 }
 
+/* ---- going on ------------------------------------------------------------------------------------------------------ */
+
+static void rod_motion(const needle_model *model, const needle_state *before, const needle_state *after, needle_motion *motion) {
+    for (int k = 0; k < model->given.segments; k++) motion->turn[k] = q_multiply(after->frames[k], q_conjugate(before->frames[k]));
+}
+
+/* A fraction of a small turn, to first order. */
+static quat part_of(quat turn, double fraction) {
+    double w = copysign(fraction, turn.w);
+    return q_unit((quat){1.0, w * turn.x, w * turn.y, w * turn.z});
+}
+
+static void rod_go_on(const needle_model *model, const needle_motion *motion, double fraction, needle_state *state) {
+    for (int k = 0; k < model->given.segments; k++) state->frames[k] = q_multiply(part_of(motion->turn[k], fraction), state->frames[k]);
+    place_joints(model, state);
+}
+
 static trocar_status rod_create(needle_model *model, report *why) {
     (void)model, (void)why;
     return TROCAR_OK;
 }
 
-const needle_kind needle_kind_rod = {rod_create, rod_rest, rod_hold, rod_linearise, rod_advance,
+const needle_kind needle_kind_rod = {rod_create, rod_rest, rod_hold, rod_linearise, rod_motion, rod_go_on, rod_advance,
                                      rod_root_moment, rod_energy};

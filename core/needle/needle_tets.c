@@ -370,5 +370,5 @@ static trocar_status tets_create(needle_model *model, report *why) {
     return calibrate(model, why);
 }
 
-const needle_kind needle_kind_tetrahedra = {tets_create, tets_rest, tets_hold, tets_linearise, tets_advance,
+const needle_kind needle_kind_tetrahedra = {tets_create, tets_rest, tets_hold, tets_linearise, NULL, NULL, tets_advance,
                                             tets_root_moment, tets_energy};

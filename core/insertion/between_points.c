@@ -3,85 +3,63 @@
 #include "base/lanes.h"
 #include "insertion/guides.h"
 
-/* Displacement of one point, in its own frame, */
+/* A 3 x 3 matrix by rows, of which the last column means nothing. */
 typedef struct {
-    double by_joints[3][NEEDLE_LD];          /* m/N, per force at each joint of the needle, */
-    double by_points[3][3 * MAX_POINTS + 1]; /* m/N, and per force on the tissue at each point: world frame */
-} point_motion;
+    lanes row[3];
+} row_matrix;
 
-/* A point's part in the forces on joints and on the tissue there: [component of the force][component in the point's frame]. */
-typedef struct {
-    lanes joints[3 * NEEDLE_POINT_JOINTS], tissue[3];
-} point_force_share;
-
-static lanes frame_row(const mat3 *frame, int i) { return (lanes){frame->m[i][0], frame->m[i][1], frame->m[i][2], 0.0}; }
-
-static point_force_share share_force(const needle_point *p) {
-    point_force_share s;
-    for (int i = 0; i < 3; i++) {
-        s.tissue[i] = frame_row(&p->frame, i);
-        for (int k = 0; k < NEEDLE_POINT_JOINTS; k++) s.joints[3 * k + i] = p->weights[k] * s.tissue[i];
-    }
-    return s;
+static row_matrix rows_of(const mat3 *m) {
+    row_matrix r;
+    for (int i = 0; i < 3; i++) r.row[i] = (lanes){m->m[i][0], m->m[i][1], m->m[i][2], 0.0};
+    return r;
 }
 
-/* For the joints from p's first one on. */
-static void move_by_joints(const needle_tangent *tangent, int segments, const needle_point *p, point_motion *motion) {
+/* frame^T block other */
+static inline row_matrix turned(const mat3 *frame, row_matrix block, const row_matrix *other) {
+    row_matrix result;
+    for (int a = 0; a < 3; a++) {
+        lanes half = frame->m[0][a] * block.row[0] + frame->m[1][a] * block.row[1] + frame->m[2][a] * block.row[2];
+        result.row[a] = half[0] * other->row[0] + half[1] * other->row[1] + half[2] * other->row[2];
+    }
+    return result;
+}
+
+/* Displacement of a point of the needle under forces at the joints from its first one on, world frame, m/N. */
+static void interpolate_rows(const needle_tangent *tangent, int segments, const needle_point *p, double by_joints[3][NEEDLE_LD + LANES]) {
     const double (*rows)[NEEDLE_LD] = &tangent->compliance[3 * p->first];
-    for (int c = lanes_below(3 * p->first); c < 3 * (segments + 1); c += LANES) {
-        lanes moved[3];
+    for (int c = lanes_below(3 * p->first); c < 3 * (segments + 1); c += LANES)
         for (int i = 0; i < 3; i++) {
-            moved[i] = p->weights[0] * lanes_load(&rows[i][c]);
-            for (int k = 1; k < NEEDLE_POINT_JOINTS; k++) moved[i] += p->weights[k] * lanes_load(&rows[3 * k + i][c]);
+            lanes sum = p->weights[0] * lanes_load(&rows[i][c]);
+            for (int k = 1; k < NEEDLE_POINT_JOINTS; k++) sum += p->weights[k] * lanes_load(&rows[3 * k + i][c]);
+            lanes_store(&by_joints[i][c], sum);
         }
-        for (int a = 0; a < 3; a++)
-            lanes_store(&motion->by_joints[a][c], p->frame.m[0][a] * moved[0] + p->frame.m[1][a] * moved[1] + p->frame.m[2][a] * moved[2]);
-    }
 }
 
-/* Compliance of the tissue and of the spring that holds the base between points i and j, world frame, m/N. */
-static mat3 tissue_between(const tick_context *tick, int i, int j) {
+/* Compliance of the tissue between points i and j, world frame, m/N. */
+static row_matrix tissue_between(const tick_context *tick, int i, int j) {
     const insertion_workspace *w = tick->scratch;
     mat3 block = {{{0}}};
     if (w->points[i].kind == POINT_TIP) block = w->tip_row[j];
     else if (w->points[j].kind == POINT_TIP) block = m3_transposed(&w->tip_row[i]);
     else if (i >= w->guided && j >= w->guided) block = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle));
-    for (int a = 0; a < 3; a++) block.m[a][a] += tick->base.compliance;
-    return block;
-}
-
-static void move_by_point(const tick_context *tick, int i, int j, point_motion *motion) {
-    const mat3 *frame = &tick->scratch->points[i].at.frame, block = tissue_between(tick, i, j);
-    const lanes rows[3] = {frame_row(&block, 0), frame_row(&block, 1), frame_row(&block, 2)};
-    for (int a = 0; a < 3; a++)
-        lanes_store(&motion->by_points[a][3 * j], frame->m[0][a] * rows[0] + frame->m[1][a] * rows[1] + frame->m[2][a] * rows[2]);
-}
-
-/* Row a of the block between two points, in their frames. */
-static inline lanes block_row(const point_motion *motion, int a, const point_force_share *share, int first_joint, int point) {
-    const double *by_joints = &motion->by_joints[a][3 * first_joint], *by_points = &motion->by_points[a][3 * point];
-    lanes even = by_points[0] * share->tissue[0] + by_points[2] * share->tissue[2], odd = by_points[1] * share->tissue[1];
-    for (int k = 0; k < 3 * NEEDLE_POINT_JOINTS; k++) {
-        if (k % 2) odd += by_joints[k] * share->joints[k];
-        else even += by_joints[k] * share->joints[k];
-    }
-    return even + odd;
+    return rows_of(&block);
 }
 
 /* Stores a block in the upper triangle, i <= j. */
-static void put_block(contact_problem *p, int i, int j, const lanes row[3]) {
+static void put_block(contact_problem *p, int i, int j, const row_matrix *block) {
     for (int a = 0; a < 3; a++) {
         double *to = p->compliance[unknown(p->count, i, a)];
-        to[unknown(p->count, j, 2)] = row[a][2];
+        to[unknown(p->count, j, 2)] = block->row[a][2];
         for (int b = 0; b < 2; b++)
-            if (a < 2) to[unknown(p->count, j, b)] = row[a][b];
-            else p->compliance[unknown(p->count, j, b)][unknown(p->count, i, a)] = row[a][b];
+            if (a < 2) to[unknown(p->count, j, b)] = block->row[a][b];
+            else p->compliance[unknown(p->count, j, b)][unknown(p->count, i, a)] = block->row[a][b];
     }
 }
 
-static void put_transposed(contact_problem *p, int i, int j, const lanes row[3]) {
-    const lanes column[3] = {{row[0][0], row[1][0], row[2][0]}, {row[0][1], row[1][1], row[2][1]}, {row[0][2], row[1][2], row[2][2]}};
-    put_block(p, i, j, column);
+static void put_transposed(contact_problem *p, int i, int j, const row_matrix *block) {
+    row_matrix columns;
+    for (int a = 0; a < 3; a++) columns.row[a] = (lanes){block->row[0][a], block->row[1][a], block->row[2][a]};
+    put_block(p, i, j, &columns);
 }
 
 /* The points from base to tip: guides come first in the list, wherever they are. */
@@ -96,23 +74,28 @@ static void sort_points(const insertion_workspace *w, int order[MAX_POINTS]) {
 void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
-    const lanes none[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
-    point_force_share shares[MAX_POINTS];
-    point_motion motion;
+    row_matrix frames[MAX_POINTS];
+    double by_joints[3][NEEDLE_LD + LANES];
     int order[MAX_POINTS];
     sort_points(w, order);
-    for (int i = 0; i < w->point_count; i++) shares[i] = share_force(&w->points[i].at);
+    for (int i = 0; i < w->point_count; i++) frames[i] = rows_of(&w->points[i].at.frame);
     for (int k = 0; k < w->point_count; k++) {
         int i = order[k];
-        move_by_joints(&w->tangent, tick->model->needle->given.segments, &w->points[i].at, &motion);
+        interpolate_rows(&w->tangent, tick->model->needle->given.segments, &w->points[i].at, by_joints);
         for (int l = k; l < w->point_count; l++) {
             int j = order[l];
-            bool coupled = !guides_is_open(w, i) && !guides_is_open(w, j);
-            lanes row[3];
-            if (coupled) move_by_point(tick, i, j, &motion);
-            for (int a = 0; a < 3; a++) row[a] = coupled ? block_row(&motion, a, &shares[j], w->points[j].at.first, j) : none[a];
-            if (i <= j) put_block(p, i, j, row);
-            else put_transposed(p, j, i, row);
+            const needle_point *other = &w->points[j].at;
+            row_matrix block = {{{0}}};
+            if (!guides_is_open(w, i) && !guides_is_open(w, j)) {
+                block = tissue_between(tick, i, j);
+                for (int a = 0; a < 3; a++) {
+                    block.row[a][a] += tick->base.compliance;
+                    for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) block.row[a] += other->weights[m] * lanes_load(&by_joints[a][3 * (other->first + m)]);
+                }
+                block = turned(&w->points[i].at.frame, block, &frames[j]);
+            }
+            if (i <= j) put_block(p, i, j, &block);
+            else put_transposed(p, j, i, &block);
         }
     }
 }

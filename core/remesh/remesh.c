@@ -82,7 +82,7 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     if (status != TROCAR_OK) return status;
     for (int i = 0; i <= refined->count; i++) {
         int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
-        r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[higher], &refined->nodes[lower]);
+        r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
     }
     status = confirm(r, why);
     if (status == TROCAR_OK) refined->count++;

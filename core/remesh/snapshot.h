@@ -75,7 +75,7 @@ typedef struct {
     left_loads left;
 } remesh_request;
 
-/* Contacts of two slots in triangular order. What is kept of a pair is between the higher slot and the lower one. RT */
+/* Contacts of two slots in triangular order. What is kept of a pair is between the lower slot and the higher one: as a rule, from base to tip. RT */
 enum { CONTACT_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) / 2 };
 static inline int contact_pair(int i, int j) { return i > j ? i * (i + 1) / 2 + j : j * (j + 1) / 2 + i; }
 

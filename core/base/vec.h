@@ -94,17 +94,27 @@ static inline vec3 q_rotate(quat q, vec3 v) {
 /* The body's z axis in world coordinates: the direction of a needle. */
 static inline vec3 q_axis(quat q) { return q_rotate(q, v3(0, 0, 1)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_rotate(q, v3(1, 0, 0)), q_rotate(q, v3(0, 1, 0)), q_axis(q)); }
-/* Rotation by the vector `r` (axis times angle). */
+/* Rotation by the vector `r` (axis times angle). Small angles: by series, to the last digit. */
 static inline quat q_exp(vec3 r) {
-    double angle = v3_norm(r);
-    double s = angle < 1e-8 ? 0.5 : sin(0.5 * angle) / angle;
-    return (quat){cos(0.5 * angle), s * r.x, s * r.y, s * r.z};
+    double half2 = 0.25 * v3_dot(r, r), s, c;
+    if (half2 < 1e-3) {
+        s = 0.5 + half2 * (-1.0 / 12 + half2 * (1.0 / 240 + half2 * (-1.0 / 10080 + half2 * (1.0 / 725760))));
+        c = 1.0 + half2 * (-1.0 / 2 + half2 * (1.0 / 24 + half2 * (-1.0 / 720 + half2 * (1.0 / 40320))));
+    } else {
+        double half = sqrt(half2);
+        s = 0.5 * sin(half) / half;
+        c = cos(half);
+    }
+    return (quat){c, s * r.x, s * r.y, s * r.z};
 }
 /* Rotation vector of `q`, angle in [0, pi]. */
 static inline vec3 q_log(quat q) {
     if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
-    double s = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
-    double scale = s < 1e-12 ? 2.0 : 2.0 * atan2(s, q.w) / s;
+    double s2 = q.x * q.x + q.y * q.y + q.z * q.z, scale;
+    if (s2 < 1e-3) /* of a unit quaternion: 2 asin(s) / s */
+        scale = 2.0 + s2 * (1.0 / 3 + s2 * (3.0 / 20 + s2 * (5.0 / 56 + s2 * (35.0 / 576 + s2 * (63.0 / 1408)))));
+    else
+        scale = 2.0 * atan2(sqrt(s2), q.w) / sqrt(s2);
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 

@@ -77,6 +77,8 @@ void assemble_between_points(const tick_context *tick) {
     row_matrix frames[MAX_POINTS];
     double by_joints[3][NEEDLE_LD + LANES];
     int order[MAX_POINTS];
+    const mat3 spring = {{{tick->base.compliance, 0, 0}, {0, tick->base.compliance, 0}, {0, 0, tick->base.compliance}}}; /* holds the base */
+    const row_matrix held = rows_of(&spring);
     sort_points(w, order);
     for (int i = 0; i < w->point_count; i++) frames[i] = rows_of(&w->points[i].at.frame);
     for (int k = 0; k < w->point_count; k++) {
@@ -89,7 +91,7 @@ void assemble_between_points(const tick_context *tick) {
             if (!guides_is_open(w, i) && !guides_is_open(w, j)) {
                 block = tissue_between(tick, i, j);
                 for (int a = 0; a < 3; a++) {
-                    block.row[a][a] += tick->base.compliance;
+                    block.row[a] += held.row[a];
                     for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) block.row[a] += other->weights[m] * lanes_load(&by_joints[a][3 * (other->first + m)]);
                 }
                 block = turned(&w->points[i].at.frame, block, &frames[j]);

@@ -54,12 +54,16 @@ static vec3 joint_stiffness(const needle_model *model, const needle_state *state
     double length = joint_length(model, k);
     const double b[3] = {model->bending / length, model->bending / length, model->torsion / length};
     vec3 w = joint_curvature(state, k);
-    mat3 rotation = q_matrix(state->frames[k]), back = m3_transposed(&rotation);
-    mat3 jacobian = inverse_right_jacobian(w), g = m3_multiply(&jacobian, &back);
+    mat3 rotation = q_matrix(state->frames[k]), jacobian = inverse_right_jacobian(w), turned[2];
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            stiffness->m[i][j] = g.m[0][i] * b[0] * g.m[0][j] + g.m[1][i] * b[1] * g.m[1][j] + g.m[2][i] * b[2] * g.m[2][j];
-    return m3_apply_transposed(&g, v3(b[0] * w.x, b[1] * w.y, b[2] * w.z));
+        for (int j = 0; j < 3; j++) {
+            turned[0].m[i][j] = jacobian.m[i][0] * rotation.m[j][0] + jacobian.m[i][1] * rotation.m[j][1] + jacobian.m[i][2] * rotation.m[j][2];
+            turned[1].m[i][j] = b[i] * turned[0].m[i][j];
+        }
+    for (int i = 0; i < 3; i++)
+        for (int j = i; j < 3; j++)
+            stiffness->m[i][j] = stiffness->m[j][i] = turned[0].m[0][i] * turned[1].m[0][j] + turned[0].m[1][i] * turned[1].m[1][j] + turned[0].m[2][i] * turned[1].m[2][j];
+    return m3_apply_transposed(&turned[1], w);
 }
 
 static vec3 rod_root_moment(const needle_model *model, const needle_state *state) {

@@ -262,6 +262,9 @@ bool haptic_tick(void *context, const loop_wake *wake) {
     trocar_needle_wrench_t messages[TROCAR_MAX_NEEDLES];
 
     memset(h->stages, 0, sizeof h->stages);
+    h->received = 0;
+    for (int i = h->needle_count - 1; i >= 0; i--)
+        if (newest->needles[i].held) h->received = newest->needles[i].received;
     tick_probe(h, wake);
     follow_commands(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);

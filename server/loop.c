@@ -36,6 +36,7 @@ void loop_run(loop *l) {
     int64_t period = (int64_t)(1e9 / l->rate_hz + 0.5), per_interval = (int64_t)(l->rate_hz / 10.0 + 0.5);
     thread_usage start = thread_usage_now();
     int64_t deadline = monotonic_ns() + period, missed = 0;
+    phase_lock phase = {.period = period};
     bool running = true;
 
     while (running) {
@@ -47,7 +48,8 @@ void loop_run(loop *l) {
         note(l, woke - deadline, ended - woke);
 
         missed = (ended - deadline) / period;
-        deadline += (1 + missed) * period;
+        int64_t shift = l->received != NULL ? phase_lock_shift(&phase, deadline, *l->received) : 0;
+        deadline += (1 + missed) * period + shift;
         l->misses += missed;
         l->ticks++;
         if (l->ticks % (10 * per_interval) == 0) l->usage = thread_usage_since(&start);

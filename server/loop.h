@@ -3,6 +3,7 @@
 #define TROCAR_LOOP_H
 
 #include "base/triple_buffer.h"
+#include "phase_lock.h"
 #include "timing.h"
 
 /* Timing information for a tick. */
@@ -29,13 +30,14 @@ typedef struct {
     bool (*tick)(void *context, const loop_wake *wake); /* false ends the loop. RT */
     void *context;
     const int64_t *stages;   /* LOOP_STAGES, ns: the last tick's time by stage, written by the tick; may be NULL */
+    const int64_t *received; /* ns, monotonic: when the pose came that the last tick answered, 0: none; NULL: the phase is free */
     triple_buffer *records;   /* loop_record */
     histogram lateness, compute;                     /* totals, valid after the loop has ended */
     int64_t ticks, misses;
     thread_usage usage;
 } loop;
 
-/* Runs ticks at the rate, in the calling thread, until one returns false. Periods lost to a late tick are
+/* Runs ticks at the rate, in the calling thread, until one returns false. With `received`, the phase follows the poses (phase_lock.h). Periods lost to a late tick are
    skipped and counted, never replayed in a burst. No allocation, lock, file or page fault. RT */
 void loop_run(loop *l);
 

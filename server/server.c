@@ -31,6 +31,7 @@ struct server {
     server_options options;
     trocar_scene *scene;
     double rate_hz;
+    bool phase_lock;
     int64_t id;                  /* in all of its messages */
     bool realtime;
     report refused;              /* the reason if real time is refused */
@@ -76,6 +77,9 @@ static void join(task *t) {
 static trocar_status read_scene(server *s, report *why) {
     trocar_status status = trocar_scene_load(s->options.scene_path, &s->scene, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(s->scene, "rate_hz", &s->rate_hz, why);
+    char locked[8] = "";
+    if (status == TROCAR_OK) status = trocar_scene_get(s->scene, "phase_lock", locked, sizeof locked, why);
+    s->phase_lock = strcmp(locked, "true") == 0;
     if (status != TROCAR_OK || s->options.rate_hz == 0.0) return status;
     s->rate_hz = s->options.rate_hz;
     if (s->rate_hz >= TROCAR_MIN_RATE && s->rate_hz <= TROCAR_MAX_RATE) return trocar_scene_set_number(s->scene, "rate_hz", s->rate_hz, why);
@@ -122,7 +126,7 @@ static trocar_status create_parts(server *s, report *why) {
     if (status != TROCAR_OK) return status;
     s->haptic.server = s->io.server = s->id;
     s->loop = (loop){.rate_hz = s->rate_hz, .tick = haptic_tick, .context = &s->haptic, .stages = s->haptic.stages,
-                     .records = &x->loops};
+                     .received = s->phase_lock ? &s->haptic.received : NULL, .records = &x->loops};
     s->worker = (worker){.exchange = x, .sim = s->sim};
     telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
                                   .server = s->id, .verbose = s->options.verbose};

@@ -12,6 +12,7 @@ typedef struct {
     char path[1024];         /* of the scene file, empty without one: relative paths start from its directory */
     simulation_config simulation;
     double rate_hz;          /* of the haptic loop */
+    int phase_lock;          /* 1: its ticks begin when poses come */
     char profile[MESH_NAME]; /* of the device, empty: none */
     device_limits device;
     pose start;              /* of the needle's base, outside the tissue; its position is NAN: none */

@@ -30,6 +30,7 @@ _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
 WORDS(model_word, [NEEDLE_ROD] = "rod", [NEEDLE_TETRAHEDRA] = "tetrahedra")
 WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PLACE_MOVED] = "moved")
 WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
+WORDS(switch_word, "false", "true")
 static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
 static const char *inverse_word(int index) { return index < INVERSE_CHOICES ? inverse_choice_name((inverse_choice)index) : NULL; }
 static const char *profile_word(int index) { return device_profiles[index]; }
@@ -44,6 +45,7 @@ const row SCENE_TABLE[] = {
     {"patient_to_mesh", "", TRANSFORM, OF(patient_to_mesh),
      .doc = "4 x 4, row by row: from the patient's coordinates (DICOM's LPS, mm) to the mesh's (m)"},
     {"rate_hz", "Hz", NUMBER, OF(rate_hz), &RATE, .doc = "of the haptic loop"},
+    {"phase_lock", "", WORD, OF(phase_lock), .words = switch_word, .doc = "whether the loop's ticks begin just after the device's poses come"},
 
     {"regions[].name", "", NAME, offsetof(region_config, name), .list = REGIONS, .required = true, .doc = "a physical volume of the mesh"},
     {"regions[].youngs_modulus", "Pa", NUMBER, MATERIAL(youngs_modulus), &POSITIVE, .list = REGIONS, .doc = "of the tissue"},

@@ -8,10 +8,14 @@ typedef struct {
     lanes row[3];
 } row_matrix;
 
-static row_matrix rows_of(const mat3 *m) {
-    row_matrix r;
-    for (int i = 0; i < 3; i++) r.row[i] = (lanes){m->m[i][0], m->m[i][1], m->m[i][2], 0.0};
-    return r;
+static inline row_matrix rows_of(const mat3 *m) {
+    const double *x = &m->m[0][0];
+    return (row_matrix){{lanes_load(x), lanes_load(x + 3), {x[6], x[7], x[8], 0.0}}};
+}
+
+static row_matrix columns_of(const mat3 *m) {
+    mat3 t = m3_transposed(m);
+    return rows_of(&t);
 }
 
 /* frame^T block other */
@@ -36,13 +40,16 @@ static void interpolate_rows(const needle_tangent *tangent, int segments, const 
 }
 
 /* Compliance of the tissue between points i and j, world frame, m/N. */
-static row_matrix tissue_between(const tick_context *tick, int i, int j) {
+static inline row_matrix tissue_between(const tick_context *tick, int i, int j) {
     const insertion_workspace *w = tick->scratch;
-    mat3 block = {{{0}}};
-    if (w->points[i].kind == POINT_TIP) block = w->tip_row[j];
-    else if (w->points[j].kind == POINT_TIP) block = m3_transposed(&w->tip_row[i]);
-    else if (i >= w->guided && j >= w->guided) block = m3_scaled(w->creep.yield, compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle));
-    return rows_of(&block);
+    if (w->points[i].kind == POINT_TIP) return rows_of(&w->tip_row[j]);
+    if (w->points[j].kind == POINT_TIP) return columns_of(&w->tip_row[i]);
+    if (i < w->guided || j < w->guided) return (row_matrix){{{0}}};
+    int from = w->points[i].handle, to = w->points[j].handle;
+    const mat3 *pair = &tick->snapshot->between_contacts[contact_pair(from, to)]; /* as compliance_between, without copies */
+    row_matrix block = from <= to ? rows_of(pair) : columns_of(pair);
+    for (int a = 0; a < 3; a++) block.row[a] *= w->creep.yield;
+    return block;
 }
 
 /* Stores a block in the upper triangle, i <= j. */

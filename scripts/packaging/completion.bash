@@ -34,4 +34,5 @@ _trocar() {
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan \
+    trocar-haply trocar-slicer trocar-spacemouse

@@ -151,8 +151,10 @@ static void say(const char *text) { fprintf(stderr, "trocar-spacemouse: %s\n", t
 static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pending == ACTION_LEAVE; }
 
 static void ask(bridge *b, action_kind action) {
-    if (b->pending >= 0) return say("the last command waits for its reply: press again");
-    if (b->rests && (action == ACTION_SEED || action == ACTION_UNDO)) return say("the needle rests: take it first, with the button for leave");
+    bool needs_hold = action == ACTION_SEED || action == ACTION_UNDO;
+    if (b->pending >= 0) say("the last command waits for its reply: press again");
+    else if (b->rests && needs_hold) say("the needle rests: take it first, with the button for leave");
+    if (b->pending >= 0 || (b->rests && needs_hold)) return;
     switch (action) {
     case ACTION_RESET: trocar_client_reset(b->client); break;
     case ACTION_LEAVE: b->rests ? trocar_client_take(b->client) : trocar_client_leave(b->client); break;
@@ -196,8 +198,9 @@ static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w
     if (!answered) {
         if (b->silent || now - b->heard < SILENCE) return;
         b->silent = true;
-        return say(b->tick == 0 ? "no wrenches: waiting for trocar-server. If it runs, trocar-top shows who holds the needle"
-                                : "the server is silent: the needle stays where it is until it answers");
+        say(b->tick == 0 ? "no wrenches: waiting for trocar-server. If it runs, trocar-top shows who holds the needle"
+                         : "the server is silent: the needle stays where it is until it answers");
+        return;
     }
     bool anew = b->tick == 0 || w->tick < b->tick;
     if (anew && b->tick > 0) say("the server was restarted: what is in the tissue counts as inserted, without force; reset takes the needle out");

@@ -85,3 +85,5 @@ rate_control_command mapping_command(const mapping *m, const input_state *state)
     return (rate_control_command){.right = -share(m, state, MOVE_RIGHT), .up = share(m, state, MOVE_UP), .forward = share(m, state, MOVE_FORWARD),
                                   .pitch = -share(m, state, MOVE_PITCH), .yaw = share(m, state, MOVE_YAW), .roll = share(m, state, MOVE_ROLL)};
 }
+
+double axial_push(const double force[3], quat orientation) { return -v3_dot(v3(force[0], force[1], force[2]), q_axis(orientation)); }

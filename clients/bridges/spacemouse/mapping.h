@@ -25,4 +25,7 @@ bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size)
 /* Deflections beyond the dead zone count from its edge on, so that the needle starts slowly: share (|a| - d) / (1 - d). */
 rate_control_command mapping_command(const mapping *m, const input_state *state);
 
+/* N, what a hand feels that pushes the needle along its axis: above 0 against the push. `force` (N, world frame) is the wrench's. */
+double axial_push(const double force[3], quat orientation);
+
 #endif

@@ -230,7 +230,7 @@ static void exchange(bridge *b, double dt) {
     move(b, state, answered && held, dt);
     trocar_pose base = library_pose(b->drive.base);
     if (held) trocar_client_publish(b->client, base.position, base.orientation);
-    input_render(b->in, held ? -v3_dot(load_vec3(w.force), q_axis(b->drive.base.orientation)) : 0);
+    input_render(b->in, held ? axial_push(w.force, b->drive.base.orientation) : 0);
 }
 
 static void run(bridge *b) {

@@ -1,0 +1,13 @@
+# trocar-spacemouse: see test_joystick.c and test_spacemouse.py.
+add_executable(test_joystick bridges/test_joystick.c)
+target_include_directories(test_joystick PRIVATE ${CMAKE_CURRENT_SOURCE_DIR})
+target_link_libraries(test_joystick PRIVATE trocar_spacemouse PkgConfig::CMOCKA)
+target_link_options(test_joystick PRIVATE -Wl,--wrap=libevdev_new_from_fd,--wrap=libevdev_next_event,--wrap=ioctl)
+add_test(NAME test_joystick COMMAND test_joystick)
+set_tests_properties(test_joystick PROPERTIES TIMEOUT 60)
+set(uncertain)
+if(TROCAR_SANITIZE)
+    set(uncertain uncertain)
+endif()
+add_test(NAME spacemouse COMMAND ${witness} /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/bridges/test_spacemouse.py ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR} ${uncertain})
+set_tests_properties(spacemouse PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 180 ${one_at_a_time})

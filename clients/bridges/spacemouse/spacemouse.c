@@ -141,7 +141,7 @@ typedef struct {
     int pending;                        /* action whose reply is to come, -1: none */
     bool rests;                         /* the needle has been left */
     double heard;                       /* s, last wrench, or when they were expected first */
-    int64_t tick;                       /* of the last wrench, 0: none yet */
+    int64_t tick;                       /* of the last wrench, -1: none yet */
     bool silent;                        /* it has been told that there are no wrenches */
 } bridge;
 
@@ -198,13 +198,12 @@ static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w
     if (!answered) {
         if (b->silent || now - b->heard < SILENCE) return;
         b->silent = true;
-        say(b->tick == 0 ? "no wrenches: waiting for trocar-server. If it runs, trocar-top shows who holds the needle"
+        say(b->tick < 0 ? "no wrenches: waiting for trocar-server. If it runs, trocar-top shows who holds the needle"
                          : "the server is silent: the needle stays where it is until it answers");
         return;
     }
-    bool anew = b->tick == 0 || w->tick < b->tick;
-    if (anew && b->tick > 0) say("the server was restarted: what is in the tissue counts as inserted, without force; reset takes the needle out");
-    else if (b->tick == 0) say("the server answers");
+    if (b->tick < 0) say("the server answers");
+    else if (w->tick < b->tick) say("the server was restarted: what is in the tissue counts as inserted, without force; reset takes the needle out");
     else if (b->silent) say("the server answers again");
     b->silent = false;
     b->heard = now;
@@ -263,7 +262,7 @@ static trocar_status read_scene(const options *o, pose *start, double *length, r
 }
 
 static trocar_status drive(options *o, report *why) {
-    bridge b = {.options = o, .pending = -1};
+    bridge b = {.options = o, .pending = -1, .tick = -1};
     pose start = MOTION_START;
     double length = 0.2;
     trocar_status status = read_scene(o, &start, &length, why);

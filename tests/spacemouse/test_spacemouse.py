@@ -300,6 +300,8 @@ class Trial:
 
             bridge.process.send_signal(signal.SIGTERM)
             assert bridge.process.wait(10) == 0, f"status {bridge.process.returncode}: {bridge.said}"
+            repeated = [line for before, line in zip(bridge.said, bridge.said[1:]) if line == before]
+            assert not repeated and sum("the server answers" in line for line in bridge.said) == 1, bridge.said
         finally:
             bridge.process.kill()
             if self.server:

@@ -25,7 +25,7 @@ set_tests_properties(live_replay PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${al
 add_test(NAME top COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_top.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(top PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${one_at_a_time} LABELS release_only)
 add_test(NAME udp_json COMMAND ${witness} /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/test_udp_json.py ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
-set_tests_properties(udp_json PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${one_at_a_time} LABELS release_only)
+set_tests_properties(udp_json PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${one_at_a_time} LABELS single_thread)
 add_test(NAME json_lines COMMAND /usr/bin/python3 ${CMAKE_CURRENT_SOURCE_DIR}/test_json_lines.py ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})
 set_tests_properties(json_lines PROPERTIES TIMEOUT 120 LABELS single_thread)
 add_test(NAME packets COMMAND ${witness} ${CMAKE_CURRENT_SOURCE_DIR}/test_packets.sh ${PROJECT_BINARY_DIR} ${PROJECT_SOURCE_DIR})

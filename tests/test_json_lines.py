@@ -41,6 +41,11 @@ def expected(row):
     return o
 
 
+def layout_curves():
+    """The curves of the layout that docs/plotting.md offers for CSV."""
+    return re.findall('<curve name="([^"]+)"', (SOURCE / "docs/examples/plotjuggler-csv.xml").read_text())
+
+
 def compare(rows, objects):
     assert len(rows) == len(objects) > 10, (len(rows), len(objects))
     for row, found in zip(rows, objects):
@@ -52,6 +57,7 @@ def main():
         folder = Path(name)
         rows, objects = replay(folder, SOURCE / "meshes/figure8.yaml", SOURCE / "tests/traces/figure8.log")
         compare(rows, objects)
+        assert len(layout_curves()) > 5 and set(layout_curves()) < set(rows[0]), set(layout_curves()) - set(rows[0])
         assert any(o["contacts"] > 0 for o in objects) and any("puncture" in o["events"] for o in objects)
 
         scene = (SOURCE / "meshes/trus.yaml").read_text()

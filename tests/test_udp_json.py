@@ -6,7 +6,7 @@ Status 77: no private network namespace here.
 """
 import collections
 import json
-import os
+import re
 import signal
 import socket
 import struct
@@ -83,6 +83,19 @@ def compare(objects, wrenches):
     return found
 
 
+def names(value, name=""):
+    """The names that PlotJuggler gives to the numbers of an object."""
+    if isinstance(value, dict):
+        return {each for key in value for each in names(value[key], f"{name}/{key}")}
+    return {name} if isinstance(value, (int, float)) else set()
+
+
+def check_layout(objects):
+    curves = re.findall('<curve name="([^"]+)"', open(f"{SOURCE}/docs/examples/plotjuggler-live.xml").read())
+    sent = set().union(*map(names, objects))
+    assert len(curves) > 10 and set(curves) < sent, set(curves) - sent
+
+
 def rate(found):
     return (len(found) - 1) / (found[-1]["timestamp"] - found[0]["timestamp"])
 
@@ -113,6 +126,7 @@ def live():
     top = start(TOP, "--udp-json", "localhost:9870", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     objects = listen(listener, 1.5)
     found = compare(objects, wrenches)
+    check_layout(objects)
     print(f"{rate(found):.1f} wrenches a second, {len(objects)} datagrams")
     assert 85 < rate(found) < 105
     assert any(o["needle0"]["contacts"] > 0 and "base_m" in o["needle0"] for o in found), found[-1]

@@ -7,6 +7,8 @@ _trocar() {
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift | --seeds) _filedir csv ;;
+        --json-lines) _filedir jsonl ;;
+        --joystick) _filedir ;;
         --png) _filedir png ;;
         --cut) mapfile -t COMPREPLY < <(compgen -W "sagittal coronal axial" -- "$cur") ;;
         --theme) mapfile -t COMPREPLY < <(compgen -W "light dark" -- "$cur") ;;

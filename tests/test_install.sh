@@ -110,9 +110,11 @@ offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers tro
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
+offers trocar-spacemouse --dead | grep -q "^--dead-zone=" || fail "trocar-spacemouse --dead<TAB>: $(offers trocar-spacemouse --dead)"
 offers trocar-haply --ver | grep -q "^--version" || fail "trocar-haply --ver<TAB>: $(offers trocar-haply --ver)"
-touch scene.yaml scene.csv
+touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
+[ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"

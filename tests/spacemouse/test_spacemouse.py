@@ -269,7 +269,16 @@ class Trial:
         daemon.end()
         return seen
 
+    def starts_where_the_scene_says(self):
+        bridge = Program(BRIDGE, "--scene", f"{SOURCE}/meshes/prostate.yaml", SPNAV_SOCKET=self.path)
+        wait(lambda: self.poses.take(), "no poses")
+        assert self.poses.newest[1:] == ([0, 0, -0.201], [1, 0, 0, 0]), self.poses.newest
+        bridge.process.send_signal(signal.SIGINT)
+        assert bridge.process.wait(10) == 0, bridge.said
+        self.poses.take()
+
     def run(self):
+        self.starts_where_the_scene_says()
         bridge = Program(BRIDGE, "--scene", f"{SOURCE}/meshes/figure8.yaml", "--start", "0.005,0.003,-0.201", "--max-speed", str(SPEED), "--max-turn", str(TURN),
                          "--buttons", "clutch=0,reset=1,leave=2,seed=3", SPNAV_SOCKET=self.path)
         try:
@@ -328,6 +337,7 @@ def main():
     refuses("--joystick", "--full-force", "0", why="0.1 N")
     refuses("--start", "1,2", why="3 finite numbers")
     refuses("--scene", "/nowhere.yaml", why="/nowhere.yaml")
+    refuses("--scene", f"{SOURCE}/meshes/figure8.yaml", why="has no needle.start")
     with tempfile.TemporaryDirectory() as folder:
         Trial(folder).run()
     print("passed")

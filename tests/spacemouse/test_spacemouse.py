@@ -9,6 +9,7 @@ import math
 import os
 import signal
 import socket
+import statistics
 import struct
 import subprocess
 import sys
@@ -142,21 +143,31 @@ def check(what, value, wanted, tolerance):
 
 
 def velocity(poses):
-    """m/s of the base, over what was seen."""
-    (t0, x0, _), (t1, x1, _) = poses[0], poses[-1]
-    return [(b - a) / (t1 - t0) for a, b in zip(x0, x1)]
+    """m/s of the base."""
+    return typical(poses, lambda a, b: [q - p for p, q in zip(a[1], b[1])])
 
 
-def rotation_rate(poses):
-    """rad/s about the axes of the world, from the first to the last orientation."""
-    (t0, _, a), (t1, _, b) = poses[0], poses[-1]
+def rotation(one, other):
+    """Rotation vector about the axes of the world, rad, from one pose to another."""
+    a, b = one[2], other[2]
     w = sum(p * q for p, q in zip(a, b))
     x = b[1] * a[0] - b[0] * a[1] - b[2] * a[3] + b[3] * a[2]
     y = b[2] * a[0] - b[0] * a[2] - b[3] * a[1] + b[1] * a[3]
     z = b[3] * a[0] - b[0] * a[3] - b[1] * a[2] + b[2] * a[1]
     sine = math.sqrt(x * x + y * y + z * z)
-    angle = 2 * math.atan2(sine, w)
-    return [angle / (t1 - t0) * c / sine if sine > 0 else 0 for c in (x, y, z)]
+    return [2 * math.atan2(sine, w) * c / sine if sine > 0 else 0 for c in (x, y, z)]
+
+
+def rotation_rate(poses):
+    """rad/s."""
+    return typical(poses, rotation)
+
+
+def typical(poses, change, step=20):
+    """Median of the rates of change over 20 poses, by their own times: a machine that stands still now and then does not alter it."""
+    pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
+    rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
+    return [statistics.median(axis) for axis in zip(*rates)]
 
 
 class Trial:

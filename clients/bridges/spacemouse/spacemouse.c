@@ -22,7 +22,8 @@
 const char *argp_program_version = "trocar-spacemouse " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double SILENCE = 0.5;      /* s without a wrench until it is told */
+static const double PATIENCE = 0.1;     /* s without a wrench until the needle stands still; the force is zero earlier */
+static const double SILENCE = 0.5;      /* s until it is told */
 static const double LONGEST_STEP = 0.01; /* s */
 
 typedef struct {
@@ -140,7 +141,7 @@ typedef struct {
     uint32_t presses[INPUT_BUTTONS];    /* that have been dealt with */
     int pending;                        /* action whose reply is to come, -1: none */
     bool rests;                         /* the needle has been left */
-    double heard;                       /* s, last wrench, or when they were expected first */
+    double heard;                       /* s, last wrench, or when one was expected first */
     int64_t tick;                       /* of the last wrench, -1: none yet */
     bool silent;                        /* it has been told that there are no wrenches */
 } bridge;
@@ -210,12 +211,13 @@ static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w
     b->tick = w->tick;
 }
 
-static void move(bridge *b, const input_state *state, bool answered, double dt) {
+static void move(bridge *b, const input_state *state, bool held, double dt) {
     int clutch = b->options->map.buttons[ACTION_CLUTCH];
     rate_control_command command = mapping_command(&b->options->map, state);
     if (clutch >= 0 && state->held[clutch]) command = (rate_control_command){0};
-    if (answered) rate_control_step(&b->drive, &b->limits, command, dt);
-    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* at rest: without force, no motion */
+    bool guarded = b->tick >= 0 && playing_now() - b->heard < PATIENCE;
+    if (held && guarded) rate_control_step(&b->drive, &b->limits, command, dt);
+    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* at rest: without a server, no motion */
 }
 
 /* One period of the device. */
@@ -226,7 +228,7 @@ static void exchange(bridge *b, double dt) {
     heed_buttons(b, state);
     bool answered = trocar_client_newest(b->client, &w), held = !b->rests && !waits(b);
     if (held) watch_server(b, answered, &w);
-    move(b, state, answered && held, dt);
+    move(b, state, held, dt);
     trocar_pose base = library_pose(b->drive.base);
     if (held) trocar_client_publish(b->client, base.position, base.orientation);
     input_render(b->in, held ? axial_push(w.force, b->drive.base.orientation) : 0);

@@ -37,15 +37,20 @@ class Service:
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
-        self.listener = socket.create_server(("127.0.0.1", port))
-        self.port, self.client, self.stopped = self.listener.getsockname()[1], None, False
+        self.port = port
+        self.start()
+
+    def start(self):
+        self.listener, self.client = socket.create_server(("127.0.0.1", self.port)), None
+        self.port = self.listener.getsockname()[1]
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
 
     def stop(self):
-        self.stopped = True
+        self.listener.shutdown(socket.SHUT_RDWR) # wakes the thread
         self.listener.close()
         self.disconnect()
+        self.thread.join()
 
     def disconnect(self):
         client = self.client
@@ -56,7 +61,7 @@ class Service:
                 pass
 
     def serve(self):
-        while not self.stopped:
+        while True:
             try:
                 self.client = self.listener.accept()[0]
             except OSError:

@@ -241,7 +241,7 @@ def main():
     in_namespace(__file__, sys.argv[1:], arguments.source)
     random.seed(arguments.seed)
     with tempfile.TemporaryDirectory() as folder:
-        rig = Rig(arguments.build, arguments.source, folder)
+        rig = Rig(arguments.build, arguments.source, folder, realtime=True)
         rig.service.position = HOME
         try:
             rig.start_server()

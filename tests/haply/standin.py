@@ -7,6 +7,7 @@ import base64
 import hashlib
 import json
 import math
+import os
 import socket
 import sys
 import threading
@@ -33,11 +34,11 @@ class Service:
     answer     function of the state, a dictionary, that returns the text to send, None for none, or raises Disconnect
     """
 
-    def __init__(self, port=0, version="3.5"):
+    def __init__(self, port=0, version="3.5", realtime=False):
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
-        self.port = port
+        self.port, self.realtime = port, realtime
         self.start()
 
     def start(self):
@@ -61,6 +62,8 @@ class Service:
                 pass
 
     def serve(self):
+        if self.realtime:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20)) # this thread
         while True:
             try:
                 self.client = self.listener.accept()[0]

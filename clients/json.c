@@ -42,6 +42,25 @@ void json_number(json *j, const char *name, double value) {
     else fputs("null", j->out);
 }
 
+void json_exact(json *j, const char *name, double value) {
+    begin(j, name);
+    if (isfinite(value)) fprintf(j->out, "%.17g", value);
+    else fputs("null", j->out);
+}
+
+void json_xyz(json *j, const char *name, vec3 v) {
+    json_open(j, name, '{');
+    json_exact(j, "x", v.x);
+    json_exact(j, "y", v.y);
+    json_exact(j, "z", v.z);
+    json_close(j, '}');
+}
+
+void json_time_stamp(json *j, double time) {
+    begin(j, "timestamp");
+    fprintf(j->out, "%.6f", time);
+}
+
 void json_numbers(json *j, const char *name, const double *values, int count) {
     json_open(j, name, '[');
     for (int i = 0; i < count; i++) json_number(j, NULL, values[i]);

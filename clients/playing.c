@@ -1,5 +1,7 @@
+#define _GNU_SOURCE
 #include "playing.h"
 
+#include <errno.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -25,7 +27,7 @@ bool playing_interrupted(void) { return interrupted; }
 bool playing_use_realtime(void) {
     int error = realtime_use_fifo(PRIORITY_DEVICE);
     if (error == 0) return true;
-    fprintf(stderr, "trocar-device: SCHED_FIFO refused (%s): raise the limit rtprio; playing without real time\n", strerror(error));
+    fprintf(stderr, "%s: SCHED_FIFO refused (%s): raise the limit rtprio; running without real time\n", program_invocation_short_name, strerror(error));
     return false;
 }
 

@@ -20,6 +20,7 @@
 #include "progress.h"
 #include "region_motion.h"
 #include "seed_table.h"
+#include "tick_row.h"
 #include "trocar.h"
 #include "vtu.h"
 
@@ -27,7 +28,7 @@ const char *argp_program_version = "trocar-replay " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *scene_path, *pose_path, *log_path, *csv_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
+    const char *scene_path, *pose_path, *log_path, *csv_path, *json_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
     double at;               /* s after the first pose; NaN: the last one */
     double tolerance;        /* share of the peak */
     int needle;              /* index of the replayed needle; -1: the first pose's */
@@ -54,7 +55,7 @@ typedef struct {
     trocar_output result;              /* of the last tick */
     trocar_picture *picture;           /* for --vtu and --pvd */
     double *displacements;             /* for --shift: 3 per node of the mesh, m; else NULL */
-    output log_file, csv_file, shift_file, seeds_file;
+    output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
     wrench_log golden;
     trocar_needle_wrench_t *replayed;  /* one per pose, for --compare; else NULL */
@@ -76,7 +77,7 @@ typedef struct {
 
 enum {
     OPTION_OUT = 256, OPTION_EVERY, OPTION_CSV, OPTION_VTU, OPTION_PVD, OPTION_AT, OPTION_COMPARE, OPTION_TOLERANCE,
-    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT, OPTION_SEEDS, OPTION_ALL
+    OPTION_SHIFT, OPTION_REGION, OPTION_NEEDLE, OPTION_PATIENT, OPTION_SEEDS, OPTION_ALL, OPTION_JSON
 };
 
 static const struct argp_option option_list[] = {
@@ -87,6 +88,7 @@ static const struct argp_option option_list[] = {
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
     {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
+    {"json-lines", OPTION_JSON, "FILE", 0, "Write the same as --csv as one JSON object per line", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in a scene with a probe, PREFIX-probe.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
     {"at", OPTION_AT, "SECONDS", 0, "Time of the state that --vtu writes, counted from the first pose (default: the end)", 0},
@@ -110,6 +112,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
     case OPTION_OUT: o->log_path = text; break;
     case OPTION_CSV: o->csv_path = text; break;
+    case OPTION_JSON: o->json_path = text; break;
     case OPTION_VTU: o->vtu_prefix = text; break;
     case OPTION_PVD: o->pvd_prefix = text; break;
     case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
@@ -158,6 +161,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     trocar_status status = TROCAR_OK;
     if (r->options->log_path) status = output_open(&r->log_file, r->options->log_path, why);
     if (status == TROCAR_OK && r->options->csv_path) status = output_open(&r->csv_file, r->options->csv_path, why);
+    if (status == TROCAR_OK && r->options->json_path) status = output_open(&r->json_file, r->options->json_path, why);
     if (status == TROCAR_OK && r->options->pvd_prefix) status = pvd_open(&r->series, r->options->pvd_prefix, why);
     if (status == TROCAR_OK && r->options->shift_path) status = output_open(&r->shift_file, r->options->shift_path, why);
     if (status == TROCAR_OK && r->options->seeds_path) status = output_open(&r->seeds_file, r->options->seeds_path, why);
@@ -165,18 +169,6 @@ static trocar_status open_outputs(replay *r, report *why) {
         fprintf(r->shift_file.file, "t [s],%s,superior [mm],sagittal [deg],coronal [deg],axial [deg]\n",
                 r->patient ? "left [mm],posterior [mm]" : "right [mm],anterior [mm]");
     return status;
-}
-
-/* Columns of the probe come last. */
-static void csv_head(const replay *r) {
-    FILE *out = r->csv_file.file;
-    const char *unit = patient_unit(r->patient);
-    fprintf(out, "t [s],fx [N],fy [N],fz [N],tx [N m],ty [N m],tz [N m],depth [m],contacts,events,needle,tip_lead [rad],"
-            "base_x [%s],base_y [%s],base_z [%s],tip_x [%s],tip_y [%s],tip_z [%s]", unit, unit, unit, unit, unit, unit);
-    if (r->has_probe)
-        fprintf(out, ",probe_fx [N],probe_fy [N],probe_fz [N],probe_tx [N m],probe_ty [N m],probe_tz [N m],probe_contacts,"
-                "probe_x [%s],probe_y [%s],probe_z [%s]", unit, unit, unit);
-    fputc('\n', out);
 }
 
 static trocar_status prepare_comparison(replay *r, report *why) {
@@ -209,7 +201,7 @@ static trocar_status create_simulation(replay *r, report *why) {
     if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", trocar_model_description(r->model));
     trocar_probe_shape ignored;
     r->has_probe = trocar_model_probe(r->model, &ignored) == 1;
-    if (r->csv_file.file) csv_head(r);
+    if (r->csv_file.file) tick_row_csv_head(r->csv_file.file, patient_unit(r->patient), r->has_probe);
     return r->options->shift_path ? prepare_shift(r, why) : TROCAR_OK;
 }
 
@@ -231,6 +223,7 @@ static trocar_status prepare(replay *r, report *why) {
 static void clean_up(replay *r) {
     output_abandon(&r->log_file);
     output_abandon(&r->csv_file);
+    output_abandon(&r->json_file);
     pvd_abandon(&r->series);
     output_abandon(&r->shift_file);
     output_abandon(&r->seeds_file);
@@ -286,34 +279,32 @@ static trocar_status log_origin(replay *r, report *why) {
 /* Of the simulation. */
 static int needle_of(const replay *r, int tick) { return r->options->all ? r->poses.poses[tick].needle : 0; }
 
-/* A probe that has not been placed yet has no position. */
-static void csv_probe(const replay *r) {
+static void add_probe(const replay *r, tick_row *row) {
     trocar_probe p = trocar_sim_probe(r->sim);
-    vec3 force = axes_to_patient(r->patient, load_vec3(p.force)), torque = axes_to_patient(r->patient, load_vec3(p.torque));
-    vec3 base = mesh_to_patient(r->patient, load_vec3(p.base.position));
-    fprintf(r->csv_file.file, ",%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,", force.x, force.y, force.z, torque.x, torque.y, torque.z, p.contacts);
-    if (p.placed) fprintf(r->csv_file.file, "%.17g,%.17g,%.17g", base.x, base.y, base.z);
-    else fprintf(r->csv_file.file, ",,");
+    row->probe_force = axes_to_patient(r->patient, load_vec3(p.force));
+    row->probe_torque = axes_to_patient(r->patient, load_vec3(p.torque));
+    row->probe_contacts = p.contacts;
+    row->probe_placed = p.placed;
+    row->probe_base = mesh_to_patient(r->patient, load_vec3(p.base.position));
 }
 
-static void csv_tick(const replay *r, int tick) {
+static void write_row(const replay *r, int tick) {
     int needle = needle_of(r, tick);
     const trocar_output *w = &r->result;
-    char events[256], key[64], membrane[256] = "";
+    char key[64], membrane[256] = "";
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
-    events_text(w->events, membrane, events, sizeof events);
     double joints[TROCAR_MAX_JOINTS][3];
     int count = trocar_sim_centreline(r->sim, needle, joints[0], TROCAR_MAX_JOINTS);
-    vec3 force = axes_to_patient(r->patient, load_vec3(w->force));
-    vec3 torque = axes_to_patient(r->patient, load_vec3(w->torque));
-    vec3 base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position));
-    vec3 tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1]));
-    fprintf(r->csv_file.file, "%.6f,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g",
-            pose_log_time(&r->poses, tick), force.x, force.y, force.z, torque.x, torque.y, torque.z, w->depth, w->contacts, events,
-            r->poses.poses[tick].needle, trocar_sim_tip_lead(r->sim, needle), base.x, base.y, base.z, tip.x, tip.y, tip.z);
-    if (r->has_probe) csv_probe(r);
-    fputc('\n', r->csv_file.file);
+    tick_row row = {.time = pose_log_time(&r->poses, tick), .force = axes_to_patient(r->patient, load_vec3(w->force)),
+                    .torque = axes_to_patient(r->patient, load_vec3(w->torque)), .depth = w->depth, .contacts = w->contacts,
+                    .needle = r->poses.poses[tick].needle, .tip_lead = trocar_sim_tip_lead(r->sim, needle),
+                    .base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position)),
+                    .tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1])), .unit = patient_unit(r->patient), .has_probe = r->has_probe};
+    events_text(w->events, membrane, row.events, sizeof row.events);
+    if (r->has_probe) add_probe(r, &row);
+    if (r->csv_file.file) tick_row_csv(&row, r->csv_file.file);
+    if (r->json_file.file) tick_row_json(&row, r->json_file.file);
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
@@ -467,7 +458,7 @@ static trocar_status run_tick(replay *r, int tick, report *why) {
     }
     status = trocar_sim_step(r->sim, needle_of(r, tick), &base, dt, &r->result, why);
     if (status != TROCAR_OK) return status;
-    if (r->csv_file.file) csv_tick(r, tick);
+    if (r->csv_file.file || r->json_file.file) write_row(r, tick);
     if (r->shift_file.file) status = shift_tick(r, tick, why);
     trocar_needle_wrench_t message = message_of_tick(r, tick);
     if (status == TROCAR_OK && r->log_file.file) status = log_tick(r, tick, &message, why);
@@ -493,6 +484,7 @@ static trocar_status run_all(replay *r, report *why) {
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->csv_file, why);
+    if (status == TROCAR_OK) status = output_commit(&r->json_file, why);
     if (status == TROCAR_OK) status = pvd_close(&r->series, why);
     if (status == TROCAR_OK) status = output_commit(&r->shift_file, why);
     if (status != TROCAR_OK || !r->replayed) return status;

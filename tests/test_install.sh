@@ -11,31 +11,36 @@ export LC_ALL=C.UTF-8
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb)
-dpkg-deb --extract "$package" root
-dpkg-deb --extract "$python_package" root
+package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb) bridges=$(echo "$build"/packages/trocar-bridges_*.deb)
+for archive in "$package" "$python_package" "$bridges"; do dpkg-deb --extract "$archive" root; done
 prefix=$work/root/usr
 
 # Every library that a program needs comes with a package in Depends, and apt can install them.
-depends=$(dpkg-deb --field "$package" Depends)
-for path in "$prefix"/bin/*; do
-    for library in $(objdump -p "$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
-        file=$(ldd "$path" | awk -v library="$library" '$1 == library { print $3 }')
-        echo "$path $library $(realpath "$file")"
+for archive in "$package" "$bridges"; do
+    for path in $(dpkg-deb --fsys-tarfile "$archive" | tar -t --wildcards './usr/bin/*'); do
+        for library in $(objdump -p "root/$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
+            file=$(ldd "root/$path" | awk -v library="$library" '$1 == library { print $3 }')
+            echo "$archive $path $library $(realpath "$file")"
+        done
     done
 done >needed
 [ -s needed ] || fail "no program needs a library"
 # One call for all, since each takes half a second; packages may list /usr/lib as /lib.
-dpkg -S $(awk '{ print $3; sub("^/usr/", "/", $3); print $3 }' needed | sort -u) >owners 2>/dev/null || true
-while read -r path library file; do
+dpkg -S $(awk '{ print $4; sub("^/usr/", "/", $4); print $4 }' needed | sort -u) >owners 2>/dev/null || true
+while read -r archive path library file; do
+    depends=$(dpkg-deb --field "$archive" Depends)
     grep -qwFf <(sed -nE "s|:.* (/usr)?${file#/usr}\$||p" owners) <<<"$depends" ||
         fail "$path needs $library of $(grep "${file##*/}\$" owners), which is missing from: $depends"
 done <needed
+depends=$(dpkg-deb --field "$package" Depends)
 [[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
-apt-get install --simulate "$package" "$python_package" >apt.txt 2>&1 || fail "$(cat apt.txt)"
-for name in trocar python3-trocar; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
-grep -qF "trocar (= $(dpkg-deb --field "$package" Version))" <<<"$(dpkg-deb --field "$python_package" Depends)" ||
-    fail "$python_package depends on another version of the library: $(dpkg-deb --field "$python_package" Depends)"
+! [[ $depends =~ cjson|openigtlink|spnav|evdev ]] || fail "the server needs a bridge's library: $depends"
+apt-get install --simulate "$package" "$python_package" "$bridges" >apt.txt 2>&1 || fail "$(cat apt.txt)"
+for name in trocar python3-trocar trocar-bridges; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
+for archive in "$python_package" "$bridges"; do
+    grep -qF "trocar (= $(dpkg-deb --field "$package" Version))" <<<"$(dpkg-deb --field "$archive" Depends)" ||
+        fail "$archive depends on another version of trocar: $(dpkg-deb --field "$archive" Depends)"
+done
 for file in share/trocar/trocar.lcm share/trocar/scenes/figure8.yaml share/doc/trocar/README.md share/doc/trocar/copyright; do
     [ -f "$prefix/$file" ] || fail "no $file"
 done
@@ -105,8 +110,11 @@ offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers tro
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
-touch scene.yaml scene.csv
+offers trocar-spacemouse --dead | grep -q "^--dead-zone=" || fail "trocar-spacemouse --dead<TAB>: $(offers trocar-spacemouse --dead)"
+offers trocar-haply --ver | grep -q "^--version" || fail "trocar-haply --ver<TAB>: $(offers trocar-haply --ver)"
+touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
+[ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"

@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <cmocka.h>
@@ -35,6 +36,21 @@ static void times_are_members_in_seconds(void **state) {
     assert_string_equal(text, "\"p50_s\": 5e-08, \"p99_s\": 5e-08, \"max_s\": 5e-08");
 }
 
+static void exact_numbers_are_read_as_the_same(void **state) {
+    (void)state;
+    json j = {.out = open_text()};
+    json_open(&j, NULL, '{');
+    json_time_stamp(&j, 1700000000.25);
+    json_exact(&j, "third", 1.0 / 3);
+    json_exact(&j, "none", INFINITY);
+    json_xyz(&j, "v", v3(-1, NAN, 1e300));
+    json_close(&j, '}');
+    fclose(j.out);
+    assert_string_equal(text, "{\"timestamp\": 1700000000.250000, \"third\": 0.33333333333333331, \"none\": null, \"v\": {\"x\": -1, \"y\": null, "
+                              "\"z\": 1.0000000000000001e+300}}");
+    assert_true(strtod(strstr(text, "0.3"), NULL) == 1.0 / 3);
+}
+
 static void documents_have_their_commas(void **state) {
     (void)state;
     json j = {.out = open_text()};
@@ -56,6 +72,7 @@ static void documents_have_their_commas(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(documents_have_their_commas),
                                        cmocka_unit_test(strings_are_quoted_and_escaped),
-                                       cmocka_unit_test(times_are_members_in_seconds)};
+                                       cmocka_unit_test(times_are_members_in_seconds),
+                                       cmocka_unit_test(exact_numbers_are_read_as_the_same)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

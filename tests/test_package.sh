@@ -15,10 +15,10 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; cat dpkg.txt calls 2>/dev/null >&2; exit 1; }
 
-package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb)
+package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/packages/python3-trocar_*.deb) bridges=$(echo "$build"/packages/trocar-bridges_*.deb)
 [ "$(dpkg-deb --field "$package" Version)" = "$(dpkg-parsechangelog -l "$source/scripts/packaging/changelog" -S Version)" ] ||
     fail "scripts/packaging/changelog has another version than $package"
-lintian --allow-root --fail-on error,warning "$package" "$python_package" || fail "lintian"
+lintian --allow-root --fail-on error,warning "$package" "$python_package" "$bridges" || fail "lintian"
 
 # systemctl: applies start, stop and try-restart to the server in the root, and logs the calls.
 mkdir -p bin root/run/systemd/system root/etc root/var/lib/dpkg/{info,updates} root/var/cache/private
@@ -54,6 +54,11 @@ package --install "$python_package"
 [ -n "$(find root/usr/lib/python3 -name '__init__.*.pyc')" ] || fail "the Python package is not compiled"
 package --purge python3-trocar
 [ -z "$(find root -path '*python3*trocar*')" ] || fail "files left of the Python package: $(find root -path '*python3*trocar*')"
+
+package --install "$bridges"
+[ -x root/usr/bin/trocar-haply ] || fail "no bridge is installed"
+package --purge trocar-bridges
+[ -z "$(find root -name '*bridges*')" ] && ! [ -e root/usr/bin/trocar-haply ] || fail "files left of the bridges: $(find root -name '*bridges*')"
 
 /usr/bin/systemctl --root="$root" enable trocar-server 2>systemctl.txt || fail "$(cat systemctl.txt)"
 [ -n "$(links)" ] || fail "not enabled"

@@ -53,6 +53,23 @@ static void moves_and_tilts_about_the_axes_of_home(void **unused) {
     }
 }
 
+/* A needle that has been tilted by 0.2 rad goes where it points: sin and cos of that, times the way, which the ramp shortens by half of it. */
+static void goes_along_the_needle_if_asked(void **unused) {
+    (void)unused;
+    rate_control_limits l = rate_control_defaults(0.2);
+    l.along_needle = true;
+    rate_control_state d;
+    rate_control_begin(&d, HOME, (pose){HOME.position, q_exp(v3(0, 0.2, 0))});
+    run(&d, &l, (rate_control_command){.forward = 1}, 0.5);
+    double way = l.max_speed * (0.5 - 0.5 * l.ramp);
+    assert_close_vector(v3_sub(d.base.position, HOME.position), v3(way * sin(0.2), 0, way * cos(0.2)), l.max_speed * DT);
+    run(&d, &l, (rate_control_command){.forward = 1}, 100); /* until the first of the limits, here the one sideways or the one ahead */
+    vec3 end = v3_sub(d.base.position, HOME.position);
+    assert_true(fabs(end.x) <= l.max_sideways && end.z <= l.max_forward);
+    assert_true(fabs(end.x) > 0.99 * l.max_sideways || end.z > 0.99 * l.max_forward);
+    assert_close(end.x, end.z * tan(0.2), 1e-9);
+}
+
 static void no_command_exceeds_a_limit(void **unused) {
     (void)unused;
     rate_control_limits l = rate_control_defaults(0.2);
@@ -113,6 +130,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(moves_along_the_axis_as_commanded),
         cmocka_unit_test(moves_and_tilts_about_the_axes_of_home),
+        cmocka_unit_test(goes_along_the_needle_if_asked),
         cmocka_unit_test(no_command_exceeds_a_limit),
         cmocka_unit_test(tilts_about_world_axes_and_rolls_about_its_own),
         cmocka_unit_test(from_outside_it_can_only_move_back),

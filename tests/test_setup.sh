@@ -25,12 +25,14 @@ stand_in apt-get 'echo "$@" >>"$WORK/asked"'
 setup --demo one-more
 [ $status -eq 0 ] || fail "$(cat said)"
 grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat asked)"
-! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|ncurses|help2man|chromium' asked || fail "more than the demo needs: $(cat asked)"
+! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|ncurses|help2man|chromium|cjson|igtlink|spnav|evdev' asked || fail "more than the demo needs: $(cat asked)"
+rm asked && setup --view
+! grep -qE 'cjson|igtlink|spnav|evdev' asked || fail "more than the view needs: $(cat asked)"
 rm asked && setup --package
-for package in libwebsockets-dev libncurses-dev help2man; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+for package in libwebsockets-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 ! grep -qE 'matplotlib|numpy|cmocka' asked || fail "more than the package needs: $(cat asked)"
 rm asked && setup
-for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016
 for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"
@@ -55,6 +57,7 @@ setup --demo
 mkdir pkgconfig
 for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
     [ ! -d "$file" ] || find "$file" -name '*.pc' ! -name 'ncurses*' ! -name 'cmocka*' ! -name 'libwebsockets*' \
+        ! -name 'libcjson*' ! -name 'spnav*' ! -name 'libevdev*' \
         -exec ln -sf -t pkgconfig {} +
 done
 for program in npm node help2man; do stand_in $program 'exit 1'; done

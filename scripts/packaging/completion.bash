@@ -7,6 +7,8 @@ _trocar() {
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift | --seeds) _filedir csv ;;
+        --json-lines) _filedir jsonl ;;
+        --joystick) _filedir ;;
         --png) _filedir png ;;
         --cut) mapfile -t COMPREPLY < <(compgen -W "sagittal coronal axial" -- "$cur") ;;
         --theme) mapfile -t COMPREPLY < <(compgen -W "light dark" -- "$cur") ;;
@@ -34,4 +36,5 @@ _trocar() {
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan \
+    trocar-haply trocar-slicer trocar-spacemouse

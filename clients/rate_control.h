@@ -1,13 +1,15 @@
-/* Rate control of the needle from a page: converts commanded speeds into motion of the base within limits, like a motorised holder.
-   No threads, no clock. */
+/* Rate control of the needle, from a page or a device that is deflected: converts commanded speeds into motion of the base within limits,
+   like a motorised holder. No threads, no clock. */
 #ifndef TROCAR_RATE_CONTROL_H
 #define TROCAR_RATE_CONTROL_H
 
+#include <stdbool.h>
+
 #include "base/vec.h"
 
-/* Command from the page; each component is a fraction -1 .. 1 of the limit. */
+/* Each component is a fraction -1 .. 1 of the limit. */
 typedef struct {
-    double right, up, forward;  /* along x, y and z of the home pose */
+    double right, up, forward;  /* along x, y and z of the home pose; forward along the needle, if the limits say so */
     double pitch, yaw, roll;    /* about x and y of the home pose, and about the needle's axis */
 } rate_control_command;
 
@@ -18,6 +20,7 @@ typedef struct {
     double max_sideways;        /* m from home in its x and y */
     double max_back, max_forward; /* m from home in its z */
     double max_tilt;            /* rad between the needle and its direction at home */
+    bool along_needle;          /* forward is along the needle's axis, which may be tilted, not along z of the home pose */
 } rate_control_limits;
 
 typedef struct {

@@ -1,7 +1,5 @@
 #include "rate_control.h"
 
-#include <stdbool.h>
-
 rate_control_limits rate_control_defaults(double needle_length) {
     return (rate_control_limits){.max_speed = 0.04, .max_turn_rate = 0.5, .ramp = 0.15, .max_sideways = 0.04, .max_back = 0.03,
                           .max_forward = 0.75 * needle_length, .max_tilt = 0.35};
@@ -27,13 +25,24 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
+/* Advances along `axis` (of the home pose's frame); the speed becomes zero where any of the coordinates would leave its limits. */
+static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_control_limits *l) {
+    vec3 asked = v3_scale(*speed, axis), v = asked;
+    vec3 moved = v3(move(x.x, &v.x, dt, -l->max_sideways, l->max_sideways), move(x.y, &v.y, dt, -l->max_sideways, l->max_sideways),
+                    move(x.z, &v.z, dt, -l->max_back, l->max_forward));
+    if (v.x == asked.x && v.y == asked.y && v.z == asked.z) return moved;
+    *speed = 0;
+    return x;
+}
+
 /* In the frame of the home pose, whose origin is the home position. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat home = d->home.orientation;
+    vec3 axis = l->along_needle ? q_rotate(q_conjugate(home), q_axis(d->base.orientation)) : v3(0, 0, 1);
     vec3 x = q_rotate(q_conjugate(home), v3_sub(d->base.position, d->home.position));
     vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
-                    move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways),
-                    move(x.z, &d->velocity.z, dt, -l->max_back, l->max_forward));
+                    move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways), x.z);
+    moved = move_along(moved, axis, &d->velocity.z, dt, l);
     return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* unchanged at rest */
 }
 

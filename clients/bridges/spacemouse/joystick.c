@@ -1,0 +1,142 @@
+#include "joystick.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <glob.h>
+#include <math.h>
+#include <poll.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <libevdev/libevdev.h>
+
+static const unsigned short LASTS = 100; /* ms of the effect, which is renewed every 20 ms: no force is stuck if this program is */
+
+static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "hat0x", "hat0y", NULL};
+static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ, ABS_THROTTLE, ABS_RUDDER, ABS_HAT0X, ABS_HAT0Y};
+
+/* ---- what the user does ------------------------------------------------------------------------------------------- */
+
+/* The joystick interface of the kernel (joydev.c) counts the codes from BTN_JOYSTICK on first, then those from BTN_MISC on. */
+static unsigned nth_code(unsigned n) {
+    const unsigned first = KEY_MAX + 1 - BTN_JOYSTICK;
+    return n < first ? BTN_JOYSTICK + n : BTN_MISC + n - first;
+}
+
+int joystick_button(const struct libevdev *dev, unsigned code) {
+    int number = 0;
+    for (unsigned n = 0; n <= KEY_MAX - BTN_MISC && number < INPUT_BUTTONS; n++) {
+        if (nth_code(n) == code) return libevdev_has_event_code(dev, EV_KEY, code) ? number : -1;
+        number += libevdev_has_event_code(dev, EV_KEY, nth_code(n));
+    }
+    return -1;
+}
+
+void joystick_state(const struct libevdev *dev, input_state *state) {
+    for (int i = 0; i < INPUT_AXES; i++) {
+        const struct input_absinfo *a = libevdev_get_abs_info(dev, codes[i]);
+        double middle = a ? 0.5 * ((double)a->minimum + a->maximum) : 0, half = a ? 0.5 * ((double)a->maximum - a->minimum) : 0;
+        state->axes[i] = half > 0 ? fmax(-1, fmin(1, (a->value - middle) / half)) : 0;
+    }
+    memset(state->held, 0, sizeof state->held);
+    int number = 0;
+    for (unsigned n = 0; n <= KEY_MAX - BTN_MISC && number < INPUT_BUTTONS; n++)
+        if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
+}
+
+/* After an overflow of the kernel's buffer, libevdev takes over the present values. A button that was pressed meanwhile is lost. */
+static int next_event(struct libevdev *dev, struct input_event *e) {
+    int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
+    while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
+    return status;
+}
+
+static bool read_joystick(void *context, int timeout, input_state *state, char *text, size_t size) {
+    joystick *j = context;
+    struct input_event e;
+    struct pollfd wait = {.fd = j->fd, .events = POLLIN};
+    poll(&wait, 1, timeout);
+    int status;
+    while ((status = next_event(j->dev, &e)) == LIBEVDEV_READ_STATUS_SUCCESS) {
+        int button = e.type == EV_KEY && e.value == 1 ? joystick_button(j->dev, e.code) : -1;
+        if (button >= 0) state->presses[button]++;
+    }
+    joystick_state(j->dev, state);
+    if (status == -EAGAIN || status == -EINTR) return true;
+    snprintf(text, size, "the joystick is gone (%s): the needle stays where it is; trying again each second", strerror(-status));
+    return false;
+}
+
+/* ---- what the user feels -------------------------------------------------------------------------------------------- */
+
+int joystick_level(const joystick_force *f, double push) {
+    double share = push / f->full_force;
+    return isfinite(share) ? (int)lround(32767 * fmax(-f->limit, fmin(f->limit, share))) : 0;
+}
+
+static void play(joystick *j, int level, bool begin) {
+    struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
+                               .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
+    if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
+        if (errno == ENODEV) return; /* noticed when it is read */
+        fprintf(stderr, "trocar-spacemouse: the joystick refuses the force (%s): none is rendered\n", strerror(errno));
+        j->has_force = false;
+        return;
+    }
+    j->effect = effect.id;
+    struct input_event start = {.type = EV_FF, .code = (uint16_t)effect.id, .value = begin};
+    if (write(j->fd, &start, sizeof start) < 0) return;
+}
+
+static void render(void *context, double push) {
+    joystick *j = context;
+    if (j->has_force) play(j, joystick_level(&j->force, push), true);
+}
+
+/* ---- opening and closing ---------------------------------------------------------------------------------------------- */
+
+static bool find_first(char path[512]) {
+    glob_t found;
+    bool any = glob("/dev/input/by-id/*-event-joystick", 0, NULL, &found) == 0;
+    if (any) snprintf(path, 512, "%s", found.gl_pathv[0]);
+    globfree(&found);
+    return any;
+}
+
+static bool open_joystick(void *context, char *text, size_t size) {
+    joystick *j = context;
+    char path[512];
+    if (j->path) snprintf(path, sizeof path, "%s", j->path);
+    else if (!find_first(path)) {
+        snprintf(text, size, "no joystick in /dev/input/by-id: plug one in, or name it with --joystick=/dev/input/event...; trying again each second");
+        return false;
+    }
+    j->fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC);
+    bool writable = j->fd >= 0;
+    if (!writable) j->fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    int status = j->fd < 0 ? -errno : libevdev_new_from_fd(j->fd, &j->dev);
+    if (status < 0) {
+        snprintf(text, size, "%s: cannot be opened: %s; trying again each second", path, strerror(-status));
+        if (j->fd >= 0) close(j->fd);
+        return false;
+    }
+    bool motors = libevdev_has_event_code(j->dev, EV_FF, FF_CONSTANT);
+    j->has_force = motors && writable;
+    j->effect = -1;
+    snprintf(text, size, "device: %s, %s", libevdev_get_name(j->dev), j->has_force ? "with force feedback" :
+             motors ? "without force: no permission to write to it" : "which has no constant force");
+    return true;
+}
+
+static void close_joystick(void *context) {
+    joystick *j = context;
+    if (j->effect >= 0) {
+        play(j, 0, false);
+        ioctl(j->fd, EVIOCRMFF, j->effect);
+    }
+    libevdev_free(j->dev);
+    close(j->fd);
+}
+
+const input_driver joystick_driver = {.axis_names = names, .open = open_joystick, .read = read_joystick, .render = render, .close = close_joystick};

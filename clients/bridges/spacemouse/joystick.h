@@ -1,0 +1,37 @@
+/* A joystick, by libevdev, with force feedback: a constant force that the kernel ends by itself unless it is renewed. */
+#ifndef TROCAR_JOYSTICK_H
+#define TROCAR_JOYSTICK_H
+
+#include <linux/input.h>
+
+#include "input.h"
+
+struct libevdev;
+
+typedef struct {
+    double full_force;       /* N of the needle that are rendered by the joystick's full force; below 0: the other way round */
+    double limit;            /* share of the joystick's full force, 0 .. 1, that is never exceeded */
+    double direction;        /* degrees, of the force on the stick: 0 towards the user, 90 to the left, 180 away, 270 to the right */
+} joystick_force;
+
+typedef struct {
+    const char *path;        /* of /dev/input/event..., NULL: the first joystick in /dev/input/by-id */
+    joystick_force force;
+    struct libevdev *dev;
+    int fd;
+    int effect;              /* number of the uploaded effect, -1: none */
+    bool has_force;
+} joystick;
+
+extern const input_driver joystick_driver;
+
+/* The level of a constant effect, -32767 .. 32767, that renders `push` (N); 0 if it is not finite. */
+int joystick_level(const joystick_force *f, double push);
+
+/* Brings `state` up to date with the values that libevdev has. Buttons are numbered as jstest numbers them. */
+void joystick_state(const struct libevdev *dev, input_state *state);
+
+/* Number of the button with this key code, -1: it is no button of the device, or one too many. */
+int joystick_button(const struct libevdev *dev, unsigned code);
+
+#endif

@@ -1,0 +1,34 @@
+/* What trocar-replay writes of each tick, as a row of CSV and as a line of JSON: the same values, with all their digits. */
+#ifndef TROCAR_TICK_ROW_H
+#define TROCAR_TICK_ROW_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "base/vec.h"
+
+typedef struct {
+    double time;             /* s since the first pose */
+    vec3 force, torque;      /* N, N m: of the base on the hand */
+    double depth;            /* m */
+    int contacts;
+    char events[256];        /* see events_text */
+    int needle;
+    double tip_lead;         /* rad: roll of the tip less that of the base */
+    vec3 base, tip;          /* in `unit` */
+    const char *unit;        /* "m" or, in the patient's coordinates, "mm" */
+    bool has_probe;          /* the rest is written in a scene with a probe only */
+    vec3 probe_force, probe_torque; /* N, N m: on the hand that holds it */
+    int probe_contacts;
+    bool probe_placed;
+    vec3 probe_base;         /* if it has been placed */
+} tick_row;
+
+/* The columns of the probe come last. */
+void tick_row_csv_head(FILE *out, const char *unit, bool has_probe);
+void tick_row_csv(const tick_row *r, FILE *out);
+
+/* One object on one line; the names have units. */
+void tick_row_json(const tick_row *r, FILE *out);
+
+#endif

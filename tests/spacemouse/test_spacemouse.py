@@ -1,0 +1,370 @@
+#!/usr/bin/python3
+"""trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the needle's
+base, compared with hand calculation; dead zone, buttons; the device, the daemon and the server go away and come back.
+
+usage: test_spacemouse.py BUILD_DIR SOURCE_DIR motion|events [uncertain]    uncertain: instrumented programs, whose speed is not judged
+Status 77: no private network namespace here.
+"""
+import math
+import os
+import signal
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+BUILD, SOURCE = sys.argv[1:3]
+BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
+START = (0.005, 0.003, -0.201)      # m: the tip is 1 mm before the skin
+SPEED, TURN = 0.02, 0.4             # m/s, rad/s: options of the bridge
+MOTION, PRESS, RELEASE, DEVICE = range(4)
+CHANGE_PROTOCOL, SET_EVENT_MASK, DEVICE_NAME = 0x7faa5500, 0x1003, 0x2000
+
+
+class Daemon:
+    """A stand-in for spacenavd: events and responses are 8 int32. Protocol 0: an old daemon, which takes requests for a sensitivity."""
+
+    def __init__(self, path, protocol=1, name=b"SpaceNavigator"):
+        self.path, self.protocol, self.name, self.requests = path, protocol, name, []
+        self.listener = socket.socket(socket.AF_UNIX)
+        self.listener.bind(path)
+        self.listener.listen()
+        self.listener.settimeout(20)
+        self.client, self.ready = None, threading.Event()
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        try:
+            self.client = self.listener.accept()[0]
+            asked = struct.unpack("=i", self.client.recv(4, socket.MSG_WAITALL))[0]
+            if self.protocol == 0:
+                self.ready.set()
+                return
+            assert asked & ~0xff == CHANGE_PROTOCOL, hex(asked)
+            self.client.sendall(struct.pack("=i", CHANGE_PROTOCOL | 1))
+            while len(request := self.client.recv(32, socket.MSG_WAITALL)) == 32:
+                words = list(struct.unpack("=8i", request))
+                kind = words[0] & 0xffff
+                self.requests.append((kind, words[1]))
+                if kind == DEVICE_NAME:
+                    self.client.sendall(struct.pack("=i24si", words[0], self.name, len(self.name) if self.name else -1))
+                else:
+                    self.client.sendall(struct.pack("=8i", *words[:7], 0))
+                if kind == SET_EVENT_MASK and words[1] != 0:
+                    self.ready.set()
+        except OSError:
+            pass
+
+    def event(self, kind, *words):
+        assert self.ready.wait(10), "the bridge does not connect"
+        self.client.sendall(struct.pack("=8i", kind, *words, *[0] * (7 - len(words))))
+
+    def deflect(self, **axes):
+        self.event(MOTION, *[axes.get(name, 0) for name in ("x", "y", "z", "rx", "ry", "rz")], 8)
+
+    def end(self):
+        self.listener.close()
+        if self.client:
+            self.client.shutdown(socket.SHUT_RDWR)
+            self.client.close()
+        os.unlink(self.path)
+
+
+class Poses:
+    """The poses on the network, decoded from LCM's packets: (s, position, orientation)."""
+
+    def __init__(self):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        self.socket.bind(("239.255.76.67", 7667))
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.255.76.67") + socket.inet_aton("127.0.0.1"))
+        self.socket.setblocking(False)
+        self.newest = None
+
+    def take(self):
+        """The poses since the last call."""
+        found = []
+        while True:
+            try:
+                packet = self.socket.recv(65536)
+            except BlockingIOError:
+                return found
+            magic, channel = packet[:4], packet[8:].split(b"\0")[0]
+            if magic == b"LC02" and channel == b"TROCAR_POSE":
+                utime, _, _, *numbers = struct.unpack_from(">qqq3d4d", packet, 8 + len(channel) + 1 + 8)
+                found.append((1e-6 * utime, numbers[:3], numbers[3:]))
+                self.newest = found[-1]
+
+    def during(self, seconds):
+        self.take()
+        time.sleep(seconds)
+        return self.take()
+
+
+def wait(condition, what, patience=15):
+    end = time.monotonic() + patience
+    while not condition():
+        if time.monotonic() > end:
+            raise AssertionError(what)
+        time.sleep(0.005)
+
+
+class Program:
+    """A program whose standard error is read line by line."""
+
+    def __init__(self, *command, **environment):
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env={**os.environ, **environment})
+        self.said, self.read = [], 0
+        threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True).start()
+
+    def says(self, text):
+        """Waits for a line with this text after the last one that was waited for."""
+        def find():
+            for i in range(self.read, len(self.said)):
+                if text in self.said[i]:
+                    self.read = i + 1
+                    return True
+            return False
+        try:
+            wait(find, "")
+        except AssertionError:
+            raise AssertionError(f"'{text}' is not said, but {self.said[self.read:]}") from None
+
+
+def check(what, value, wanted, tolerance):
+    print(f"{what}: {value:.6g}, by hand {wanted:.6g}")
+    assert abs(value - wanted) <= tolerance, f"{what}: {value}, not {wanted} +- {tolerance}"
+
+
+def velocity(poses):
+    """m/s of the base."""
+    return typical(poses, lambda a, b: [q - p for p, q in zip(a[1], b[1])])
+
+
+def rotation(one, other):
+    """Rotation vector about the axes of the world, rad, from one pose to another."""
+    a, b = one[2], other[2]
+    w = sum(p * q for p, q in zip(a, b))
+    x = b[1] * a[0] - b[0] * a[1] - b[2] * a[3] + b[3] * a[2]
+    y = b[2] * a[0] - b[0] * a[2] - b[3] * a[1] + b[1] * a[3]
+    z = b[3] * a[0] - b[0] * a[3] - b[1] * a[2] + b[2] * a[1]
+    sine = math.sqrt(x * x + y * y + z * z)
+    return [2 * math.atan2(sine, w) * c / sine if sine > 0 else 0 for c in (x, y, z)]
+
+
+def rotation_rate(poses):
+    """rad/s."""
+    return typical(poses, rotation)
+
+
+def typical(poses, change, step=20):
+    """Median of the rates of change over 20 poses, by their own times: a machine that stands still now and then does not alter it."""
+    pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
+    rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
+    return [statistics.median(axis) for axis in zip(*rates)]
+
+
+class Trial:
+    def __init__(self, folder):
+        self.folder, self.path, self.server = folder, f"{folder}/spnav.sock", None
+        self.poses = Poses()
+        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # share of a speed; a busy machine may hold the bridge up
+
+    def start_server(self):
+        self.server = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--allow-non-rt"],
+                                       stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        assert any(line == "ready\n" for line in self.server.stdout), "the server does not start"
+
+    def kill_server(self):
+        self.server.kill()
+        self.server.wait()
+
+    def steady(self, daemon, seconds=0.25, **axes):
+        """The poses while the device is deflected, after the ramp of 0.15 s."""
+        daemon.deflect(**axes)
+        time.sleep(0.2)
+        seen = self.poses.during(seconds)
+        daemon.deflect()
+        time.sleep(0.25)
+        assert len(seen) > 50, f"{len(seen)} poses in {seconds} s"
+        return seen
+
+    def stands_still(self):
+        """Poses come and are all the same, to the bit."""
+        seen = self.poses.during(0.1)
+        assert len(seen) > 5 and all(pose[1:] == seen[0][1:] for pose in seen), f"{len(seen)} poses, {seen[:1]} to {seen[-1:]}"
+
+    def comes_to_rest(self):
+        """After the ramp of 0.15 s, or later on a busy machine, but before it could reach the limit of its workspace, 40 mm aside."""
+        def rests():
+            seen = self.poses.during(0.1)
+            return len(seen) > 5 and seen[0][1:] == seen[-1][1:]
+        wait(rests, "the needle does not come to rest", patience=2)
+
+    def goes(self, along, meanwhile=lambda: None):
+        """The base moves along x by a millimetre, to this side."""
+        self.poses.take()
+        begin = self.poses.newest[1][0]
+        wait(lambda: meanwhile() or self.poses.take() and along * (self.poses.newest[1][0] - begin) > 1e-3, f"the base does not go along {along} x")
+
+    def moves(self, daemon):
+        """Counts of the axes, and what the base does. Seen by a user who looks along +z, with +y up, -x is to the right."""
+        dead = 0.05
+        for counts, speed in (({"z": -350}, (0, 0, -SPEED)), ({"x": 350, "y": 175}, (-SPEED / 2, SPEED / 2 * (0.5 - dead) / (1 - dead), 0)),
+                              ({"x": -9999, "y": -350, "z": 175}, (SPEED / 2, -SPEED / 2, SPEED * (0.5 - dead) / (1 - dead)))):
+            for name, value, wanted in zip("xyz", velocity(self.steady(daemon, **counts)), speed):
+                check(f"{counts}: m/s along {name}", value, wanted, self.slack * SPEED)
+        for counts, turn in (({"ry": 350}, (0, TURN, 0)), ({"ry": -350}, (0, -TURN, 0)), ({"rx": -350}, (TURN, 0, 0)), ({"rx": 350}, (-TURN, 0, 0)),
+                             ({"rz": 350}, (0, 0, 2 * TURN))):
+            for name, value, wanted in zip("xyz", rotation_rate(self.steady(daemon, seconds=0.1, **counts)), turn):
+                check(f"{counts}: rad/s about {name}", value, wanted, 2 * self.slack * TURN + 0.01)
+
+    def buttons(self, daemon, bridge):
+        daemon.deflect(z=17)          # 4.9 % of 350: in the dead zone of 5 %
+        self.stands_still()
+        daemon.event(PRESS, 0)        # clutch
+        daemon.deflect(z=-350)
+        self.stands_still()
+        daemon.event(RELEASE, 0)
+        wait(lambda: self.poses.take() and self.poses.newest[1][2] < START[2] - 1e-3, "the clutch is stuck")
+        daemon.deflect()
+        daemon.event(PRESS, 1)
+        daemon.event(RELEASE, 1)
+        bridge.says("reset: done")
+        self.comes_to_rest()
+        assert self.poses.newest[1:] == (list(START), [1, 0, 0, 0]), f"after the reset at {self.poses.newest}"
+        daemon.event(PRESS, 2)
+        bridge.says("leave: needle 0: it is not in the tissue")
+        self.comes_to_rest()
+        daemon.deflect(z=350)
+        wait(lambda: self.poses.take() and self.poses.newest[1][2] > START[2] + 0.03, "the needle does not go in")
+        daemon.deflect()
+        self.comes_to_rest()
+        daemon.event(PRESS, 2)        # leave: no more poses, until it is taken again
+        bridge.says("leave: done")
+        time.sleep(0.05)
+        assert not self.poses.during(0.1), "poses of a needle that rests"
+        daemon.event(PRESS, 3)        # a seed
+        bridge.says("the needle rests")
+        daemon.event(PRESS, 2)
+        bridge.says("take: done")
+        self.comes_to_rest()
+        daemon.event(PRESS, 3)
+        bridge.says("seed: done")
+        daemon.event(PRESS, 99)       # a button that is not used, and too high a number
+        daemon.event(77)              # an event of a later version
+
+    def interruptions(self, daemon, bridge):
+        daemon.deflect(x=350)
+        self.goes(-1)
+        daemon.event(DEVICE, 1)       # unplugged in the middle of a motion
+        bridge.says("the device is gone")
+        self.comes_to_rest()
+        daemon.event(DEVICE, 0)
+        bridge.says("the device is back")
+
+        daemon.deflect(x=-350)
+        self.goes(1)
+        daemon.end()
+        bridge.says("spacenavd is gone")
+        self.comes_to_rest()
+        daemon = Daemon(self.path)
+        bridge.says("device: SpaceNavigator")
+
+        daemon.deflect(x=350)
+        self.goes(-1)
+        self.kill_server()
+        bridge.says("the server is silent")
+        self.stands_still()           # though the device is deflected
+        self.start_server()
+        bridge.says("the server was restarted")
+        self.goes(-1)
+        daemon.end()
+        bridge.says("spacenavd is gone")
+        self.comes_to_rest()
+
+        # An old daemon does not say that the device is gone: half a second of silence counts as rest.
+        daemon = Daemon(self.path, protocol=0)
+        bridge.says("protocol 0")
+        self.goes(1, meanwhile=lambda: daemon.deflect(x=-350))
+        self.comes_to_rest()
+        daemon.end()
+        daemon = Daemon(self.path, name=b"")
+        bridge.says("spacenavd has no device")
+        daemon.end()
+
+    def starts_where_the_scene_says(self):
+        bridge = Program(BRIDGE, "--scene", f"{SOURCE}/meshes/prostate.yaml", SPNAV_SOCKET=self.path)
+        wait(lambda: self.poses.take(), "no poses")
+        assert self.poses.newest[1:] == ([0, 0, -0.201], [1, 0, 0, 0]), self.poses.newest
+        bridge.process.send_signal(signal.SIGINT)
+        assert bridge.process.wait(10) == 0, bridge.said
+        self.poses.take()
+
+    def run(self):
+        self.starts_where_the_scene_says()
+        bridge = Program(BRIDGE, "--scene", f"{SOURCE}/meshes/figure8.yaml", "--start", "0.005,0.003,-0.201", "--max-speed", str(SPEED), "--max-turn", str(TURN),
+                         "--buttons", "clutch=0,reset=1,leave=2,seed=3", SPNAV_SOCKET=self.path)
+        try:
+            bridge.says("no spacenavd")
+            bridge.says("waiting for trocar-server")
+            self.stands_still()
+            assert self.poses.newest[1] == list(START), f"starts at {self.poses.newest}"
+            self.start_server()
+            bridge.says("the server answers")
+            daemon = Daemon(self.path)
+            bridge.says("device: SpaceNavigator")
+            if "motion" in sys.argv:
+                self.moves(daemon)
+            else:
+                self.buttons(daemon, bridge)
+                self.interruptions(daemon, bridge)
+            bridge.process.send_signal(signal.SIGTERM)
+            assert bridge.process.wait(10) == 0, f"status {bridge.process.returncode}: {bridge.said}"
+            repeated = [line for before, line in zip(bridge.said, bridge.said[1:]) if line == before]
+            assert not repeated and sum("the server answers" in line for line in bridge.said) == 1, bridge.said
+        finally:
+            bridge.process.kill()
+            if self.server:
+                self.kill_server()
+
+
+def refuses(*arguments, why):
+    done = subprocess.run([BRIDGE, *arguments], capture_output=True, text=True, timeout=10)
+    assert done.returncode == 2 and why in done.stderr, f"{arguments}: status {done.returncode}, {done.stderr}"
+
+
+def main():
+    if "--inside" not in sys.argv:
+        namespace = f"{SOURCE}/scripts/netns"
+        if subprocess.run([namespace, "true"]).returncode != 0:
+            return 77
+        return subprocess.run([namespace, sys.executable, *sys.argv, "--inside"]).returncode
+    if "events" in sys.argv:
+        check_options()
+    with tempfile.TemporaryDirectory() as folder:
+        Trial(folder).run()
+    print("passed")
+    return 0
+
+
+def check_options():
+    refuses("--axes", "sideways=x", why="'sideways' is none of right, up, forward")
+    refuses("--axes", "forward=-w", why="'-w' is none of x, y, z, rx")
+    refuses("--axes", "forward", why="'' is none of x")
+    refuses("--buttons", "clutch=99", why="0 to 31")
+    refuses("--buttons", "reset=", why="expected the number of a button")
+    refuses("--full-force", "5", why="--full-force needs --joystick")
+    refuses("--joystick", "--full-force", "0", why="0.1 N")
+    refuses("--start", "1,2", why="3 finite numbers")
+    refuses("--scene", "/nowhere.yaml", why="/nowhere.yaml")
+    refuses("--scene", f"{SOURCE}/meshes/figure8.yaml", why="has no needle.start")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -47,7 +47,7 @@ typedef struct {
     tracked_probe probe;
     bool tracking;           /* the needle's thread runs */
     mover needle_mover, probe_mover;
-    int64_t picture_due, forces_due, status_due; /* ns, monotonic: not before */
+    int64_t picture_made, forces_due, status_due; /* ns, monotonic */
     int64_t shown;           /* utime of the deformation that clients have, -1: the tissue at rest, -2: nothing */
     bool was_alive, probe_said;
     int64_t servers, refused; /* values of the subscriber's counters that have been said */
@@ -64,7 +64,7 @@ static const struct argp_option option_list[] = {
     {"port", 'p', "PORT", 0, "TCP port (default 18944; 0: any free one)", 1},
     {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on (default 127.0.0.1: this machine only; 0.0.0.0: all)", 1},
     {"rate", 'r', "HZ", 0, "Values per second of each message, 1 to 60 (default 30); the server itself sends needles and organs 30 times", 1},
-    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo (default), which resemble ultrasound, regions, the number of the volume at each pixel, or none", 1},
+    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo (default), which resemble ultrasound, regions, at each pixel the volume's number in the scene's list, or none", 1},
     {"pixel", OPTION_PIXEL, "MM", 0, "Size of the images' pixels, 0.1 to 5 (default 0.5)", 1},
     {0, 0, 0, 0, "Trackers:", 2},
     {"needle", OPTION_NEEDLE, "INDEX", 0, "Needle that is driven (default 0)", 2},
@@ -165,7 +165,7 @@ static void say_server(bridge *b) {
 
 /* ---- the loop ---- */
 
-/* Whether it is time, at most every `period`; a regular source as fast as that loses nothing to jitter. */
+/* Whether it is time, every `period` on average. */
 static bool is_due(int64_t *due, int64_t now, int64_t period) {
     if (now < *due) return false;
     *due = now - *due < period ? *due + period : now + period;
@@ -181,7 +181,8 @@ static void show_news(bridge *b) {
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && is_due(&b->picture_due, now, period)) {
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: none waits, or is lost, at their own rate */
+        b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
     }

@@ -33,6 +33,16 @@ static void find_brightness(slices *s, int host) {
     }
 }
 
+static void find_numbers(slices *s, const trocar_scene *scene) {
+    for (int i = 0; i < trocar_scene_count(scene, "regions"); i++) {
+        char key[64], name[64] = "";
+        snprintf(key, sizeof key, "regions[%d].name", i);
+        trocar_scene_get(scene, key, name, sizeof name, NULL);
+        int region = trocar_model_find_region(s->model, name, 3);
+        if (region >= 0) s->number[region] = (unsigned char)(i + 1);
+    }
+}
+
 /* Around soft organs inside of another one; around everything if there are none. */
 static void find_box(slices *s, int host) {
     const int32_t *tets = trocar_model_tets(s->model), *regions = trocar_model_tet_regions(s->model);
@@ -171,6 +181,7 @@ trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_m
     s->needle_radius *= 0.5;
     int host = host_of(model);
     find_brightness(s, host);
+    find_numbers(s, scene);
     find_box(s, host);
     if (find_probe(s, scene, &start)) place_at_probe(s, &start);
     else place_at_tip(s, NULL);
@@ -201,7 +212,7 @@ typedef struct {
 static int voxel(double x) { return (int)lrint(x / GRAIN) & (SPECKLE - 1); }
 
 static unsigned char shade(const slices *s, const slice *v, int pixel, int region, vec3 rest) {
-    if (s->style == SLICES_REGIONS) return (unsigned char)(region + 1);
+    if (s->style == SLICES_REGIONS) return s->number[region];
     double speckle = s->speckle[(voxel(rest.x) * SPECKLE + voxel(rest.y)) * SPECKLE + voxel(rest.z)];
     return (unsigned char)fmin(255, v->gain[pixel] * s->brightness[region] * speckle);
 }

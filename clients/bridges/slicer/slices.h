@@ -12,7 +12,7 @@ typedef enum { SLICE_AXIAL, SLICE_SAGITTAL, SLICES } slice_kind;
 
 typedef enum {
     SLICES_ECHO,             /* like ultrasound */
-    SLICES_REGIONS,          /* the volume at each pixel: its number in the mesh, from 1; 0: no tissue */
+    SLICES_REGIONS,          /* the volume at each pixel: its number in the scene's list of regions, from 1; 0: no tissue */
     SLICES_NONE
 } slice_style;
 
@@ -35,6 +35,7 @@ typedef struct {
     double needle_radius;    /* m */
     vec3 low, high;          /* m, box around what is of interest at rest */
     double brightness[32];   /* of the volumes, 0 to 1 */
+    unsigned char number[32]; /* of the volumes in the scene's list of regions, from 1 */
     unsigned char *speckle;
     slice all[SLICES];
 } slices;

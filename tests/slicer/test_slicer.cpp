@@ -1,5 +1,5 @@
 /* trocar-slicer from outside: values in the patient's coordinates, computed here by hand; images against surfaces; slow clients, garbage, restarts,
-   trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE, in a private network namespace */
+   trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, trackers or server), in a private network namespace */
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
@@ -642,6 +642,19 @@ static void test_server() {
     EXPECT(bridge.stop(SIGTERM) == 0 && server->stop(SIGTERM) == 0);
 }
 
+/* For measure.py: a server of the scene MESHES with 30 pictures a second, each another one, until it is stopped. */
+static void stream() {
+    Mesh mesh(meshes);
+    FakeServer server;
+    set_up(server, mesh);
+    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(2 * t), 0, 0}; };
+    server.centreline = {{0.005, 0.003, -0.15}, {0.005, 0.003, -0.05}, {0.005, 0.003, 0.05}};
+    server.start();
+    std::printf("ready\n");
+    std::fflush(stdout);
+    for (;;) wait(1);
+}
+
 int main(int count, char **arguments) {
     if (count != 5) return 2;
     signal(SIGPIPE, SIG_IGN);
@@ -654,6 +667,7 @@ int main(int count, char **arguments) {
     else if (chosen == "faults") test_faults();
     else if (chosen == "trackers") test_trackers();
     else if (chosen == "server") test_server();
+    else if (chosen == "stream") stream();
     else return 2;
     std::filesystem::remove_all(work);
     if (failures == 0) std::puts("passed");

@@ -15,7 +15,7 @@
 const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-enum { PORT = 18944 };
+enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */ };
 static const int64_t SECOND = 1000000000;          /* ns */
 static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
 
@@ -212,6 +212,21 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
+/* The LCM URL with a larger buffer for what arrives, as far as the system permits one: with the usual one, large deformations, which come in several packets
+   at once, are lost now and then. */
+static void widen_url(const char *url, size_t size, char *wider) {
+    int most = 0;
+    FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
+    if (limit && fscanf(limit, "%d", &most) != 1) most = 0;
+    if (limit) fclose(limit);
+    if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
+    if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0"; /* LCM's own default */
+    if (most > LARGEST_BUFFER) most = LARGEST_BUFFER;
+    int length = snprintf(wider, size, "%s", url);
+    if (most > 0 && strncmp(url, "udpm:", 5) == 0 && !strstr(url, "recv_buf_size") && length < (int)size)
+        snprintf(wider + length, size - (size_t)length, "%crecv_buf_size=%d", strchr(url, '?') ? '&' : '?', most);
+}
+
 static trocar_status check_needle(const bridge *b, report *why) {
     int needles = trocar_model_needles(b->model);
     if (b->options->needle < needles) return TROCAR_OK;
@@ -220,6 +235,8 @@ static trocar_status check_needle(const bridge *b, report *why) {
 
 static trocar_status open_network(bridge *b, report *why) {
     const char *url = b->options->lcm_url;
+    char wider[512];
+    widen_url(url, sizeof wider, wider);
     peer_settings settings = b->options->peers;
     settings.messages = b->outlets.messages;
     settings.message_count = b->outlets.count;
@@ -228,7 +245,7 @@ static trocar_status open_network(bridge *b, report *why) {
     settings.context = b;
     trocar_status status = peers_open(&b->peers, &settings, why);
     if (status != TROCAR_OK) return status;
-    b->lcm = lcm_create(url);
+    b->lcm = lcm_create(wider);
     if (!b->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);

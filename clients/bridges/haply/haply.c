@@ -1,14 +1,317 @@
-/* trocar-haply: connects a Haply Inverse3 to trocar-server. */
+/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse
+   Service; the reply holds the device's state, from which the needle's next pose is made. See docs/haply.md and message.h. */
+#include <argp.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "limiter.h"
+#include "network.h"
 #include "options.h"
+#include "playing.h"
+#include "realtime.h"
+#include "settings.h"
+#include "timing.h"
+#include "trocar_client.h"
 
 const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const struct argp parser = {NULL, NULL, NULL, "Connects a Haply Inverse3 to trocar-server.", NULL, NULL, NULL};
+static const double GRAVITY = 9.81;      /* m/s^2 */
+static const int64_t SILENT = 20000000;  /* ns without a reply of the service: no force; as trocar_client's watchdog */
+static const int64_t DEAD = 1000000000;  /* ns without any message: the connection is renewed */
+static const int64_t LONG = 500000000;   /* ns without a wrench until it is told */
+static const int64_t INQUIRY = 200000000; /* ns between inquiries for a device */
+static const int64_t PARTING = 200000000; /* ns for the last reply */
+static const int64_t TOLD = INT64_MAX;
+static const int64_t EVENT_GAP = 100000000; /* ns between events that are told */
+
+/* What is printed now and then, and at the end. */
+typedef struct {
+    int64_t begin;           /* ns */
+    int64_t messages, late, refused;
+    double greatest_force;   /* N */
+    histogram reply;
+} statistics;
+
+typedef struct {
+    haply_settings set;
+    trocar_client *server;
+    network *net;
+    websocket service, events;
+    haply_choice choice;     /* the IDs are those of the first device and handle, once they are known */
+    mapping map;
+    limiter limit;
+    haply_state state;
+
+    bool valid;              /* the newest message holds a state, and the service is not silent */
+    bool lost;               /* it has been told that there is no connection */
+    bool absent;             /* the newest message has no device */
+    bool greeted;
+    const char *key;         /* of the force; NULL: no message yet */
+    unsigned told;           /* bit for each problem that was told since the connection was opened */
+    int waiting;             /* replies that are to come */
+    int64_t asked_at;        /* ns: of the first message without a reply */
+    int64_t sent_at, heard_at; /* ns: of the newest messages */
+
+    bool answered;           /* the server sends wrenches, as was told */
+    int64_t unanswered_since; /* ns; 0: it does, or it is not asked; TOLD: it was told that it does not */
+    int64_t event_at;        /* ns: an event was told */
+
+    bool parting, parted;    /* the program ends: the last force is zero */
+    int64_t parting_since;   /* ns */
+    bool ends;
+    statistics part, whole;
+} bridge;
+
+__attribute__((format(printf, 1, 2)))
+static void say(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    fputs("trocar-haply: ", stderr);
+    vfprintf(stderr, format, arguments);
+    fputc('\n', stderr);
+    va_end(arguments);
+}
+
+/* ---- reports ------------------------------------------------------------------------------------------------------- */
+
+static void print_statistics(const bridge *b, const statistics *s, const char *what) {
+    double seconds = 1e-9 * (double)(monotonic_ns() - s->begin);
+    printf("%-8s %5.0f messages/s, reply p50 %.3f ms, p99 %.3f ms, max %.1f ms, %lld late, %lld refused; force %.3f N, at most %.3f N\n", what,
+           (double)s->messages / seconds, 1e3 * histogram_quantile(&s->reply, 0.5), 1e3 * histogram_quantile(&s->reply, 0.99),
+           1e3 * histogram_max(&s->reply), (long long)s->late, (long long)s->refused, v3_norm(b->limit.force), s->greatest_force);
+    fflush(stdout);
+}
+
+static void end_part(bridge *b) {
+    statistics *w = &b->whole, *p = &b->part;
+    histogram_merge(&w->reply, &p->reply);
+    w->messages += p->messages;
+    w->late += p->late;
+    w->refused += p->refused;
+    w->greatest_force = fmax(w->greatest_force, p->greatest_force);
+    *p = (statistics){.begin = monotonic_ns()};
+}
+
+static void report_now_and_then(bridge *b, int64_t now) {
+    if (b->set.report == 0 || 1e-9 * (double)(now - b->part.begin) < b->set.report) return;
+    print_statistics(b, &b->part, "");
+    end_part(b);
+}
+
+static void tell_once(bridge *b, haply_problem problem) {
+    b->part.refused++;
+    if (b->told & 1u << problem) return;
+    b->told |= 1u << problem;
+    say("%s%s%s", haply_expected(problem), b->choice.device[0] ? "; the device is " : "", b->choice.device);
+}
+
+/* ---- from the service to the server --------------------------------------------------------------------------------- */
+
+static void no_state(bridge *b) {
+    b->valid = false;
+    limiter_cut(&b->limit);
+    if (b->unanswered_since != TOLD) b->unanswered_since = 0;
+}
+
+/* The first device and handle stay chosen, whatever else is connected later. */
+static void choose(bridge *b) {
+    if (!b->choice.device[0]) say("device %s", b->state.device);
+    memcpy(b->choice.device, b->state.device, HAPLY_ID);
+    if (!b->choice.handle[0] && b->state.handle[0]) {
+        say("handle %s", b->state.handle);
+        memcpy(b->choice.handle, b->state.handle, HAPLY_ID);
+    }
+}
+
+static void heed_handle(bridge *b, bool had_handle) {
+    bool has_handle = b->state.handle[0] != '\0';
+    if (has_handle != had_handle) limiter_cut(&b->limit); /* the needle may turn at once */
+    if (has_handle || b->set.mapping.fixed || b->told & 1u << HAPLY_GOOD) return;
+    b->told |= 1u << HAPLY_GOOD;
+    say("no handle%s%s with a unit quaternion in wireless_verse_grip, verse_grip or custom_verse_grip: the needle keeps its direction",
+        b->choice.handle[0] ? " " : "", b->choice.handle);
+}
+
+static void publish(bridge *b) {
+    const haply_state *s = &b->state;
+    pose base = mapping_pose(&b->map, s->position, s->handle[0] ? &s->orientation : NULL, s->clutch);
+    vec3 p = base.position;
+    quat q = base.orientation;
+    trocar_client_publish(b->server, (double[]){p.x, p.y, p.z}, (double[]){q.w, q.x, q.y, q.z});
+}
+
+static void on_state(void *context, const char *text, size_t length) {
+    bridge *b = context;
+    bool had_handle = b->valid && b->state.handle[0] != '\0';
+    b->heard_at = monotonic_ns();
+    if (b->waiting > 0 && --b->waiting == 0) histogram_add(&b->part.reply, b->heard_at - b->asked_at);
+    haply_problem problem = haply_read(text, length, &b->choice, &b->state);
+    b->absent = problem == HAPLY_NO_DEVICE || problem == HAPLY_OTHER_FORMAT;
+    if (!b->key) b->key = b->set.force_key ? b->set.force_key : b->state.has_session_id ? "vector" : "values";
+    if (problem != HAPLY_GOOD) {
+        tell_once(b, problem);
+        no_state(b);
+        return;
+    }
+    if (b->waiting > 0) return; /* late: newer ones are on their way */
+    choose(b);
+    heed_handle(b, had_handle);
+    b->valid = true;
+    publish(b);
+}
+
+static void on_event(void *context, const char *text, size_t length) {
+    bridge *b = context;
+    char told[256];
+    int64_t now = monotonic_ns();
+    if (!haply_read_event(text, length, told, sizeof told) || now - b->event_at < EVENT_GAP) return;
+    b->event_at = now;
+    say("the service reports %s", told);
+}
+
+/* ---- from the server to the service --------------------------------------------------------------------------------- */
+
+static void heed_server(bridge *b, bool answered, int64_t now) {
+    if (answered && !b->answered) say("trocar-server answers");
+    if (answered) {
+        b->answered = true;
+        b->unanswered_since = 0;
+        return;
+    }
+    if (b->unanswered_since == 0) b->unanswered_since = now;
+    if (b->unanswered_since == TOLD || now - b->unanswered_since < LONG) return;
+    b->unanswered_since = TOLD;
+    b->answered = false;
+    say("no wrench from trocar-server, so no force: start it, or see trocar-top why needle %d gets none; waiting", b->set.needle);
+}
+
+static vec3 next_force(bridge *b, int64_t now) {
+    trocar_client_wrench wrench;
+    double period = 1e-9 * (double)(now - b->sent_at);
+    bool answered = b->valid && trocar_client_newest(b->server, &wrench);
+    if (b->valid) heed_server(b, answered, now);
+    if (!answered || b->parting) {
+        limiter_cut(&b->limit);
+        return b->limit.force;
+    }
+    if (b->map.clutched) limiter_let_go(&b->limit);
+    vec3 felt = mapping_force(&b->map, v3(wrench.force[0], wrench.force[1], wrench.force[2]));
+    vec3 weight = v3(0, 0, GRAVITY * b->set.tool_mass);
+    return limiter_next(&b->limit, v3_scale(b->map.clutched ? 0 : b->set.force_scale, felt), weight, period);
+}
+
+static size_t write_message(void *context, char *text, size_t size) {
+    bridge *b = context;
+    int64_t now = monotonic_ns();
+    vec3 force = next_force(b, now);
+    const char *device = b->choice.device;
+    bool inquires = !device[0] || !b->key || b->absent;
+    size_t length = inquires ? haply_write_inquiry(text, size) : haply_write_force(text, size, device, b->key, force, !b->greeted);
+    b->greeted = b->greeted || !inquires;
+    b->parted = b->parting;
+    if (b->waiting++ == 0) b->asked_at = now;
+    b->sent_at = now;
+    b->part.messages++;
+    b->part.greatest_force = fmax(b->part.greatest_force, v3_norm(force));
+    return length;
+}
+
+/* ---- connection and time -------------------------------------------------------------------------------------------- */
+
+static void on_opened(void *context) {
+    bridge *b = context;
+    say("connected to the service at %s:%d", b->set.host, b->set.port);
+    b->lost = b->greeted = b->absent = false;
+    b->key = NULL;
+    b->told = 0;
+    b->waiting = 0;
+    b->heard_at = monotonic_ns();
+}
+
+static void on_closed(void *context, const char *why) {
+    bridge *b = context;
+    no_state(b);
+    b->waiting = 0;
+    if (!b->lost && !b->parting) say("the service at %s:%d: %s; trying again twice a second", b->set.host, b->set.port, why);
+    b->lost = true;
+}
+
+static void ignore_opening(void *context) { (void)context; }
+static void ignore_closing(void *context, const char *why) { (void)context, (void)why; }
+static size_t write_nothing(void *context, char *text, size_t size) { return (void)context, (void)text, (void)size, 0; }
+
+/* Sends a force of zero, waits for the reply so that the message is not lost with the connection, and ends. */
+static void part(bridge *b, int64_t now) {
+    if (!b->parting) b->parting_since = now;
+    b->parting = true;
+    b->ends = !b->service.open || (b->parted && b->waiting == 0) || now - b->parting_since > PARTING;
+    if (!b->parted) websocket_ask_to_write(&b->service);
+}
+
+/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. */
+static void await_reply(bridge *b, int64_t now) {
+    if (now - b->heard_at > DEAD) websocket_drop(&b->service);
+    if (now - b->asked_at < SILENT || b->waiting > 1) return;
+    b->part.late++;
+    no_state(b);
+    websocket_ask_to_write(&b->service);
+}
+
+static void on_tick(void *context) {
+    bridge *b = context;
+    int64_t now = monotonic_ns();
+    if (playing_interrupted()) {
+        part(b, now);
+        return;
+    }
+    websocket_keep(b->net, &b->service);
+    websocket_keep(b->net, &b->events);
+    report_now_and_then(b, now);
+    if (!b->service.open) return;
+    if (b->waiting > 0) await_reply(b, now);
+    else if ((b->key && !b->absent) || now - b->sent_at > INQUIRY) websocket_ask_to_write(&b->service);
+}
+
+static trocar_status run(bridge *b, report *why) {
+    int priority = 0;
+    if (b->set.realtime) {
+        int error = realtime_use_fifo(PRIORITY_DEVICE);
+        if (error == 0) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
+        else say("SCHED_FIFO refused (%s): raise the limit rtprio; running without real time", strerror(error));
+    }
+    trocar_client_options server = {.url = b->set.lcm_url, .needle = b->set.needle, .priority = priority};
+    b->server = trocar_client_open(&server, why->text, sizeof why->text);
+    if (!b->server) return TROCAR_SYSTEM;
+    trocar_status status = network_create(b->set.rate, on_tick, b, &b->net, why);
+    if (status == TROCAR_OK) {
+        puts("ready");
+        fflush(stdout);
+        while (!b->ends) network_round(b->net);
+        network_free(b->net);
+        end_part(b);
+        print_statistics(b, &b->whole, "in all");
+    }
+    trocar_client_close(b->server);
+    return status;
+}
 
 int main(int count, char **arguments) {
-    argp_parse(&parser, count, arguments, 0, NULL, NULL);
-    return EXIT_SUCCESS;
+    static bridge b;
+    report why;
+    haply_parse(count, arguments, &b.set);
+    playing_heed_signals();
+    b.choice = b.set.choice;
+    b.limit = (limiter){.max_force = b.set.max_force, .max_rate = b.set.max_force_rate};
+    mapping_init(&b.map, &b.set.mapping);
+    b.part.begin = b.whole.begin = monotonic_ns();
+    b.service = (websocket){.address = b.set.host, .port = b.set.port, .context = &b, .opened = on_opened, .closed = on_closed,
+                            .received = on_state, .write = write_message};
+    b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
+                           .received = on_event, .write = write_nothing};
+    if (run(&b, &why) == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-haply: %s\n", why.text);
+    return EXIT_FAILURE;
 }

@@ -1,0 +1,64 @@
+/* Messages of the Haply Inverse Service: JSON over WebSocket, port 10001. Made from these pages of https://docs.haply.co/inverseSDK,
+   read for service 3.5 and for 3.1 to 3.4:
+
+       service/realtime/websocket-protocol   one state for each message sent; the first message lists the devices
+       service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` in place of control_mode
+       service/realtime/control-commands     set_cursor_force; commands are forgotten unless they are repeated
+       service/commons/json-conventions      groups of devices; ports; keys that are not known are ignored
+       service/commons/basis                 right-handed, +x right, +y forward, +z up; m, N
+       service/tutorials/01 to 06            session.configure.profile.name in the first message only; handles; local +y of a handle points
+
+   Uncertain: 3.5 documents the force as "vector", samples for 3.1 to 3.4 as "values"; the bridge goes by session_id, which only 3.5
+   documents. The names of a handle's buttons other than a, b and c are not documented. */
+#ifndef TROCAR_HAPLY_MESSAGE_H
+#define TROCAR_HAPLY_MESSAGE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "base/vec.h"
+
+enum { HAPLY_ID = 64 };
+
+/* Which device and handle to read. An empty ID stands for the first in the list. */
+typedef struct {
+    char device[HAPLY_ID], handle[HAPLY_ID];
+    const char *clutch;      /* name of a button */
+} haply_choice;
+
+/* What is wrong with a message. */
+typedef enum {
+    HAPLY_GOOD,
+    HAPLY_NOT_JSON,
+    HAPLY_OTHER_FORMAT,
+    HAPLY_NO_DEVICE,
+    HAPLY_NOT_CALIBRATED,
+    HAPLY_BAD_POSITION,
+    HAPLY_PROBLEMS
+} haply_problem;
+
+typedef struct {
+    char device[HAPLY_ID], handle[HAPLY_ID]; /* IDs; empty: none */
+    vec3 position;           /* m, cursor, device's frame */
+    quat orientation;        /* of the handle in the device's frame */
+    bool clutch;             /* the button is pressed */
+    bool has_session_id;     /* service 3.5 or later */
+} haply_state;
+
+/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is
+   missing, or whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text: it may be cut off, not be JSON at
+   all, or contain numbers of any size. */
+haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
+
+/* What was expected instead, for people. */
+const char *haply_expected(haply_problem problem);
+
+/* A message of the service's events, port 10020 (service/events): `told` gets its level, name and message if the level is warning or worse. */
+bool haply_read_event(const char *text, size_t length, char *told, size_t size);
+
+/* Writes messages into `text`, of `size` bytes; return the length. `key` is "vector" or "values". `greet` also names this program to
+   the service, as in a session's first message. */
+size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet);
+size_t haply_write_inquiry(char *text, size_t size);  /* asks for the list of devices */
+
+#endif

@@ -1,0 +1,164 @@
+#include "settings.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "options.h"
+#include "profile.h"
+
+static const double STANDARD_LENGTH = 0.2; /* m, of the needles of this project's scenes */
+
+enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION_URL, OPTION_NEEDLE, OPTION_RATE, OPTION_REALTIME, OPTION_REPORT,
+       OPTION_PROFILE, OPTION_ROTATION, OPTION_SCALE, OPTION_START, OPTION_OFFSET, OPTION_POINT, OPTION_LENGTH, OPTION_ORIENTATION, OPTION_DIRECTION,
+       OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY };
+
+static const struct argp_option option_list[] = {
+    {"profile", OPTION_PROFILE, "FILE", 0, "Read options from a YAML file: long names and values", 0},
+    {0, 0, 0, 0, "Connection:", 1},
+    {"service", OPTION_SERVICE, "HOST[:PORT]", 0, "Haply Inverse Service (default 127.0.0.1:10001)", 1},
+    {"events", OPTION_EVENTS, "PORT", 0, "The service's events, whose warnings are printed; 0: none (default 10020)", 1},
+    {"device", OPTION_DEVICE, "ID", 0, "Inverse3 to use (default: the first)", 1},
+    {"handle", OPTION_HANDLE, "ID", 0, "VerseGrip to use (default: the first)", 1},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
+    {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 1},
+    {"rate", OPTION_RATE, "HZ", 0, "Messages per second, if the service answers in time (default 1000)", 1},
+    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
+    {0, 0, 0, 0, "Workspace, in the scene's frame unless said otherwise:", 2},
+    {"rotation", OPTION_ROTATION, "W,X,Y,Z", 0, "From the device's frame to the scene's (default 0,0,0.7071068,0.7071068: forward is z, up is y)", 2},
+    {"scale", OPTION_SCALE, "FACTOR", 0, "Motion of the needle per motion of the hand (default 1)", 2},
+    {"point", OPTION_POINT, "POINT", 0, "The needle's point at the cursor: base or tip (default base)", 2},
+    {"length", OPTION_LENGTH, "M", 0, "Length of the scene's needle, for --point tip (default 0.2)", 2},
+    {"start", OPTION_START, "X,Y,Z", 0, "Where that point is when the bridge begins, m (default 0.005,0.003,-0.201 for the base, 0.005,0.003,-0.001 for the tip)", 2},
+    {"offset", OPTION_OFFSET, "X,Y,Z", 0, "In place of --start: where the device's origin is, m", 2},
+    {"orientation", OPTION_ORIENTATION, "FROM", 0, "The needle's orientation: handle, or fixed (default handle)", 2},
+    {"direction", OPTION_DIRECTION, "X,Y,Z", 0, "The needle's direction if it is fixed or there is no handle (default 0,0,1)", 2},
+    {"tool", OPTION_TOOL, "W,X,Y,Z", 0, "The needle's orientation in the handle's frame (default 0,0,0.7071068,0.7071068: along the handle's y)", 2},
+    {"clutch", OPTION_CLUTCH, "BUTTON", 0, "While this button of the handle is pressed, the needle stays where it is (default a)", 2},
+    {0, 0, 0, 0, "Force:", 3},
+    {"max-force", OPTION_MAX_FORCE, "N", 0, "Greatest force (default 3)", 3},
+    {"max-force-rate", OPTION_MAX_RATE, "N/S", 0, "Greatest change of the force in a second (default 400)", 3},
+    {"force-scale", OPTION_FORCE_SCALE, "FACTOR", 0, "Force on the hand per force on the needle (default 1)", 3},
+    {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is carried, beside what the service compensates (default 0)", 3},
+    {"force-key", OPTION_FORCE_KEY, "KEY", 0, "Name of the force in set_cursor_force: vector or values (default: by the service's version)", 3},
+    {0, 0, 0, 0, "Output:", 4},
+    {"report", OPTION_REPORT, "SECONDS", 0, "Print rate and round trip this often; 0: at the end only (default 10)", 4},
+    {0},
+};
+
+static vec3 parse_vector(const struct argp_state *state, const char *option, const char *text) {
+    double n[3];
+    parse_numbers(state, option, text, 3, n);
+    return v3(n[0], n[1], n[2]);
+}
+
+static quat parse_rotation(const struct argp_state *state, const char *option, const char *text) {
+    double n[4];
+    parse_numbers(state, option, text, 4, n);
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]);
+    if (!(length > 0.99 && length < 1.01)) argp_error(state, "--%s: %s: expected a quaternion w,x,y,z of unit length", option, text);
+    return q_unit((quat){n[0], n[1], n[2], n[3]});
+}
+
+/* Whether `text` is the second of two words. */
+static bool parse_word(const struct argp_state *state, const char *option, const char *text, const char *first, const char *second) {
+    if (strcmp(text, first) != 0 && strcmp(text, second) != 0) argp_error(state, "--%s: '%s': expected %s or %s", option, text, first, second);
+    return strcmp(text, second) == 0;
+}
+
+static void parse_id(const struct argp_state *state, const char *option, const char *text, char id[HAPLY_ID]) {
+    if (strlen(text) >= HAPLY_ID || strlen(text) == 0) argp_error(state, "--%s: '%s': expected an ID of 1 to %d characters", option, text, HAPLY_ID - 1);
+    else strcpy(id, text);
+}
+
+static int parse_port(const struct argp_state *state, const char *option, const char *text, int least) {
+    return whole_number(state, option, parse_number(state, option, text, least, 65535), least, 65535);
+}
+
+static void parse_service(const struct argp_state *state, haply_settings *o, const char *text) {
+    const char *colon = strrchr(text, ':');
+    int length = snprintf(o->host, sizeof o->host, "%.*s", (int)(colon ? colon - text : (ptrdiff_t)strlen(text)), text);
+    if (length == 0 || length >= (int)sizeof o->host) argp_error(state, "--service: '%s': expected HOST or HOST:PORT", text);
+    if (colon) o->port = parse_port(state, "service", colon + 1, 1);
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state);
+
+/* Sets an option that a profile gives. Errors name its place. */
+static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
+    struct argp_state *state = context;
+    const struct argp_option *o = option_list;
+    while ((o->name || o->doc) && !(o->name && strcmp(o->name, name) == 0)) o++; /* headings have no name */
+    if (!o->name || o->key == OPTION_PROFILE) return fail(why, TROCAR_BAD_INPUT, "%s: no option '%s'; see trocar-haply --help", place, name);
+    if (!o->arg && strcmp(value, "true") != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s: expected true", place, name);
+    char *program = state->name, where[1100];
+    snprintf(where, sizeof where, "%s: %s", program, place);
+    state->name = where;
+    parse_option(o->key, strdup(value), state); /* kept, as the command line is */
+    state->name = program;
+    return TROCAR_OK;
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    haply_settings *o = state->input;
+    mapping_settings *m = &o->mapping;
+    report why;
+    switch (key) {
+    case OPTION_PROFILE:
+        if (profile_read(text, set_from_profile, state, &why) != TROCAR_OK) argp_error(state, "%s", why.text);
+        break;
+    case OPTION_SERVICE: parse_service(state, o, text); break;
+    case OPTION_EVENTS: o->events_port = parse_port(state, "events", text, 0); break;
+    case OPTION_DEVICE: parse_id(state, "device", text, o->choice.device); break;
+    case OPTION_HANDLE: parse_id(state, "handle", text, o->choice.handle); break;
+    case OPTION_URL: o->lcm_url = text; break;
+    case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
+    case OPTION_RATE: o->rate = parse_number(state, "rate", text, 10, 4000); break;
+    case OPTION_REALTIME: o->realtime = true; break;
+    case OPTION_ROTATION: m->rotation = parse_rotation(state, "rotation", text); break;
+    case OPTION_SCALE: m->scale = parse_number(state, "scale", text, 0.01, 10); break;
+    case OPTION_POINT: m->tip = parse_word(state, "point", text, "base", "tip"); break;
+    case OPTION_LENGTH: m->length = parse_number(state, "length", text, 0.001, 1); break;
+    case OPTION_START:
+        m->start = parse_vector(state, "start", text);
+        o->start_given = true;
+        break;
+    case OPTION_OFFSET:
+        m->offset = parse_vector(state, "offset", text);
+        m->has_offset = true;
+        break;
+    case OPTION_ORIENTATION: m->fixed = parse_word(state, "orientation", text, "handle", "fixed"); break;
+    case OPTION_DIRECTION:
+        m->direction = parse_vector(state, "direction", text);
+        if (!(v3_norm(m->direction) > 1e-6)) argp_error(state, "--direction: %s: has no length", text);
+        break;
+    case OPTION_TOOL: m->tool = parse_rotation(state, "tool", text); break;
+    case OPTION_CLUTCH: o->choice.clutch = text; break;
+    case OPTION_MAX_FORCE: o->max_force = parse_number(state, "max-force", text, 0, 20); break;
+    case OPTION_MAX_RATE: o->max_force_rate = parse_number(state, "max-force-rate", text, 1, 1e5); break;
+    case OPTION_FORCE_SCALE: o->force_scale = parse_number(state, "force-scale", text, 0, 10); break;
+    case OPTION_TOOL_MASS: o->tool_mass = parse_number(state, "tool-mass", text, 0, 1); break;
+    case OPTION_FORCE_KEY: o->force_key = parse_word(state, "force-key", text, "vector", "values") ? "values" : "vector"; break;
+    case OPTION_REPORT: o->report = parse_number(state, "report", text, 0, 1e6); break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (o->start_given && m->has_offset) argp_error(state, "--start and --offset exclude each other");
+        if (!o->start_given && m->tip) m->start.z += STANDARD_LENGTH;
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Connects a Haply Inverse3 and its handle to trocar-server, through the Haply Inverse Service. Protocol-tested, not yet on hardware: begin with a "
+    "small --max-force.", NULL, NULL, NULL};
+
+void haply_parse(int count, char **arguments, haply_settings *settings) {
+    *settings = (haply_settings){
+        .host = "127.0.0.1", .port = 10001, .events_port = 10020, .choice.clutch = "a", .rate = 1000, .report = 10,
+        .max_force = 3, .max_force_rate = 400, .force_scale = 1,
+        .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
+                    .tool = MAPPING_Y_TO_Z}};
+    argp_parse(&parser, count, arguments, 0, NULL, settings);
+}

@@ -1,0 +1,28 @@
+/* Options of trocar-haply. */
+#ifndef TROCAR_HAPLY_SETTINGS_H
+#define TROCAR_HAPLY_SETTINGS_H
+
+#include "mapping.h"
+#include "message.h"
+
+typedef struct {
+    char host[256];
+    int port, events_port;   /* 0: none */
+    haply_choice choice;
+    const char *lcm_url;     /* NULL: the environment's */
+    const char *force_key;   /* NULL: by the service's version */
+    int needle;
+    double rate;             /* Hz */
+    double report;           /* s; 0: at the end only */
+    bool realtime, start_given;
+    mapping_settings mapping;
+    double max_force;        /* N */
+    double max_force_rate;   /* N/s */
+    double force_scale;
+    double tool_mass;        /* kg */
+} haply_settings;
+
+/* Exits if an option is wrong. The settings point into `arguments`. */
+void haply_parse(int count, char **arguments, haply_settings *settings);
+
+#endif

@@ -1,0 +1,295 @@
+#!/usr/bin/python3
+"""trocar-haply between trocar-server and a stand-in for the Haply Inverse Service: forces, clutch, faults of either side.
+
+usage: test_haply.py BUILD_DIR SOURCE_DIR [--slow]     --slow: an instrumented program, which is not judged by the clock
+"""
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+BUILD, SOURCE = sys.argv[1:3]
+SLOW = "--slow" in sys.argv
+WATCHDOG = 0.02    # s, of both sides
+SLACK = 1.0 if SLOW else 0.012  # s, for scheduling beyond the watchdog
+LIMIT = 0.6        # N, --max-force
+HOME = (0.0, 0.1, 0.1)
+DEPTH = 0.04       # m, of the insertion
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+sys.dont_write_bytecode = True
+from rig import Rig, in_namespace, wait_for
+from standin import Disconnect
+
+in_namespace(__file__, sys.argv[1:], SOURCE)
+
+
+def push(rig, distance=DEPTH, speed=0.05, start=HOME):
+    """The hand pushes forward from `start` and then rests. Returns when it does, with the time at which it began."""
+    begin = time.monotonic()
+    rig.service.position = lambda now: (start[0], start[1] + min(distance, speed * max(0.0, now - begin)), start[2])
+    time.sleep(distance / speed)
+    return begin
+
+
+def settled(rig, seconds=0.15):
+    time.sleep(seconds)
+    return rig.force()
+
+
+def library_force(distance, speed):
+    """The same insertion by the library, N in the scene's frame."""
+    os.environ["TROCAR_LIBRARY"] = f"{BUILD}/core/libtrocar.so"
+    sys.path.insert(0, f"{BUILD}/clients/python")
+    import trocar
+    sim = trocar.Sim(trocar.Model(trocar.Scene.load(f"{SOURCE}/meshes/figure8.yaml")))
+    base = [0.005, 0.003, -0.201, 1, 0, 0, 0]
+    sim.reset(base)
+    steps = round(distance / speed * 1000)
+    for k in range(1, steps + 101):
+        base[2] = -0.201 + min(k, steps) * speed / 1000
+        out = sim.step(base, 0.001)
+    return out.force
+
+
+def check_force(rig):
+    """Forward is the scene's z, right its -x, up its y: the force is the library's."""
+    push(rig)
+    x, y, z = settled(rig)
+    assert y < -0.1, f"no force against the push: {(x, y, z)}"
+    if not SLOW:
+        fx, fy, fz = library_force(DEPTH, 0.05)
+        expected = (-fx, fz, fy)
+        print(f"force {(x, y, z)} N, the library's {expected} N")
+        assert math.dist((x, y, z), expected) < 0.05 * math.hypot(*expected), expected
+    assert not any(force > LIMIT + 1e-12 for force in rig.norms_since(0)), "above the limit"
+
+
+def check_greeting(rig):
+    """The first message of a session names the program, the later ones do not."""
+    greeting = rig.service.first[0]
+    assert greeting["session"]["configure"]["profile"]["name"] == "trocar-haply", greeting
+    assert {key for _, _, key in rig.service.forces} == {"vector"}, "the force's name for 3.5"
+
+
+def check_clutch(rig):
+    """The needle stays while the hand moves to and fro, without force, and goes on from where it was."""
+    before, home = rig.force(), rig.service.position(time.monotonic())
+    rig.service.buttons["a"] = True
+    time.sleep(0.1 if not SLOW else 0.5)
+    assert rig.force() == (0, 0, 0), f"force while the clutch is pressed: {rig.force()}"
+    moved = (home[0] + 0.02, home[1] - 0.05, home[2])
+    rig.service.position = moved
+    time.sleep(0.05)
+    rig.service.buttons["a"] = False
+    after = settled(rig, 0.3)
+    assert math.dist(before, after) < 0.05 * math.hypot(*before) + 0.005, f"before the clutch {before}, after {after}"
+    rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # out of the tissue: a jump
+    wait_for(lambda: math.hypot(*rig.force()) < 0.01, "the needle does not come out")
+    push(rig, DEPTH + 0.001, start=rig.service.position)
+    rig.wait_for_force(0.1, "no force after the clutch")
+
+
+def check_handle(rig):
+    """Without a handle the needle keeps its direction; force rises again."""
+    before = settled(rig, 0.3)
+    start = time.monotonic()
+    rig.service.handle = None
+    wait_for(lambda: "no handle 61548" in rig.said(), "a missing handle is not told")
+    time.sleep(0.02)
+    assert min(rig.norms_since(start)) < 0.1 * math.hypot(*before), "no new ramp without a handle"
+    after = settled(rig, 0.25)
+    assert math.dist(before, after) < 0.05 * math.hypot(*before) + 0.005, f"with the handle {before}, without {after}"
+    rig.service.handle = "wireless_verse_grip"
+    rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation: as if it were missing
+    time.sleep(0.1)
+    rig.service.orientation = (1.0, 0.0, 0.0, 0.0)
+    settled(rig, 0.25)
+    assert rig.said().count("no handle") == 1, "told more than once"
+
+
+def damaged(**changes):
+    """An answer whose device's members have these values."""
+    def answer(state):
+        state["inverse3"][0].update(changes)
+        return json.dumps(state)
+    return answer
+
+
+BAD = {
+    "cut off": (lambda state: json.dumps(state)[:200], "not whole JSON"),
+    "empty": (lambda state: "", "not whole JSON"),
+    "not UTF-8": (lambda state: b"\xff\xfe{", "not whole JSON"),
+    "deeply nested": (lambda state: "[" * 100000, "not whole JSON"),
+    "a number": (lambda state: "17", "another format"),
+    "format 3.0": (lambda state: json.dumps({"inverse3": {"049D": state["inverse3"][0]}}), "port 10000 has format 3.0"),
+    "no list": (lambda state: json.dumps({"session_id": 7}), "no such device"),
+    "another device": (damaged(device_id="0000"), "no such device"),
+    "an ID with a quote": (damaged(device_id='04"9D'), "no such device"),
+    "not calibrated": (damaged(status={"calibrated": False}), "not calibrated"),
+    "no state": (damaged(state=None), "state.cursor_position"),
+    "not a number": (damaged(state={"cursor_position": {"x": "0", "y": 0, "z": 0}}), "state.cursor_position"),
+    "NaN": (damaged(state={"cursor_position": {"x": float("nan"), "y": 0, "z": 0}}), "not whole JSON"),
+    "huge": (damaged(state={"cursor_position": {"x": 1e300, "y": -1e300, "z": 1e308}}), "state.cursor_position"),
+    "infinite": (lambda state: json.dumps(state).replace('"cursor_position": {"x": 0.0', '"cursor_position": {"x": 1e999'), "state.cursor_position"),
+    "long": (lambda state: json.dumps({**state, "more": "x" * 70000}), ""),
+    "too long": (lambda state: json.dumps({**state, "more": "x" * 300000}), "not whole JSON"),
+}
+
+
+def check_bad_messages(rig):
+    """No message gives force unless it holds a state; each kind is told once, with what was expected."""
+    for name, (answer, expected) in BAD.items():
+        rig.wait_for_force(0.1, f"no force before the message: {name}")
+        begin, inquiries = time.monotonic(), rig.service.inquiries
+        rig.service.answer = answer
+        if expected:
+            wait_for(lambda: expected in rig.said(), f"{name}: '{expected}' is not told: {rig.said()}")
+            wait_for(lambda: rig.service.inquiries > inquiries or rig.force() == (0, 0, 0), f"{name}: still {rig.force()} N")
+        time.sleep(0.03)
+        late = rig.since(begin + (1.0 if SLOW else 0.01))
+        if expected:
+            assert all(force == (0, 0, 0) for _, force in late), f"{name}: force {late}"
+        else:
+            assert late and all(math.hypot(*force) > 0 for _, force in late), f"{name}: no force"
+        rig.service.answer = json.dumps
+    rig.wait_for_force(0.1, "no force after bad messages")
+    for line in set(rig.said().splitlines()):
+        assert rig.said().count(line) == 1 or "connected" in line, f"told more than once: {line}"
+    rig.service.answer = lambda state: json.dumps({"new": [1, {"a": None}], **state, "inverse3": [{**state["inverse3"][0], "novelty": 1}]})
+    settled(rig)
+    assert math.hypot(*rig.force()) > 0.1, "unknown fields matter"
+    rig.service.answer = json.dumps
+
+
+def first_zero(rig, begin):
+    """Seconds after `begin` until the force was zero and stayed so."""
+    last = max((at for at, force in rig.since(begin) if force != (0, 0, 0)), default=begin)
+    return last - begin
+
+
+def check_late_reply(rig):
+    """A service that hangs is sent a zero next."""
+    rig.wait_for_force(0.1, "no force")
+    rig.service.answer = lambda state: time.sleep(0.2) or json.dumps(state)
+    time.sleep(0.1)
+    rig.service.answer = json.dumps
+    begin = time.monotonic()
+    wait_for(lambda: rig.since(begin), "nothing after a late reply")
+    assert rig.since(begin)[0][1] == (0, 0, 0), f"the first force after a late reply: {rig.since(begin)[0]}"
+    rig.wait_for_force(0.1, "no force after a late reply")
+
+
+def check_disconnection(rig):
+    """The bridge connects again, greets, and the force rises from zero."""
+    for _ in range(2):
+        begin, sessions = time.monotonic(), len(rig.service.first)
+        rig.service.disconnect()
+        wait_for(lambda: len(rig.service.first) > sessions, "not connected again")
+        assert rig.since(begin + 0.1)[0][1] == (0, 0, 0), "force at once after a connection"
+        rig.wait_for_force(0.1, "no force after a connection")
+    assert rig.said().count("the connection was closed; trying again") == 2 and rig.said().count("connected to the service") == 3, rig.said()
+
+
+def check_server(rig):
+    """No force soon after the server stops; told, and force again when it goes on or another one starts."""
+    rig.wait_for_force(0.1, "no force")
+    rig.server.send_signal(signal.SIGSTOP)
+    stopped = time.monotonic()
+    time.sleep(0.7 if not SLOW else 2.5)
+    rig.server.send_signal(signal.SIGCONT)
+    assert first_zero(rig, stopped) < WATCHDOG + SLACK, f"force for {first_zero(rig, stopped)} s without a server"
+    print(f"the server was stopped: force for another {1e3 * first_zero(rig, stopped):.0f} ms")
+    wait_for(lambda: "no wrench from trocar-server" in rig.said(), "not told that the server is silent")
+    rig.wait_for_force(0.1, "no force after the server's stop")
+    answers = rig.said().count("trocar-server answers")
+    assert answers == 2, rig.said()
+    rig.kill_server()
+    killed = time.monotonic()
+    time.sleep(0.7)
+    assert first_zero(rig, killed) < WATCHDOG + SLACK, f"force for {first_zero(rig, killed)} s after the server's death"
+    rig.service.position = HOME
+    rig.start_server()
+    push(rig)
+    rig.wait_for_force(0.1, "no force of the next server")
+    assert rig.said().count("trocar-server answers") == 3, rig.said()
+
+
+def check_end(rig):
+    """The last message is a zero."""
+    rig.wait_for_force(0.1, "no force")
+    begin = time.monotonic()
+    assert rig.stop_bridge() == 0, "status"
+    assert rig.force() == (0, 0, 0), f"the last force is {rig.force()}"
+    assert SLOW or time.monotonic() - begin < 0.5, "slow to end"
+    assert "messages/s" in rig.out.read_text(), rig.out.read_text()
+
+
+def check_options():
+    """Bad options and profiles: status 2, the place and what was expected."""
+    program = f"{BUILD}/clients/bridges/haply/trocar-haply"
+    with tempfile.TemporaryDirectory() as folder:
+        path = f"{folder}/profile.yaml"
+        for text, place in (("max_force: 2\nrotation: [1, 0, 0]\n", ":2"), ("speed: 3\n", ":1"), ("scale: {x: 1}\n", ":1"), ("- 1\n", ":1"), ("a: [\n", ":2"),
+                            ("realtime: 3\n", ":1"), ("scale: " + "1" * 2000, ":1"), ("profile: x\n", ":1")):
+            open(path, "w").write(text)
+            done = subprocess.run([program, "--profile", path], capture_output=True, text=True, timeout=20)
+            assert done.returncode == 2 and path + place in done.stderr, (text, done)
+        for options in (["--max-force", "-1"], ["--scale", "nan"], ["--rotation", "1,1,1,1"], ["--point", "middle"], ["--direction", "0,0,0"],
+                        ["--service", ""], ["--service", "localhost:0"], ["--device", "x" * 64], ["--start", "0,0,0", "--offset", "0,0,0"],
+                        ["--force-key", "x"], ["more"], ["--profile", "nowhere.yaml"]):
+            done = subprocess.run([program, *options], capture_output=True, text=True, timeout=20)
+            assert done.returncode == 2, (options, done)
+
+
+def check_other_version(folder):
+    """Service 3.1 to 3.4 with a wired handle, a profile, the tip at the cursor, and another rotation: right is the scene's z."""
+    profile = f"{folder}/profile.yaml"
+    open(profile, "w").write("point: tip\nstart: [0.005, 0.003, -0.001]\nrotation: [0.7071068, 0, -0.7071068, 0]\norientation: fixed\nmax_force: 0.2\nscale: 2\n")
+    rig = Rig(BUILD, SOURCE, folder, version="3.4")
+    rig.service.handle, rig.service.position = "verse_grip", HOME
+    try:
+        rig.start_server()
+        rig.start_bridge("--profile", profile, "--report", "1")
+        begin = time.monotonic()
+        rig.service.position = lambda now: (HOME[0] + min(0.02, 0.025 * (now - begin)), *HOME[1:])
+        time.sleep(0.8)
+        x, y, z = settled(rig)
+        assert x < -0.15 and abs(y) < 0.03 and abs(z) < 0.03, f"force {(x, y, z)}"
+        assert max(rig.norms_since(0)) <= 0.2 + 1e-12, f"above the limit: {max(rig.norms_since(0))}"
+        assert {key for _, _, key in rig.service.forces} == {"values"}, "the force's name before 3.5"
+        rig.service.buttons["a"] = True # of the wired handle
+        wait_for(lambda: rig.force() == (0, 0, 0), "the wired handle's button is no clutch")
+        assert rig.bridge.poll() is None
+    finally:
+        rig.end()
+
+
+def main():
+    check_options()
+    with tempfile.TemporaryDirectory() as folder:
+        rig = Rig(BUILD, SOURCE, folder)
+        rig.service.position = HOME
+        try:
+            rig.start_server()
+            rig.start_bridge("--max-force", str(LIMIT), "--report", "2")
+            for check in (check_force, check_greeting, check_clutch, check_handle, check_bad_messages, check_late_reply, check_disconnection, check_server, check_end):
+                begin = time.monotonic()
+                check(rig)
+                print(f"{check.__name__}: {time.monotonic() - begin:.1f} s", flush=True)
+            assert max(rig.norms_since(0)) <= LIMIT + 1e-12, f"above the limit: {max(rig.norms_since(0))}"
+        except AssertionError:
+            print(rig.said(), (rig.folder / "server").read_text()[-2000:], file=sys.stderr)
+            raise
+        finally:
+            rig.end()
+        check_other_version(folder)
+    print("passed")
+
+
+if __name__ == "__main__":
+    main()

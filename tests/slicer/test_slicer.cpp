@@ -60,7 +60,7 @@ struct Mesh {
 
 static void set_up(FakeServer &server, const Mesh &mesh) {
     server.nodes = mesh.nodes();
-    server.centreline = {{0.01, 0.02, 0.03}, {0.06, 0.02, 0.03}, {0.11, 0.02, 0.03}, {0.11, 0.02, 0.08}, {0.11, 0.02, 0.13}};
+    for (int i = 0; i <= 40; i++) server.centreline.push_back({0.01 + 0.005 * std::min(i, 20), 0.02, 0.03 + 0.005 * std::max(i - 20, 0)}); /* bent by 90 degrees */
     for (double &q : server.orientation) q = 0.5; /* x, y, z of the needle are y, z, x of the mesh */
     server.tip_lead = 0.5 * M_PI;
     server.force = {1, 2, 3};
@@ -89,7 +89,7 @@ struct Surface {
             m->GetPoints()->GetPoint(i, x);
             points.push_back({x[0], x[1], x[2]});
         }
-        for (unsigned i = 0; i < m->GetPolygons()->GetNumberOfCells(); i++) {
+        for (unsigned i = 0; m->GetPolygons() && i < m->GetPolygons()->GetNumberOfCells(); i++) {
             igtlUint32 corners[3];
             EXPECT(m->GetPolygons()->GetCellSize(i) == 3);
             m->GetPolygons()->GetCell(i, corners);
@@ -210,12 +210,16 @@ static void test_values() {
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene), {"--images", "regions", "--pixel", "1"}));
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
-    EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "AxialImage", "SagittalImage"}));
+    EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
     client.receive_for(0.5); /* of one picture all, not of two */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
     expect_columns(client.transform("NeedleTipToReference"), {{0, 0, -1, 1, 0, 0, 0, -1, 0, -40, -100, 100}}, 1e-4, "tip, a quarter turn ahead");
+    Surface shape(client.surfaces["Needle"]);
+    EXPECT(shape.points.size() == 41 && client.surfaces["Needle"]->GetLines()->GetNumberOfCells() == 1 && client.surfaces["Needle"]->GetLines()->GetCellSize(0) == 41);
+    for (size_t i = 0; i < std::min<size_t>(41, shape.points.size()); i++)
+        for (int a = 0; a < 3; a++) EXPECT(std::fabs(shape.points[i][a] - to_ras(server.centreline[i])[a]) < 1e-4, "point %zu of the needle", i);
     expect_columns(client.transform("NeedleForce"), {{1, 0, 0, 0, 1, 0, 0, 0, 1, -2, -3, 1}}, 1e-6, "force");
     expect_columns(client.transform("ProbeForce"), {{1, 0, 0, 0, 1, 0, 0, 0, 1, 1.5, 0, 0}}, 1e-6, "the probe's force");
     Columns probe = client.transform("ProbeToReference");

@@ -78,20 +78,31 @@ void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, in
     renew(m, utime);
 }
 
-bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons) {
-    float *none = calloc((size_t)points, 3 * sizeof *none);
-    igtl_polydata_info info = {.header = {.npoints = (igtl_uint32)points, .npolygons = (igtl_uint32)triangles,
-                                          .size_polygons = (igtl_uint32)(16 * triangles)}, .points = none, .polygons = polygons};
-    size_t size = (size_t)igtl_polydata_get_size(&info, IGTL_TYPE_PREFIX_NONE);
+static bool make_polydata(igtl_message *m, igtl_polydata_info *info) {
+    size_t size = (size_t)igtl_polydata_get_size(info, IGTL_TYPE_PREFIX_NONE);
+    info->points = calloc(info->header.npoints + 1, 3 * sizeof *info->points);
     unsigned char *bytes = malloc(size);
-    bool made = none && bytes && igtl_polydata_pack(&info, bytes, IGTL_TYPE_PREFIX_NONE) == 1;
+    bool made = info->points && bytes && igtl_polydata_pack(info, bytes, IGTL_TYPE_PREFIX_NONE) == 1;
     if (made) bytes_append(&m->content, bytes, size);
-    free(none);
+    free(info->points);
     free(bytes);
     return made && !m->content.failed;
 }
 
-void igtl_move_surface(igtl_message *m, int64_t utime, const float *points, int count) {
+bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons) {
+    igtl_polydata_info info = {.header = {.npoints = (igtl_uint32)points, .npolygons = (igtl_uint32)triangles, .size_polygons = (igtl_uint32)(16 * triangles)},
+                               .polygons = polygons};
+    return make_polydata(m, &info);
+}
+
+bool igtl_make_curve(igtl_message *m, int points) {
+    igtl_uint32 line[1 + TROCAR_MAX_JOINTS] = {(igtl_uint32)points};
+    for (int i = 0; i < points; i++) line[1 + i] = (igtl_uint32)i;
+    igtl_polydata_info info = {.header = {.npoints = (igtl_uint32)points, .nlines = 1, .size_lines = (igtl_uint32)(4 * (1 + points))}, .lines = line};
+    return make_polydata(m, &info);
+}
+
+void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count) {
     unsigned char *sent = m->content.data + sizeof(igtl_polydata_header);
     bool moved = m->number == 0;
     for (int i = 0; i < 3 * count; i++) {

@@ -40,10 +40,11 @@ void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
    nothing has changed. */
 void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, int width, int height, const unsigned char *grey);
 
-/* A surface of triangles, each a 3 and the indices of its points: made once, without a value, then moved. Points are x y z, mm. No new value if none has
-   moved. False without memory. */
+/* A surface of triangles, each a 3 and the indices of its points, or a curve through points: made once, without a value, then moved. Points are x y z,
+   mm. No new value if none has moved. False without memory. */
 bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons);
-void igtl_move_surface(igtl_message *m, int64_t utime, const float *points, int count);
+bool igtl_make_curve(igtl_message *m, int points);
+void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);
 
 /* The value's message with a header of this version, 1 or 2, for one more user; NULL without a value or memory. */
 igtl_packet *igtl_take(igtl_message *m, int version);

@@ -81,5 +81,5 @@ void organ_move(organ *o, int64_t utime, const patient_frame *frame, const doubl
         o->points[3 * i + 1] = (float)place.y;
         o->points[3 * i + 2] = (float)place.z;
     }
-    igtl_move_surface(o->message, utime, o->points, o->count);
+    igtl_move_points(o->message, utime, o->points, o->count);
 }

@@ -9,21 +9,23 @@
 #include "messages.h"
 #include "timing.h"
 
-enum { STATUS, NEEDLES, PER_NEEDLE = 3, BASE = 0, TIP, FORCE, PER_PROBE = 2 };
+enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 };
 
 /* ---- names ---- */
 
 /* "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names have 20 letters at most, hence "Tip2ToReference". */
 static void name_needle(igtl_message *m, int needle) {
-    char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce";
+    char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce", curve[32] = "Needle";
     if (needle > 0) {
         snprintf(base, sizeof base, "Needle%dToReference", needle + 1);
         snprintf(tip, sizeof tip, "Tip%dToReference", needle + 1);
         snprintf(force, sizeof force, "Needle%dForce", needle + 1);
+        snprintf(curve, sizeof curve, "Needle%d", needle + 1);
     }
     igtl_name(m + BASE, "TRANSFORM", base);
     igtl_name(m + TIP, "TRANSFORM", tip);
     igtl_name(m + FORCE, "TRANSFORM", force);
+    igtl_name(m + CURVE, "POLYDATA", curve);
 }
 
 static void name_all(outlets *o) {
@@ -56,6 +58,9 @@ trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar
     o->nodes = malloc(3 * (size_t)trocar_model_node_count(model) * sizeof *o->nodes);
     if (!o->messages || !o->organs || !o->nodes) return fail(why, TROCAR_NO_MEMORY, "no memory for the messages to clients");
     name_all(o);
+    for (int i = 0; i < trocar_model_needles(model); i++)
+        if (!igtl_make_curve(&o->messages[o->needles + PER_NEEDLE * i + CURVE], trocar_model_segments(model) + 1))
+            return fail(why, TROCAR_NO_MEMORY, "no memory for the needles' shapes");
     trocar_status status = organs_make(model, o->organs, o->messages + surfaces, why);
     return status == TROCAR_OK ? slices_create(&o->slices, scene, model, style, pixel, why) : status;
 }
@@ -89,6 +94,13 @@ static void show_needle(const outlets *o, int needle, const trocar_contacts_t *c
     if (m[BASE].utime == c->utime) return;
     igtl_set_transform(m + BASE, c->utime, &base);
     igtl_set_transform(m + TIP, c->utime, &tip);
+    float curve[TROCAR_MAX_JOINTS][3];
+    if (c->joint_count != trocar_model_segments(o->model) + 1) return;
+    for (int i = 0; i < c->joint_count; i++) {
+        vec3 place = mesh_to_patient(&o->frame, load_vec3(c->centreline[i]));
+        curve[i][0] = (float)place.x, curve[i][1] = (float)place.y, curve[i][2] = (float)place.z;
+    }
+    igtl_move_points(m + CURVE, c->utime, curve[0], c->joint_count);
 }
 
 static void displace(const outlets *o, const trocar_deformation_t *d) {

@@ -13,7 +13,7 @@ typedef struct {
     bool registered;         /* to a patient */
     igtl_message *messages;
     int count, light_count;  /* the first light_count are small */
-    int needles;             /* index of the first needle's three messages: base, tip and force; the others' follow */
+    int needles;             /* index of the first needle's four messages: base, tip, force and shape; the others' follow */
     int probe;               /* of the probe's two: place and force; -1: the scene has none */
     int images;              /* of the two images, -1: none */
     organ *organs;

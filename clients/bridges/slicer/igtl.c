@@ -176,7 +176,7 @@ const char *igtl_read_head(const unsigned char *bytes, igtl_head *head) {
     *head = (igtl_head){.version = h.version, .size = h.body_size, .crc = h.crc};
     memcpy(head->type, h.name, sizeof h.name);
     memcpy(head->name, h.device_name, sizeof h.device_name);
-    if (h.version < 1 || h.version > 3 || !head->type[0] || !is_text(head->type) || !is_text(head->name)) return "sent no OpenIGTLink header";
+    if (h.version < 1 || h.version > 2 || !head->type[0] || !is_text(head->type) || !is_text(head->name)) return "sent no OpenIGTLink header";
     return h.body_size > LARGEST_BODY ? "announced a message of more than 256 MB" : NULL;
 }
 

@@ -53,7 +53,7 @@ void igtl_drop(igtl_packet *packet); /* one user less; NULL is allowed */
 /* ---- received ---- */
 
 typedef struct {
-    int version;             /* 1 or more */
+    int version;             /* 1 or 2 */
     char type[IGTL_HEADER_TYPE_SIZE + 1], name[IGTL_HEADER_NAME_SIZE + 1];
     uint64_t size, crc;      /* of the body */
 } igtl_head;

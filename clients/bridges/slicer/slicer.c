@@ -62,15 +62,15 @@ static const struct argp_option option_list[] = {
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
     {0, 0, 0, 0, "Clients:", 1},
     {"port", 'p', "PORT", 0, "TCP port (default 18944; 0: any free one)", 1},
-    {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on (default 127.0.0.1: this machine only; 0.0.0.0: all)", 1},
+    {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on; 0.0.0.0: all (default 127.0.0.1: this machine only)", 1},
     {"rate", 'r', "HZ", 0, "Values per second of each message, 1 to 60 (default 30); the server itself sends needles and organs 30 times", 1},
-    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo (default), which resemble ultrasound, regions, at each pixel the volume's number in the scene's list, or none", 1},
+    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo, which resemble ultrasound; regions, at each pixel the volume's number in the scene's list; or none (default echo)", 1},
     {"pixel", OPTION_PIXEL, "MM", 0, "Size of the images' pixels, 0.1 to 5 (default 0.5)", 1},
     {0, 0, 0, 0, "Trackers:", 2},
     {"needle", OPTION_NEEDLE, "INDEX", 0, "Needle that is driven (default 0)", 2},
     {"needle-from", OPTION_NEEDLE_FROM, "NAME", 0, "TRANSFORM whose poses the needle's base follows (default StylusToReference)", 2},
     {"probe-from", OPTION_PROBE_FROM, "NAME", 0, "TRANSFORM whose poses the probe's base follows (default ProbeToReference)", 2},
-    {"tracker", OPTION_TRACKER, "HOST[:PORT]", 0, "Connect to this OpenIGTLink server, such as PlusServer, and read them from there (default port 18944)", 2},
+    {"tracker", OPTION_TRACKER, "HOST[:PORT]", 0, "Connect to this OpenIGTLink server, such as PlusServer, and read them from there; without PORT to 18944", 2},
     {0},
 };
 

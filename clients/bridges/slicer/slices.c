@@ -254,11 +254,12 @@ static corner cross_edge(const slices *s, const slice *v, const double *nodes, i
 
 static void draw_tissue(const slices *s, slice *v, const double *nodes) {
     const int32_t *tets = trocar_model_tets(s->model), *regions = trocar_model_tet_regions(s->model);
-    for (int n = 0; n < trocar_model_node_count(s->model); n++) {
+    int node_count = trocar_model_node_count(s->model), tet_count = trocar_model_tet_count(s->model);
+    for (int n = 0; n < node_count; n++) {
         double d = v3_dot(v3_sub(row(nodes, n), v->origin), v->axes[2]);
         s->distance[n] = d == 0 ? 1e-12 : d; /* a node in the plane counts as above it */
     }
-    for (int t = 0; t < trocar_model_tet_count(s->model); t++) {
+    for (int t = 0; t < tet_count; t++) {
         int below[4], above[4], low = 0, high = 0;
         for (int i = 0; i < 4; i++) {
             int node = tets[4 * t + i];

@@ -38,18 +38,18 @@ public:
 
     FakeServer() {
         hearing = lcm_create(nullptr);
-        trocar_needle_pose_t_subscribe(hearing, "TROCAR_POSE", [](const lcm_recv_buf_t *, const char *, const trocar_needle_pose_t *m, void *c) {
+        on_pose = trocar_needle_pose_t_subscribe(hearing, "TROCAR_POSE", [](const lcm_recv_buf_t *, const char *, const trocar_needle_pose_t *m, void *c) {
             auto *s = static_cast<FakeServer *>(c);
             std::lock_guard<std::mutex> lock(s->mutex);
             s->heard_poses.push_back(*m);
             s->owner = m->session;
         }, this);
-        trocar_probe_pose_t_subscribe(hearing, "TROCAR_PROBE", [](const lcm_recv_buf_t *, const char *, const trocar_probe_pose_t *m, void *c) {
+        on_probe = trocar_probe_pose_t_subscribe(hearing, "TROCAR_PROBE", [](const lcm_recv_buf_t *, const char *, const trocar_probe_pose_t *m, void *c) {
             auto *s = static_cast<FakeServer *>(c);
             std::lock_guard<std::mutex> lock(s->mutex);
             s->heard_probes.push_back(*m);
         }, this);
-        trocar_command_t_subscribe(hearing, "TROCAR_COMMAND", [](const lcm_recv_buf_t *, const char *, const trocar_command_t *m, void *c) {
+        on_command = trocar_command_t_subscribe(hearing, "TROCAR_COMMAND", [](const lcm_recv_buf_t *, const char *, const trocar_command_t *m, void *c) {
             auto *s = static_cast<FakeServer *>(c);
             if (m->command == TROCAR_COMMAND_T_RELEASE) s->releases++;
         }, this);
@@ -63,6 +63,9 @@ public:
     ~FakeServer() {
         ends = true;
         for (std::thread &t : threads) t.join();
+        trocar_needle_pose_t_unsubscribe(hearing, on_pose);
+        trocar_probe_pose_t_unsubscribe(hearing, on_probe);
+        trocar_command_t_unsubscribe(hearing, on_command);
         lcm_destroy(hearing);
     }
     std::vector<trocar_needle_pose_t> poses() { /* since the last call */
@@ -132,6 +135,9 @@ private:
     }
 
     lcm_t *hearing;
+    trocar_needle_pose_t_subscription_t *on_pose;
+    trocar_probe_pose_t_subscription_t *on_probe;
+    trocar_command_t_subscription_t *on_command;
     std::atomic<bool> ends{false};
     std::atomic<int64_t> tick{1}, owner{0};
     std::mutex mutex;

@@ -7,6 +7,7 @@ import base64
 import hashlib
 import json
 import math
+import os
 import socket
 import sys
 import threading
@@ -33,19 +34,24 @@ class Service:
     answer     function of the state, a dictionary, that returns the text to send, None for none, or raises Disconnect
     """
 
-    def __init__(self, port=0, version="3.5"):
+    def __init__(self, port=0, version="3.5", realtime=False):
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
-        self.listener = socket.create_server(("127.0.0.1", port))
-        self.port, self.client, self.stopped = self.listener.getsockname()[1], None, False
+        self.port, self.realtime = port, realtime
+        self.start()
+
+    def start(self):
+        self.listener, self.client = socket.create_server(("127.0.0.1", self.port)), None
+        self.port = self.listener.getsockname()[1]
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
 
     def stop(self):
-        self.stopped = True
+        self.listener.shutdown(socket.SHUT_RDWR) # wakes the thread
         self.listener.close()
         self.disconnect()
+        self.thread.join()
 
     def disconnect(self):
         client = self.client
@@ -56,7 +62,9 @@ class Service:
                 pass
 
     def serve(self):
-        while not self.stopped:
+        if self.realtime:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20)) # this thread
+        while True:
             try:
                 self.client = self.listener.accept()[0]
             except OSError:

@@ -6,6 +6,7 @@ usage: test_haply.py BUILD_DIR SOURCE_DIR [--slow]     --slow: an instrumented p
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,7 +24,6 @@ DEPTH = 0.04       # m, of the insertion
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.dont_write_bytecode = True
 from rig import Rig, in_namespace, wait_for
-from standin import Disconnect
 
 in_namespace(__file__, sys.argv[1:], SOURCE)
 
@@ -39,6 +39,11 @@ def push(rig, distance=DEPTH, speed=0.05, start=HOME):
 def settled(rig, seconds=0.15):
     time.sleep(seconds)
     return rig.force()
+
+
+def becomes(rig, expected, what):
+    """Waits until the force is this one, within 5 %: while a machine stalls, it is zero."""
+    wait_for(lambda: math.dist(rig.force(), expected) < 0.05 * math.hypot(*expected) + 0.005, f"{what}: {rig.force()} N, expected {expected} N")
 
 
 def library_force(distance, speed):
@@ -58,14 +63,16 @@ def library_force(distance, speed):
 
 def check_force(rig):
     """Forward is the scene's z, right its -x, up its y: the force is the library's."""
-    push(rig)
-    x, y, z = settled(rig)
-    assert y < -0.1, f"no force against the push: {(x, y, z)}"
+    expected = None
     if not SLOW:
         fx, fy, fz = library_force(DEPTH, 0.05)
         expected = (-fx, fz, fy)
+    push(rig)
+    x, y, z = settled(rig)
+    wait_for(lambda: rig.force()[1] < -0.1, f"no force against the push: {(x, y, z)}")
+    if expected:
         print(f"force {(x, y, z)} N, the library's {expected} N")
-        assert math.dist((x, y, z), expected) < 0.05 * math.hypot(*expected), expected
+        becomes(rig, expected, "not the library's force")
     assert not any(force > LIMIT + 1e-12 for force in rig.norms_since(0)), "above the limit"
 
 
@@ -86,8 +93,7 @@ def check_clutch(rig):
     rig.service.position = moved
     time.sleep(0.05)
     rig.service.buttons["a"] = False
-    after = settled(rig, 0.3)
-    assert math.dist(before, after) < 0.05 * math.hypot(*before) + 0.005, f"before the clutch {before}, after {after}"
+    becomes(rig, before, "not the same force after the clutch")
     rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # out of the tissue: a jump
     wait_for(lambda: math.hypot(*rig.force()) < 0.01, "the needle does not come out")
     push(rig, DEPTH + 0.001, start=rig.service.position)
@@ -99,11 +105,10 @@ def check_handle(rig):
     before = settled(rig, 0.3)
     start = time.monotonic()
     rig.service.handle = None
-    wait_for(lambda: "no handle 61548" in rig.said(), "a missing handle is not told")
+    wait_for(lambda: re.search("no handle .*61548", rig.said()), "a missing handle is not told")
     time.sleep(0.02)
     assert min(rig.norms_since(start)) < 0.1 * math.hypot(*before), "no new ramp without a handle"
-    after = settled(rig, 0.25)
-    assert math.dist(before, after) < 0.05 * math.hypot(*before) + 0.005, f"with the handle {before}, without {after}"
+    becomes(rig, before, "not the same force without a handle")
     rig.service.handle = "wireless_verse_grip"
     rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation: as if it were missing
     time.sleep(0.1)
@@ -155,14 +160,14 @@ def check_bad_messages(rig):
         if expected:
             assert all(force == (0, 0, 0) for _, force in late), f"{name}: force {late}"
         else:
-            assert late and all(math.hypot(*force) > 0 for _, force in late), f"{name}: no force"
+            rig.wait_for_force(0.1, f"{name}: no force")
         rig.service.answer = json.dumps
     rig.wait_for_force(0.1, "no force after bad messages")
     for line in set(rig.said().splitlines()):
         assert rig.said().count(line) == 1 or "connected" in line, f"told more than once: {line}"
     rig.service.answer = lambda state: json.dumps({"new": [1, {"a": None}], **state, "inverse3": [{**state["inverse3"][0], "novelty": 1}]})
     settled(rig)
-    assert math.hypot(*rig.force()) > 0.1, "unknown fields matter"
+    rig.wait_for_force(0.1, "unknown fields matter")
     rig.service.answer = json.dumps
 
 
@@ -182,6 +187,7 @@ def check_late_reply(rig):
     wait_for(lambda: rig.since(begin), "nothing after a late reply")
     assert rig.since(begin)[0][1] == (0, 0, 0), f"the first force after a late reply: {rig.since(begin)[0]}"
     rig.wait_for_force(0.1, "no force after a late reply")
+    assert rig.said().count("more than 20 ms to reply") == 1, rig.said()
 
 
 def check_disconnection(rig):
@@ -190,9 +196,10 @@ def check_disconnection(rig):
         begin, sessions = time.monotonic(), len(rig.service.first)
         rig.service.disconnect()
         wait_for(lambda: len(rig.service.first) > sessions, "not connected again")
-        assert rig.since(begin + 0.1)[0][1] == (0, 0, 0), "force at once after a connection"
+        wait_for(lambda: rig.since(begin + 0.1), "nothing after a connection") # twice a second
+        assert math.hypot(*rig.since(begin + 0.1)[0][1]) < 0.01, "force at once after a connection"
         rig.wait_for_force(0.1, "no force after a connection")
-    assert rig.said().count("the connection was closed; trying again") == 2 and rig.said().count("connected to the service") == 3, rig.said()
+    assert rig.said().count("the connection was closed; is it running?") == 2 and rig.said().count("connected to the service") == 3, rig.said()
 
 
 def check_server(rig):
@@ -258,8 +265,7 @@ def check_other_version(folder):
         begin = time.monotonic()
         rig.service.position = lambda now: (HOME[0] + min(0.02, 0.025 * (now - begin)), *HOME[1:])
         time.sleep(0.8)
-        x, y, z = settled(rig)
-        assert x < -0.15 and abs(y) < 0.03 and abs(z) < 0.03, f"force {(x, y, z)}"
+        becomes(rig, (-0.2, 0, 0), "not the limit, to the left")
         assert max(rig.norms_since(0)) <= 0.2 + 1e-12, f"above the limit: {max(rig.norms_since(0))}"
         assert {key for _, _, key in rig.service.forces} == {"values"}, "the force's name before 3.5"
         rig.service.buttons["a"] = True # of the wired handle

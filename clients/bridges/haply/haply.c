@@ -101,11 +101,12 @@ static void report_now_and_then(bridge *b, int64_t now) {
     end_part(b);
 }
 
-static void tell_once(bridge *b, haply_problem problem) {
-    b->part.refused++;
-    if (b->told & 1u << problem) return;
+/* Tells each problem once for each connection. */
+static void tell(bridge *b, haply_problem problem) {
+    bool told = b->told & 1u << problem;
     b->told |= 1u << problem;
-    say("%s%s%s", haply_expected(problem), b->choice.device[0] ? "; the device is " : "", b->choice.device);
+    const char *id = problem == HAPLY_NO_HANDLE ? b->choice.handle : b->choice.device;
+    if (!told) say("%s%s%s%s", haply_expected(problem), id[0] ? " (ID " : "", id, id[0] ? ")" : "");
 }
 
 /* ---- from the service to the server --------------------------------------------------------------------------------- */
@@ -129,10 +130,7 @@ static void choose(bridge *b) {
 static void heed_handle(bridge *b, bool had_handle) {
     bool has_handle = b->state.handle[0] != '\0';
     if (has_handle != had_handle) limiter_cut(&b->limit); /* the needle may turn at once */
-    if (has_handle || b->set.mapping.fixed || b->told & 1u << HAPLY_GOOD) return;
-    b->told |= 1u << HAPLY_GOOD;
-    say("no handle%s%s with a unit quaternion in wireless_verse_grip, verse_grip or custom_verse_grip: the needle keeps its direction",
-        b->choice.handle[0] ? " " : "", b->choice.handle);
+    if (!has_handle && !b->set.mapping.fixed) tell(b, HAPLY_NO_HANDLE);
 }
 
 static void publish(bridge *b) {
@@ -152,7 +150,8 @@ static void on_state(void *context, const char *text, size_t length) {
     b->absent = problem == HAPLY_NO_DEVICE || problem == HAPLY_OTHER_FORMAT;
     if (!b->key) b->key = b->set.force_key ? b->set.force_key : b->state.has_session_id ? "vector" : "values";
     if (problem != HAPLY_GOOD) {
-        tell_once(b, problem);
+        b->part.refused++;
+        tell(b, problem);
         no_state(b);
         return;
     }
@@ -228,14 +227,14 @@ static void on_opened(void *context) {
     b->key = NULL;
     b->told = 0;
     b->waiting = 0;
-    b->heard_at = monotonic_ns();
+    b->heard_at = b->sent_at = monotonic_ns(); /* the service begins */
 }
 
 static void on_closed(void *context, const char *why) {
     bridge *b = context;
     no_state(b);
     b->waiting = 0;
-    if (!b->lost && !b->parting) say("the service at %s:%d: %s; trying again twice a second", b->set.host, b->set.port, why);
+    if (!b->lost && !b->parting) say("the service at %s:%d: %s; is it running? Trying again twice a second", b->set.host, b->set.port, why);
     b->lost = true;
 }
 
@@ -256,6 +255,7 @@ static void await_reply(bridge *b, int64_t now) {
     if (now - b->heard_at > DEAD) websocket_drop(&b->service);
     if (now - b->asked_at < SILENT || b->waiting > 1) return;
     b->part.late++;
+    tell(b, HAPLY_LATE);
     no_state(b);
     websocket_ask_to_write(&b->service);
 }
@@ -282,7 +282,7 @@ static trocar_status run(bridge *b, report *why) {
         if (error == 0) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
         else say("SCHED_FIFO refused (%s): raise the limit rtprio; running without real time", strerror(error));
     }
-    trocar_client_options server = {.url = b->set.lcm_url, .needle = b->set.needle, .priority = priority};
+    trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
     if (!b->server) return TROCAR_SYSTEM;
     trocar_status status = network_create(b->set.rate, on_tick, b, &b->net, why);
@@ -307,9 +307,9 @@ int main(int count, char **arguments) {
     b.limit = (limiter){.max_force = b.set.max_force, .max_rate = b.set.max_force_rate};
     mapping_init(&b.map, &b.set.mapping);
     b.part.begin = b.whole.begin = monotonic_ns();
-    b.service = (websocket){.address = b.set.host, .port = b.set.port, .context = &b, .opened = on_opened, .closed = on_closed,
+    b.service = (websocket){.address = b.set.host, .port = b.set.port, .retry = 0.5, .context = &b, .opened = on_opened, .closed = on_closed,
                             .received = on_state, .write = write_message};
-    b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
+    b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .retry = 10, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
                            .received = on_event, .write = write_nothing};
     if (run(&b, &why) == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-haply: %s\n", why.text);

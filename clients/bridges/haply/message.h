@@ -23,10 +23,10 @@ enum { HAPLY_ID = 64 };
 /* Which device and handle to read. An empty ID stands for the first in the list. */
 typedef struct {
     char device[HAPLY_ID], handle[HAPLY_ID];
-    const char *clutch;      /* name of a button */
+    char clutch[HAPLY_ID];   /* name of a button */
 } haply_choice;
 
-/* What is wrong with a message. */
+/* What is wrong with a message, or with its time or handle, which haply_read does not judge. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -34,7 +34,8 @@ typedef enum {
     HAPLY_NO_DEVICE,
     HAPLY_NOT_CALIBRATED,
     HAPLY_BAD_POSITION,
-    HAPLY_PROBLEMS
+    HAPLY_LATE,
+    HAPLY_NO_HANDLE
 } haply_problem;
 
 typedef struct {
@@ -50,7 +51,7 @@ typedef struct {
    all, or contain numbers of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* What was expected instead, for people. */
+/* What is wrong and what was expected, for people. */
 const char *haply_expected(haply_problem problem);
 
 /* A message of the service's events, port 10020 (service/events): `told` gets its level, name and message if the level is warning or worse. */

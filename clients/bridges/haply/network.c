@@ -10,8 +10,7 @@
 
 #include "timing.h"
 
-static const int64_t RETRY = 500000000; /* ns between attempts to connect */
-enum { PATIENCE = 3 };                  /* s for the WebSocket's handshake */
+enum { PATIENCE = 3 }; /* s for the WebSocket's handshake */
 
 struct network {
     struct lws_context *lws;
@@ -24,7 +23,7 @@ struct network {
 static void end(websocket *s, const char *why) {
     s->wsi = NULL;
     s->open = s->trying = false;
-    s->retry_at = monotonic_ns() + RETRY;
+    s->retry_at = monotonic_ns() + llround(1e9 * s->retry);
     s->closed(s->context, why);
 }
 

@@ -16,6 +16,7 @@ typedef struct network network;
 typedef struct {
     const char *address;
     int port;                /* 0: never connects */
+    double retry;            /* s between attempts to connect */
     void *context;
     void (*opened)(void *context);
     void (*closed)(void *context, const char *why);       /* also after each attempt that fails */

@@ -65,9 +65,9 @@ static bool parse_word(const struct argp_state *state, const char *option, const
     return strcmp(text, second) == 0;
 }
 
-static void parse_id(const struct argp_state *state, const char *option, const char *text, char id[HAPLY_ID]) {
-    if (strlen(text) >= HAPLY_ID || strlen(text) == 0) argp_error(state, "--%s: '%s': expected an ID of 1 to %d characters", option, text, HAPLY_ID - 1);
-    else strcpy(id, text);
+static void parse_text(const struct argp_state *state, const char *option, const char *text, size_t size, char *copy) {
+    if (strlen(text) >= size || strlen(text) == 0) argp_error(state, "--%s: '%s': expected 1 to %zu characters", option, text, size - 1);
+    else strcpy(copy, text);
 }
 
 static int parse_port(const struct argp_state *state, const char *option, const char *text, int least) {
@@ -90,10 +90,11 @@ static trocar_status set_from_profile(void *context, const char *place, const ch
     while ((o->name || o->doc) && !(o->name && strcmp(o->name, name) == 0)) o++; /* headings have no name */
     if (!o->name || o->key == OPTION_PROFILE) return fail(why, TROCAR_BAD_INPUT, "%s: no option '%s'; see trocar-haply --help", place, name);
     if (!o->arg && strcmp(value, "true") != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s: expected true", place, name);
-    char *program = state->name, where[1100];
+    char *program = state->name, where[1100], text[1024];
+    snprintf(text, sizeof text, "%s", value);
     snprintf(where, sizeof where, "%s: %s", program, place);
     state->name = where;
-    parse_option(o->key, strdup(value), state); /* kept, as the command line is */
+    parse_option(o->key, text, state);
     state->name = program;
     return TROCAR_OK;
 }
@@ -108,9 +109,9 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         break;
     case OPTION_SERVICE: parse_service(state, o, text); break;
     case OPTION_EVENTS: o->events_port = parse_port(state, "events", text, 0); break;
-    case OPTION_DEVICE: parse_id(state, "device", text, o->choice.device); break;
-    case OPTION_HANDLE: parse_id(state, "handle", text, o->choice.handle); break;
-    case OPTION_URL: o->lcm_url = text; break;
+    case OPTION_DEVICE: parse_text(state, "device", text, sizeof o->choice.device, o->choice.device); break;
+    case OPTION_HANDLE: parse_text(state, "handle", text, sizeof o->choice.handle, o->choice.handle); break;
+    case OPTION_URL: parse_text(state, "lcm-url", text, sizeof o->lcm_url, o->lcm_url); break;
     case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
     case OPTION_RATE: o->rate = parse_number(state, "rate", text, 10, 4000); break;
     case OPTION_REALTIME: o->realtime = true; break;
@@ -132,7 +133,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (!(v3_norm(m->direction) > 1e-6)) argp_error(state, "--direction: %s: has no length", text);
         break;
     case OPTION_TOOL: m->tool = parse_rotation(state, "tool", text); break;
-    case OPTION_CLUTCH: o->choice.clutch = text; break;
+    case OPTION_CLUTCH: parse_text(state, "clutch", text, sizeof o->choice.clutch, o->choice.clutch); break;
     case OPTION_MAX_FORCE: o->max_force = parse_number(state, "max-force", text, 0, 20); break;
     case OPTION_MAX_RATE: o->max_force_rate = parse_number(state, "max-force-rate", text, 1, 1e5); break;
     case OPTION_FORCE_SCALE: o->force_scale = parse_number(state, "force-scale", text, 0, 10); break;

@@ -9,7 +9,7 @@ typedef struct {
     char host[256];
     int port, events_port;   /* 0: none */
     haply_choice choice;
-    const char *lcm_url;     /* NULL: the environment's */
+    char lcm_url[256];       /* empty: the environment's */
     const char *force_key;   /* NULL: by the service's version */
     int needle;
     double rate;             /* Hz */
@@ -22,7 +22,7 @@ typedef struct {
     double tool_mass;        /* kg */
 } haply_settings;
 
-/* Exits if an option is wrong. The settings point into `arguments`. */
+/* Exits if an option is wrong. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
 #endif

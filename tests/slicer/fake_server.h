@@ -2,6 +2,7 @@
 #ifndef TROCAR_TESTS_SLICER_FAKE_SERVER_H
 #define TROCAR_TESTS_SLICER_FAKE_SERVER_H
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <functional>
@@ -35,6 +36,7 @@ public:
     double probe_orientation[4] = {1, 0, 0, 0};
     std::atomic<int64_t> number{77};
     std::atomic<bool> silent{false};
+    std::atomic<size_t> most_nodes{SIZE_MAX}; /* that it tells of */
 
     FakeServer() {
         hearing = lcm_create(nullptr);
@@ -82,9 +84,10 @@ private:
     static int64_t now() { return std::llround(1e6 * epoch_seconds()); }
 
     void send_picture(lcm_t *lcm) {
-        std::vector<std::array<float, 3>> moved(nodes.size());
-        std::vector<float *> rows(nodes.size());
-        for (size_t i = 0; i < nodes.size(); i++) {
+        size_t count = std::min<size_t>(nodes.size(), most_nodes);
+        std::vector<std::array<float, 3>> moved(count);
+        std::vector<float *> rows(count);
+        for (size_t i = 0; i < count; i++) {
             Vector u = displace(nodes[i], seconds());
             for (int a = 0; a < 3; a++) moved[i][a] = static_cast<float>(u[a]);
             rows[i] = moved[i].data();

@@ -41,6 +41,7 @@ public:
             waitpid(pid, &status, 0);
             pid = 0;
         }
+        if (said("Sanitizer")) std::fputs(errors_text().c_str(), stderr); /* for the witness */
         return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
     }
     int exit_status() {

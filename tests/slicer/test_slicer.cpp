@@ -487,7 +487,7 @@ static void test_server_restart(const Mesh &mesh) {
     client.counts.clear();
     client.receive_for(1);
     EXPECT(client.counts["NeedleToReference"] >= 25, "%d", client.counts["NeedleToReference"]);
-    server.nodes.resize(10); /* another mesh than the bridge's */
+    server.most_nodes = 10; /* another mesh than the bridge's */
     EXPECT(soon([&] { return bridge.said("is --scene " + std::string(trocar_scene_path(mesh.scene)) + " its scene"); }));
     EXPECT(bridge.stop(SIGINT) == 0);
 }

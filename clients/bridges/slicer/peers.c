@@ -47,6 +47,12 @@ static void close_peer(peers *p, int i, const char *why) {
     if (i == TRACKER) p->tracker_retry = monotonic_ns() + SECOND;
 }
 
+static void close_broken(peers *p, int i) {
+    char why[128];
+    snprintf(why, sizeof why, "has disconnected: %s", strerror(errno));
+    close_peer(p, i, why);
+}
+
 static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
     char host[64] = "?", port[8] = "?";
     getnameinfo(address, size, host, sizeof host, port, sizeof port, NI_NUMERICHOST | NI_NUMERICSERV);
@@ -205,7 +211,7 @@ static void receive(peers *p, int i) {
     peer *c = p->all[i];
     ssize_t count = recv(c->socket, bytes, sizeof bytes, MSG_DONTWAIT);
     if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
-    if (count < 0) close_peer(p, i, strerror(errno));
+    if (count < 0) close_broken(p, i);
     else if (count == 0) close_peer(p, i, "has disconnected");
     else {
         char why[128];
@@ -249,7 +255,7 @@ static void send_news(peers *p, int i) {
         if (!c->sending) continue; /* no memory for it */
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
-        if (count < 0) close_peer(p, i, strerror(errno));
+        if (count < 0) close_broken(p, i);
         else c->sent += (size_t)count;
         if (count < 0 || c->sent < c->sending->size) return;
         igtl_drop(c->sending);

@@ -2,26 +2,13 @@
 
 #include "messages.h"
 
-/* Each row is a multiple of the unit quaternion (times its own component); the one with the largest diagonal is the most accurate. */
-static quat quaternion_of(const mat3 *turn) {
-    const double (*m)[3] = turn->m;
-    const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},
-                               {m[2][1] - m[1][2], 1 + m[0][0] - m[1][1] - m[2][2], m[0][1] + m[1][0], m[0][2] + m[2][0]},
-                               {m[0][2] - m[2][0], m[0][1] + m[1][0], 1 - m[0][0] + m[1][1] - m[2][2], m[1][2] + m[2][1]},
-                               {m[1][0] - m[0][1], m[0][2] + m[2][0], m[1][2] + m[2][1], 1 - m[0][0] - m[1][1] + m[2][2]}};
-    int best = 0;
-    for (int i = 1; i < 4; i++)
-        if (rows[i][i] > rows[best][best]) best = i;
-    return q_unit((quat){rows[best][0], rows[best][1], rows[best][2], rows[best][3]});
-}
-
 trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why) {
     double m[16];
     if (!trocar_scene_patient_to_mesh(scene, m))
         return fail(why, TROCAR_BAD_INPUT, "%s: has no patient_to_mesh, which patient coordinates need; trocar-anatomy writes it",
                     trocar_scene_path(scene));
     mat3 turn = {{{1e3 * m[0], 1e3 * m[1], 1e3 * m[2]}, {1e3 * m[4], 1e3 * m[5], 1e3 * m[6]}, {1e3 * m[8], 1e3 * m[9], 1e3 * m[10]}}};
-    *frame = (patient_frame){v3(m[3], m[7], m[11]), quaternion_of(&turn)};
+    *frame = (patient_frame){v3(m[3], m[7], m[11]), q_of_matrix(&turn)};
     return TROCAR_OK;
 }
 

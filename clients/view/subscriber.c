@@ -80,6 +80,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     n->wrench = w;
     f->tick = w.tick;
     n->heard = f->heard = monotonic_ns();
+    if (!f->timeline) return;
     plot_sample s = sample_of_wrench(subscriber_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
     s.lateness_max = (float)f->timing.lateness_max;
@@ -226,7 +227,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         if (f->deformation) trocar_deformation_t_destroy(f->deformation);
         f->deformation = trocar_deformation_t_copy(&m);
     }
-    if (complete) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &f->probe, &m, &why);
+    if (complete && f->timeline) timeline_add_picture(f->timeline, time_of_tick(f, m.tick), needles, f->needle_count, &f->probe, &m, &why);
     trocar_deformation_t_decode_cleanup(&m);
 }
 

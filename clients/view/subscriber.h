@@ -1,4 +1,4 @@
-/* Receives the server's messages and adds them to a timeline. */
+/* Receives the server's messages, keeps the newest of each kind, and adds them to a timeline. */
 #ifndef TROCAR_SUBSCRIBER_H
 #define TROCAR_SUBSCRIBER_H
 
@@ -26,7 +26,7 @@ typedef struct {
 typedef struct {
     int node_count;          /* of the scene's mesh */
     int needle_count;        /* of the scene */
-    timeline *timeline;
+    timeline *timeline;      /* NULL: none is kept */
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0: none */
@@ -45,7 +45,7 @@ typedef struct {
     int64_t refused;         /* messages of the wrong type for their channel */
 } subscriber;
 
-/* Subscribes; `t` must outlive it. Ignores deformations of meshes with another number of nodes than the model's, and
+/* Subscribes; `t` must outlive it, and may be NULL. Ignores deformations of meshes with another number of nodes than the model's, and
    needles that the model does not have. SYSTEM if LCM fails. */
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why);
 void subscriber_close(subscriber *f);

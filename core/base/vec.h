@@ -118,6 +118,20 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
+/* Unit quaternion of a rotation matrix. Each row of `rows` is a multiple of it (times its own component); the one with the largest diagonal is
+   the most accurate. */
+static inline quat q_of_matrix(const mat3 *turn) {
+    const double (*m)[3] = turn->m;
+    const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},
+                               {m[2][1] - m[1][2], 1 + m[0][0] - m[1][1] - m[2][2], m[0][1] + m[1][0], m[0][2] + m[2][0]},
+                               {m[0][2] - m[2][0], m[0][1] + m[1][0], 1 - m[0][0] + m[1][1] - m[2][2], m[1][2] + m[2][1]},
+                               {m[1][0] - m[0][1], m[0][2] + m[2][0], m[1][2] + m[2][1], 1 - m[0][0] - m[1][1] + m[2][2]}};
+    int best = 0;
+    for (int i = 1; i < 4; i++)
+        if (rows[i][i] > rows[best][best]) best = i;
+    return q_unit((quat){rows[best][0], rows[best][1], rows[best][2], rows[best][3]});
+}
+
 /* Turn about the body's z axis from one orientation to another, rad; 0 between equal ones, without rounding. */
 static inline double q_roll_between(quat from, quat to) {
     if (from.w == to.w && from.x == to.x && from.y == to.y && from.z == to.z) return 0.0;

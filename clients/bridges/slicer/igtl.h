@@ -1,0 +1,67 @@
+/* OpenIGTLink messages as bytes, made and read with the C functions of Debian's library (1.11). That library knows version 1 of the header; what
+   version 2 adds around the content is done here: github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md. */
+#ifndef TROCAR_IGTL_H
+#define TROCAR_IGTL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <igtl_header.h>
+
+#include "ras.h"
+#include "wire_format.h"
+
+/* A message as it goes to clients, which share it. */
+typedef struct {
+    int users;
+    size_t size;
+    unsigned char bytes[];
+} igtl_packet;
+
+/* The newest value of one name. A message without a value is not sent. */
+typedef struct {
+    const char *type;
+    char name[IGTL_HEADER_NAME_SIZE + 1];
+    int64_t number;          /* of this value, from 1; 0: none yet */
+    int64_t utime;           /* us since the epoch */
+    byte_buffer content;     /* in the network's byte order */
+    igtl_packet *packets[2]; /* of this value, with headers of version 1 and 2, once they were asked for */
+} igtl_message;
+
+void igtl_name(igtl_message *m, const char *type, const char *name); /* cuts the name after 20 bytes */
+void igtl_free(igtl_message *m);
+
+/* Each gives a message a new value. */
+void igtl_set_transform(igtl_message *m, int64_t utime, const ras_matrix *matrix);
+void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
+
+/* 8-bit grey levels, row by row. `matrix`: directions of i, j and k, each as long as a voxel (mm), and the middle of the image. No new value if
+   nothing has changed. */
+void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, int width, int height, const unsigned char *grey);
+
+/* A surface of triangles, each a 3 and the indices of its points, or a curve through points: made once, without a value, then moved. Points are x y z,
+   mm. No new value if none has moved. False without memory. */
+bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons);
+bool igtl_make_curve(igtl_message *m, int points);
+void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);
+
+/* The value's message with a header of this version, 1 or 2, for one more user; NULL without a value or memory. */
+igtl_packet *igtl_take(igtl_message *m, int version);
+void igtl_drop(igtl_packet *packet); /* one user less; NULL is allowed */
+
+/* ---- received ---- */
+
+typedef struct {
+    int version;             /* 1 or 2 */
+    char type[IGTL_HEADER_TYPE_SIZE + 1], name[IGTL_HEADER_NAME_SIZE + 1];
+    uint64_t size, crc;      /* of the body */
+} igtl_head;
+
+/* NULL, or why these IGTL_HEADER_SIZE bytes are no header. */
+const char *igtl_read_head(const unsigned char *bytes, igtl_head *head);
+
+/* NULL, or why this body is no TRANSFORM. */
+const char *igtl_read_transform(const igtl_head *head, unsigned char *body, ras_matrix *matrix);
+
+#endif

@@ -1,0 +1,345 @@
+#define _GNU_SOURCE
+#include "peers.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <netdb.h>
+#include <netinet/tcp.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "timing.h"
+
+enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS };
+static const int64_t SECOND = 1000000000;   /* ns */
+static const char STANDARD_PORT[] = "18944";
+
+struct peer {
+    int socket;
+    bool connecting;         /* to the tracker's server */
+    char who[80];            /* address and port */
+    int version;             /* highest of the headers that it has sent: it gets the same */
+    igtl_packet *sending;    /* NULL: nothing is under way */
+    size_t sent;             /* bytes of it */
+    int turn;                /* the heavy message to look at first */
+    int64_t *given;          /* number of the value that it got last, for each message */
+    igtl_head head;          /* of the message that is coming in, */
+    bool in_body;            /* if this is set: then its body comes */
+    uint64_t skip;           /* bytes of a body that is not wanted */
+    size_t filled;
+    unsigned char bytes[LARGEST_TRANSFORM]; /* of a header, or of a transform's body */
+    int64_t complained;      /* ns, monotonic: when something of it was refused, and said, last; 0: never */
+    int unsaid;              /* refused since */
+};
+
+/* ---- coming and going ---- */
+
+static void close_peer(peers *p, int i, const char *why) {
+    peer *c = p->all[i];
+    p->all[i] = NULL;
+    if (why) fprintf(stderr, "trocar-slicer: %s %s\n", c->who, why);
+    close(c->socket);
+    igtl_drop(c->sending);
+    free(c->given);
+    free(c);
+    if (i == TRACKER) p->tracker_retry = monotonic_ns() + SECOND;
+}
+
+static void close_broken(peers *p, int i) {
+    char why[128];
+    snprintf(why, sizeof why, "has disconnected: %s", strerror(errno));
+    close_peer(p, i, why);
+}
+
+static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
+    char host[64] = "?", port[8] = "?";
+    getnameinfo(address, size, host, sizeof host, port, sizeof port, NI_NUMERICHOST | NI_NUMERICSERV);
+    snprintf(c->who, sizeof c->who, "%s:%s", host, port);
+}
+
+static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
+    const int on = 1, unsent = 65536; /* bytes in the kernel from which on the client is slow: they are of values that have become old */
+    peer *c = calloc(1, sizeof *c);
+    int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
+    if (!c || !given) {
+        close(socket);
+        free(c);
+        free(given);
+        return NULL;
+    }
+    setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    setsockopt(socket, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
+    setsockopt(socket, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    c->socket = socket;
+    c->version = 1;
+    c->given = given;
+    name_peer(c, address, size);
+    return p->all[i] = c;
+}
+
+static void accept_peer(peers *p) {
+    struct sockaddr_storage address;
+    socklen_t size = sizeof address;
+    int socket = accept4(p->listener, (struct sockaddr *)&address, &size, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (socket < 0) return;
+    int i = 0;
+    while (i < PEERS && p->all[i]) i++;
+    if (i == PEERS) {
+        fprintf(stderr, "trocar-slicer: a client was turned away: there are %d already\n", PEERS);
+        close(socket);
+        return;
+    }
+    peer *c = add_peer(p, i, socket, (struct sockaddr *)&address, size);
+    if (c) fprintf(stderr, "trocar-slicer: %s has connected, clients: %d\n", c->who, peers_count(p));
+}
+
+int peers_count(const peers *p) {
+    int count = 0;
+    for (int i = 0; i < PEERS; i++) count += p->all[i] != NULL;
+    return count;
+}
+
+/* ---- the tracker's server ---- */
+
+static void say_no_tracker(peers *p) {
+    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying each second\n", p->settings.tracker, strerror(errno));
+    p->tracker_said = true;
+}
+
+static void connect_tracker(peers *p) {
+    const struct sockaddr *address = (const struct sockaddr *)p->tracker;
+    p->tracker_retry = monotonic_ns() + SECOND;
+    int s = socket(address->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s < 0 || (connect(s, address, (socklen_t)p->tracker_size) != 0 && errno != EINPROGRESS)) {
+        say_no_tracker(p);
+        if (s >= 0) close(s);
+        return;
+    }
+    peer *c = add_peer(p, TRACKER, s, address, (socklen_t)p->tracker_size);
+    if (c) c->connecting = true;
+}
+
+static void end_connecting(peers *p) {
+    peer *c = p->all[TRACKER];
+    socklen_t size = sizeof errno;
+    if (getsockopt(c->socket, SOL_SOCKET, SO_ERROR, &errno, &size) == 0 && errno == 0) {
+        c->connecting = p->tracker_said = false;
+        fprintf(stderr, "trocar-slicer: reading transforms from %s\n", c->who);
+        return;
+    }
+    say_no_tracker(p);
+    close_peer(p, TRACKER, NULL);
+}
+
+/* ---- receiving ---- */
+
+/* What a peer does wrong is said once a second. */
+static void complain(peer *c, const char *what, const char *fault) {
+    int64_t now = monotonic_ns();
+    if (c->complained != 0 && now - c->complained < SECOND) {
+        c->unsaid++;
+        return;
+    }
+    fprintf(stderr, "trocar-slicer: %s: %s %s, ignored", c->who, what, fault);
+    if (c->unsaid) fprintf(stderr, "; so were %d before", c->unsaid);
+    fputc('\n', stderr);
+    c->complained = now;
+    c->unsaid = 0;
+}
+
+/* GET_TYPE asks for values again: of one name, or of all. Other queries need no answer: everything comes anyway. */
+static void answer_query(const peers *p, peer *c) {
+    if (strncmp(c->head.type, "GET_", 4) != 0) return;
+    const char *type = c->head.type + 4; /* cut after 12 bytes with its prefix: TRANSFOR */
+    for (int i = 0; i < p->settings.message_count; i++) {
+        const igtl_message *m = &p->settings.messages[i];
+        if (*type && strncmp(type, m->type, strlen(type)) == 0 && (!c->head.name[0] || strcmp(c->head.name, m->name) == 0)) c->given[i] = 0;
+    }
+}
+
+static const char *begin_message(const peers *p, peer *c) {
+    const char *fault = igtl_read_head(c->bytes, &c->head);
+    if (fault) return fault;
+    if (c->head.version > c->version) c->version = c->head.version;
+    c->in_body = strcmp(c->head.type, "TRANSFORM") == 0 && c->head.size > 0 && c->head.size <= LARGEST_TRANSFORM;
+    if (!c->in_body) c->skip = c->head.size;
+    if (!c->in_body && strcmp(c->head.type, "TRANSFORM") == 0) complain(c, "a TRANSFORM", "has a wrong size");
+    answer_query(p, c);
+    return NULL;
+}
+
+static void end_message(const peers *p, peer *c) {
+    ras_matrix matrix;
+    char what[64];
+    const char *fault = igtl_read_transform(&c->head, c->bytes, &matrix);
+    if (!fault) fault = ras_fault(&matrix);
+    c->in_body = false;
+    if (!fault) {
+        p->settings.transform(p->settings.context, c->who, c->head.name, &matrix);
+        return;
+    }
+    snprintf(what, sizeof what, "the TRANSFORM \"%s\"", c->head.name);
+    complain(c, what, fault);
+}
+
+/* NULL, or why the peer cannot be understood any more. */
+static const char *take_bytes(const peers *p, peer *c, const unsigned char *bytes, size_t count) {
+    const char *fault = NULL;
+    while (count > 0 && !fault) {
+        uint64_t wanted = c->skip ? c->skip : (c->in_body ? c->head.size : IGTL_HEADER_SIZE) - c->filled;
+        size_t part = count < wanted ? count : (size_t)wanted;
+        if (c->skip) c->skip -= part;
+        else {
+            memcpy(c->bytes + c->filled, bytes, part);
+            c->filled += part;
+            if (part == wanted) {
+                c->filled = 0;
+                if (c->in_body) end_message(p, c);
+                else fault = begin_message(p, c);
+            }
+        }
+        bytes += part;
+        count -= part;
+    }
+    return fault;
+}
+
+static void receive(peers *p, int i) {
+    unsigned char bytes[65536];
+    peer *c = p->all[i];
+    ssize_t count = recv(c->socket, bytes, sizeof bytes, MSG_DONTWAIT);
+    if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
+    if (count < 0) close_broken(p, i);
+    else if (count == 0) close_peer(p, i, "has disconnected");
+    else {
+        char why[128];
+        const char *fault = take_bytes(p, c, bytes, (size_t)count);
+        snprintf(why, sizeof why, "%s: disconnected", fault ? fault : "");
+        if (fault) close_peer(p, i, why);
+    }
+}
+
+/* ---- sending ---- */
+
+static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
+
+/* The message that goes next, -1: none. Light ones go first, the others take turns. */
+static int next_message(const peers *p, const peer *c) {
+    int light = p->settings.light_count, heavy = p->settings.message_count - light;
+    for (int i = 0; i < light; i++)
+        if (is_new(p, c, i)) return i;
+    for (int i = 0; i < heavy; i++) {
+        int message = light + (c->turn + i) % heavy;
+        if (is_new(p, c, message)) return message;
+    }
+    return -1;
+}
+
+static bool begin_sending(peers *p, peer *c) {
+    int message = next_message(p, c);
+    if (message < 0) return false;
+    igtl_message *m = &p->settings.messages[message];
+    c->given[message] = m->number;
+    if (message >= p->settings.light_count) c->turn = message - p->settings.light_count + 1;
+    c->sending = igtl_take(m, c->version);
+    c->sent = 0;
+    return true;
+}
+
+/* Until the socket takes no more. */
+static void send_news(peers *p, int i) {
+    peer *c = p->all[i];
+    while (c->sending || begin_sending(p, c)) {
+        if (!c->sending) continue; /* no memory for it */
+        ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
+        if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
+        if (count < 0) close_broken(p, i);
+        else c->sent += (size_t)count;
+        if (count < 0 || c->sent < c->sending->size) return;
+        igtl_drop(c->sending);
+        c->sending = NULL;
+    }
+}
+
+/* ---- poll ---- */
+
+int peers_watch(peers *p, struct pollfd *events) {
+    int count = 0;
+    if (p->tracker && !p->all[TRACKER] && monotonic_ns() >= p->tracker_retry) connect_tracker(p);
+    events[count++] = (struct pollfd){.fd = p->listener, .events = POLLIN};
+    for (int i = 0; i <= TRACKER; i++) {
+        const peer *c = p->all[i];
+        if (!c) continue;
+        bool writes = c->connecting || (i != TRACKER && (c->sending || next_message(p, c) >= 0));
+        events[count++] = (struct pollfd){.fd = c->socket, .events = (short)(POLLIN | (writes ? POLLOUT : 0))};
+    }
+    return count;
+}
+
+void peers_handle(peers *p, const struct pollfd *events, int count) {
+    int next = 1; /* events are in the order of the peers, */
+    for (int i = 0; i <= TRACKER && next < count; i++) {
+        if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
+        short ready = events[next++].revents;
+        if (p->all[i]->connecting) {
+            if (ready) end_connecting(p);
+            continue;
+        }
+        if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
+        if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
+    }
+    if (events[0].revents) accept_peer(p); /* none of which is new */
+}
+
+/* ---- opening ---- */
+
+static trocar_status find_tracker(peers *p, report *why) {
+    char host[256];
+    const char *colon = strrchr(p->settings.tracker, ':');
+    struct addrinfo *found = NULL, wanted = {.ai_socktype = SOCK_STREAM};
+    snprintf(host, sizeof host, "%.*s", (int)(colon ? colon - p->settings.tracker : (ptrdiff_t)strlen(p->settings.tracker)), p->settings.tracker);
+    int error = getaddrinfo(host, colon ? colon + 1 : STANDARD_PORT, &wanted, &found);
+    if (error != 0) return fail(why, TROCAR_BAD_INPUT, "--tracker %s: %s", p->settings.tracker, gai_strerror(error));
+    p->tracker = malloc(sizeof *p->tracker);
+    p->tracker_size = found->ai_addrlen;
+    if (p->tracker) memcpy(p->tracker, found->ai_addr, found->ai_addrlen);
+    freeaddrinfo(found);
+    return p->tracker ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the tracker's address");
+}
+
+static trocar_status start_listening(peers *p, report *why) {
+    const peer_settings *s = &p->settings;
+    char port[8];
+    const int on = 1;
+    struct addrinfo *found = NULL, wanted = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICHOST};
+    snprintf(port, sizeof port, "%d", s->port);
+    int error = getaddrinfo(s->address, port, &wanted, &found);
+    if (error != 0) return fail(why, TROCAR_BAD_INPUT, "--bind %s: %s", s->address, gai_strerror(error));
+    p->listener = socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    setsockopt(p->listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    struct sockaddr_storage own = {0};
+    socklen_t size = sizeof own;
+    bool listens = p->listener >= 0 && bind(p->listener, found->ai_addr, found->ai_addrlen) == 0 && listen(p->listener, PEERS) == 0
+                && getsockname(p->listener, (struct sockaddr *)&own, &size) == 0;
+    error = errno;
+    freeaddrinfo(found);
+    if (!listens)
+        return fail(why, TROCAR_BAD_INPUT, "cannot listen on %s, port %d: %s; another program may use it: choose another --port", s->address, s->port, strerror(error));
+    if (getnameinfo((struct sockaddr *)&own, size, NULL, 0, port, sizeof port, NI_NUMERICSERV) == 0) p->port = atoi(port);
+    return TROCAR_OK;
+}
+
+trocar_status peers_open(peers *p, const peer_settings *settings, report *why) {
+    *p = (peers){.settings = *settings, .listener = -1};
+    trocar_status status = settings->tracker ? find_tracker(p, why) : TROCAR_OK;
+    return status == TROCAR_OK ? start_listening(p, why) : status;
+}
+
+void peers_close(peers *p) {
+    for (int i = 0; i <= TRACKER; i++)
+        if (p->all[i]) close_peer(p, i, NULL);
+    if (p->listener >= 0) close(p->listener);
+    free(p->tracker);
+}

@@ -1,0 +1,302 @@
+/* trocar-slicer: an OpenIGTLink server, which shows a running trocar-server in 3D Slicer, and lets trackers move its needle and probe. */
+#include <argp.h>
+#include <errno.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "lcm_filter.h"
+#include "options.h"
+#include "outlets.h"
+#include "peers.h"
+#include "timing.h"
+#include "tracked.h"
+
+const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
+error_t argp_err_exit_status = EXIT_BAD_INPUT;
+
+enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */ };
+static const int64_t SECOND = 1000000000;          /* ns */
+static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
+
+typedef struct {
+    const char *scene_path, *lcm_url, *needle_name, *probe_name;
+    double rate;             /* Hz */
+    double pixel;            /* m */
+    int needle;              /* that a tracker drives */
+    slice_style images;
+    peer_settings peers;
+} options;
+
+/* Who moves something: the first of several that try. */
+typedef struct {
+    char who[80];
+    int64_t heard;           /* ns, monotonic; 0: nobody yet */
+    bool other_said;
+} mover;
+
+typedef struct {
+    const options *options;
+    trocar_scene *scene;
+    trocar_model *model;     /* its mesh alone */
+    lcm_t *lcm;
+    subscriber feed;
+    outlets outlets;
+    peers peers;
+    tracked_needle needle;
+    tracked_probe probe;
+    bool tracking;           /* the needle's thread runs */
+    mover needle_mover, probe_mover;
+    int64_t picture_made, forces_due, status_due; /* ns, monotonic */
+    int64_t shown;           /* utime of the deformation that clients have, -1: the tissue at rest, -2: nothing */
+    bool was_alive, probe_said;
+    int64_t servers, refused; /* values of the subscriber's counters that have been said */
+} bridge;
+
+/* ---- command line ---- */
+
+enum { OPTION_URL = 256, OPTION_BIND, OPTION_IMAGES, OPTION_PIXEL, OPTION_NEEDLE, OPTION_NEEDLE_FROM, OPTION_PROBE_FROM, OPTION_TRACKER };
+
+static const struct argp_option option_list[] = {
+    {"scene", 's', "FILE", 0, "Scene of the server (required)", 0},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
+    {0, 0, 0, 0, "Clients:", 1},
+    {"port", 'p', "PORT", 0, "TCP port (default 18944; 0: any free one)", 1},
+    {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on; 0.0.0.0: all (default 127.0.0.1: this machine only)", 1},
+    {"rate", 'r', "HZ", 0, "Values per second of each message, 1 to 60 (default 30); the server itself sends needles and organs 30 times", 1},
+    {"images", OPTION_IMAGES, "STYLE", 0, "Images: echo, which resemble ultrasound; regions, at each pixel the volume's number in the scene's list; or none (default echo)", 1},
+    {"pixel", OPTION_PIXEL, "MM", 0, "Size of the images' pixels, 0.1 to 5 (default 0.5)", 1},
+    {0, 0, 0, 0, "Trackers:", 2},
+    {"needle", OPTION_NEEDLE, "INDEX", 0, "Needle that is driven (default 0)", 2},
+    {"needle-from", OPTION_NEEDLE_FROM, "NAME", 0, "TRANSFORM whose poses the needle's base follows (default StylusToReference)", 2},
+    {"probe-from", OPTION_PROBE_FROM, "NAME", 0, "TRANSFORM whose poses the probe's base follows (default ProbeToReference)", 2},
+    {"tracker", OPTION_TRACKER, "HOST[:PORT]", 0, "Connect to this OpenIGTLink server, such as PlusServer, and read them from there; without PORT to 18944", 2},
+    {0},
+};
+
+static slice_style parse_style(struct argp_state *state, const char *text) {
+    static const char *const names[] = {"echo", "regions", "none"};
+    for (int i = 0; i < 3; i++)
+        if (strcmp(text, names[i]) == 0) return (slice_style)i;
+    argp_error(state, "--images %s: expected echo, regions or none", text);
+    return SLICES_NONE;
+}
+
+static const char *parse_transform(struct argp_state *state, const char *option, const char *text) {
+    if (!*text || strlen(text) > IGTL_HEADER_NAME_SIZE) argp_error(state, "--%s %s: OpenIGTLink's names have 1 to 20 letters", option, text);
+    return text;
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    switch (key) {
+    case 's': o->scene_path = text; break;
+    case 'p': o->peers.port = whole_number(state, "port", parse_number(state, "port", text, 0, 65535), 0, 65535); break;
+    case 'r': o->rate = parse_number(state, "rate", text, 1, 60); break;
+    case OPTION_URL: o->lcm_url = text; break;
+    case OPTION_BIND: o->peers.address = text; break;
+    case OPTION_IMAGES: o->images = parse_style(state, text); break;
+    case OPTION_PIXEL: o->pixel = 1e-3 * parse_number(state, "pixel", text, 0.1, 5); break;
+    case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
+    case OPTION_NEEDLE_FROM: o->needle_name = parse_transform(state, "needle-from", text); break;
+    case OPTION_PROBE_FROM: o->probe_name = parse_transform(state, "probe-from", text); break;
+    case OPTION_TRACKER: o->peers.tracker = text; break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (!o->scene_path) argp_error(state, "--scene is missing");
+        if (strcmp(o->needle_name, o->probe_name) == 0) argp_error(state, "--needle-from and --probe-from: one transform cannot drive both");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Shows a running trocar-server in 3D Slicer, PLUS and other programs by OpenIGTLink, and lets trackers move its needle and probe."
+    "\vCoordinates are RAS in mm: the patient's, if the scene has patient_to_mesh, else the mesh's axes.", NULL, NULL, NULL};
+
+/* ---- trackers ---- */
+
+/* Whether this sender may move it: the one that does so, until it is silent. */
+static bool may_move(mover *m, const char *who, const char *name) {
+    int64_t now = monotonic_ns();
+    bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
+    if (!same && !silent) {
+        if (!m->other_said) fprintf(stderr, "trocar-slicer: %s: \"%s\" comes from %s already, ignored\n", who, name, m->who);
+        m->other_said = true;
+        return false;
+    }
+    if (!same) m->other_said = false;
+    snprintf(m->who, sizeof m->who, "%s", who);
+    m->heard = now;
+    return true;
+}
+
+static void on_transform(void *context, const char *who, const char *name, const ras_matrix *matrix) {
+    bridge *b = context;
+    pose base = ras_to_pose(&b->outlets.frame, matrix);
+    if (strcmp(name, b->options->needle_name) == 0) {
+        if (may_move(&b->needle_mover, who, name)) tracked_needle_move(&b->needle, base);
+    } else if (strcmp(name, b->options->probe_name) == 0) {
+        if (b->outlets.probe >= 0 && may_move(&b->probe_mover, who, name)) tracked_probe_move(&b->probe, base);
+        if (b->outlets.probe < 0 && !b->probe_said) fprintf(stderr, "trocar-slicer: %s: \"%s\" ignored: the scene has no probe\n", who, name);
+        b->probe_said = true;
+    }
+}
+
+/* ---- the server ---- */
+
+static void say_server(bridge *b) {
+    bool alive = subscriber_alive(&b->feed);
+    if (b->feed.servers != b->servers) {
+        fprintf(stderr, "trocar-slicer: %s server\n", b->servers ? "another" : "connected to the");
+        b->refused = b->feed.refused;
+        b->was_alive = true;
+    } else if (alive != b->was_alive) {
+        fprintf(stderr, alive ? "trocar-slicer: the server is back\n" : "trocar-slicer: the server is silent: clients keep the last picture; waiting for it\n");
+        b->was_alive = alive;
+    }
+    b->servers = b->feed.servers;
+    if (b->feed.refused <= b->refused) return;
+    fprintf(stderr, "trocar-slicer: messages of the server do not fit: is --scene %s its scene, and is it of the same release?\n", b->options->scene_path);
+    b->refused = INT64_MAX; /* said once for each server */
+}
+
+/* ---- the loop ---- */
+
+/* Whether it is time, every `period` on average. */
+static bool is_due(int64_t *due, int64_t now, int64_t period) {
+    if (now < *due) return false;
+    *due = now - *due < period ? *due + period : now + period;
+    return true;
+}
+
+static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
+
+/* Gives clients what is new. Pictures, which cost the most, are made only while there are any. */
+static void show_news(bridge *b) {
+    int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
+    say_server(b);
+    if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
+    if (peers_count(&b->peers) == 0) return;
+    if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: none waits, or is lost, at their own rate */
+        b->picture_made = now;
+        b->shown = newest_picture(b);
+        outlets_show_picture(&b->outlets, &b->feed);
+    }
+}
+
+static volatile sig_atomic_t interrupted;
+
+static void interrupt(int signal) {
+    (void)signal;
+    interrupted = 1;
+}
+
+static void serve(bridge *b) {
+    struct pollfd events[PEERS + 3];
+    printf("port %d\nready\n", b->peers.port);
+    fflush(stdout);
+    while (!interrupted) {
+        events[0] = (struct pollfd){.fd = lcm_get_fileno(b->lcm), .events = POLLIN};
+        int count = peers_watch(&b->peers, events + 1);
+        bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
+        if (poll(events, (nfds_t)count + 1, pending ? 1 : 50) < 0) continue;
+        while (lcm_handle_timeout(b->lcm, 0) > 0) continue;
+        peers_handle(&b->peers, events + 1, count);
+        show_news(b);
+    }
+}
+
+/* ---- set-up ---- */
+
+/* The LCM URL with a larger buffer for what arrives, as far as the system permits one: with the usual one, large deformations, which come in several packets
+   at once, are lost now and then. */
+static void widen_url(const char *url, size_t size, char *wider) {
+    int most = 0;
+    FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");
+    if (limit && fscanf(limit, "%d", &most) != 1) most = 0;
+    if (limit) fclose(limit);
+    if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
+    if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0"; /* LCM's own default */
+    if (most > LARGEST_BUFFER) most = LARGEST_BUFFER;
+    int length = snprintf(wider, size, "%s", url);
+    if (most > 0 && strncmp(url, "udpm:", 5) == 0 && !strstr(url, "recv_buf_size") && length < (int)size)
+        snprintf(wider + length, size - (size_t)length, "%crecv_buf_size=%d", strchr(url, '?') ? '&' : '?', most);
+}
+
+static trocar_status check_needle(const bridge *b, report *why) {
+    int needles = trocar_model_needles(b->model);
+    if (b->options->needle < needles) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "--needle %d: %s has needles 0 to %d", b->options->needle, b->options->scene_path, needles - 1);
+}
+
+static trocar_status open_network(bridge *b, report *why) {
+    const char *url = b->options->lcm_url;
+    char wider[512];
+    widen_url(url, sizeof wider, wider);
+    peer_settings settings = b->options->peers;
+    settings.messages = b->outlets.messages;
+    settings.message_count = b->outlets.count;
+    settings.light_count = b->outlets.light_count;
+    settings.transform = on_transform;
+    settings.context = b;
+    trocar_status status = peers_open(&b->peers, &settings, why);
+    if (status != TROCAR_OK) return status;
+    b->lcm = lcm_create(wider);
+    if (!b->lcm)
+        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
+    status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);
+    if (status == TROCAR_OK) status = tracked_needle_open(&b->needle, url, b->options->needle, why);
+    b->tracking = status == TROCAR_OK;
+    tracked_probe_open(&b->probe, b->lcm);
+    return status;
+}
+
+static trocar_status prepare(bridge *b, report *why) {
+    const options *o = b->options;
+    const trocar_model_options mesh_only = {.mesh_only = 1};
+    b->shown = -2;
+    b->peers.listener = -1;
+    trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
+    if (status == TROCAR_OK) status = trocar_model_create(b->scene, &mesh_only, &b->model, why);
+    if (status == TROCAR_OK) status = check_needle(b, why);
+    if (status == TROCAR_OK) status = outlets_create(&b->outlets, b->scene, b->model, o->images, o->pixel, why);
+    if (status != TROCAR_OK) return status;
+    const char *remarks = trocar_model_remarks(b->model);
+    if (remarks[0]) fprintf(stderr, "trocar-slicer: warning: %s\n", remarks);
+    if (!b->outlets.registered)
+        fprintf(stderr, "trocar-slicer: %s has no patient_to_mesh: the mesh's x, y and z are taken for right, front and head\n", o->scene_path);
+    return open_network(b, why);
+}
+
+static void clean_up(bridge *b) {
+    if (b->tracking) tracked_needle_close(&b->needle);
+    peers_close(&b->peers);
+    subscriber_close(&b->feed);
+    if (b->lcm) lcm_destroy(b->lcm);
+    outlets_free(&b->outlets);
+    trocar_model_free(b->model);
+    trocar_scene_free(b->scene);
+}
+
+int main(int count, char **arguments) {
+    options o = {.rate = 30, .pixel = 0.5e-3, .needle_name = "StylusToReference", .probe_name = "ProbeToReference",
+                 .peers = {.address = "127.0.0.1", .port = PORT}};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+    struct sigaction action = {.sa_handler = interrupt};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+
+    static bridge b;
+    b.options = &o;
+    report why;
+    trocar_status status = prepare(&b, &why);
+    if (status == TROCAR_OK) serve(&b);
+    clean_up(&b);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-slicer: %s\n", why.text);
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
+}

@@ -1,0 +1,117 @@
+#include "tracked.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/random.h>
+#include <time.h>
+
+#include "messages.h"
+#include "timing.h"
+#include "trocar_client.h"
+#include "trocar_probe_pose_t.h"
+
+static const int64_t STEP = 2000000;        /* ns between poses to the server */
+static const int64_t SILENCE = 2000000000;  /* ns without poses of the tracker until the needle is let go: as long as the server waits */
+static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle until that is said */
+static const double LONGEST_PERIOD = 0.1;   /* s: a longer gap is one of the tracking */
+
+/* Where the needle is now, on its way to the newest pose. */
+static pose pose_now(const tracked_needle *t, int64_t now) {
+    return pose_between(t->from, t->to, fmin(1, 1e-9 * (double)(now - t->heard) / t->period));
+}
+
+void tracked_needle_move(tracked_needle *t, pose base) {
+    int64_t now = monotonic_ns();
+    pthread_mutex_lock(&t->lock);
+    t->from = t->heard ? pose_now(t, now) : base;
+    t->period = t->heard ? fmin(fmax(1e-9 * (double)(now - t->heard), 1e-3), LONGEST_PERIOD) : LONGEST_PERIOD;
+    t->to = base;
+    t->heard = now;
+    pthread_cond_signal(&t->news);
+    pthread_mutex_unlock(&t->lock);
+}
+
+/* False: the thread ends. */
+static bool wait_for_pose(tracked_needle *t) {
+    pthread_mutex_lock(&t->lock);
+    while (!t->heard && !t->ends) pthread_cond_wait(&t->news, &t->lock);
+    bool goes_on = !t->ends;
+    pthread_mutex_unlock(&t->lock);
+    return goes_on;
+}
+
+/* False: no poses come any more, or the thread ends. */
+static bool next_pose(tracked_needle *t, int64_t now, pose *p) {
+    pthread_mutex_lock(&t->lock);
+    bool lost = now - t->heard > SILENCE;
+    if (lost) t->heard = 0;
+    bool goes_on = !lost && !t->ends;
+    if (goes_on) *p = pose_now(t, now);
+    pthread_mutex_unlock(&t->lock);
+    return goes_on;
+}
+
+static void hold(tracked_needle *t, trocar_client *server) {
+    bool deaf = false;
+    int64_t due = monotonic_ns(), answered = due;
+    pose p;
+    for (; next_pose(t, monotonic_ns(), &p); sleep_until(due)) {
+        trocar_pose sent = library_pose(p);
+        trocar_client_wrench wrench;
+        trocar_client_publish(server, sent.position, sent.orientation);
+        if (trocar_client_newest(server, &wrench)) answered = due;
+        bool was_deaf = deaf;
+        deaf = due - answered > DEAF;
+        if (deaf && !was_deaf) fprintf(stderr, "trocar-slicer: the server does not take the tracked needle: is it held elsewhere, or refused? trocar-top shows why\n");
+        if (!deaf && was_deaf) fprintf(stderr, "trocar-slicer: the server takes the tracked needle\n");
+        due += STEP;
+        if (due < monotonic_ns()) due = monotonic_ns();
+    }
+}
+
+static void *run(void *context) {
+    tracked_needle *t = context;
+    const trocar_client_options options = {.url = t->url, .needle = t->needle};
+    while (wait_for_pose(t)) {
+        trocar_client *server = trocar_client_open(&options, NULL, 0);
+        if (!server) {
+            sleep_until(monotonic_ns() + DEAF);
+            continue;
+        }
+        fprintf(stderr, "trocar-slicer: the tracker holds needle %d\n", t->needle);
+        hold(t, server);
+        trocar_client_close(server);
+        fprintf(stderr, "trocar-slicer: no poses of the tracker: needle %d is let go\n", t->needle);
+    }
+    return NULL;
+}
+
+trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why) {
+    *t = (tracked_needle){.url = url, .needle = needle};
+    pthread_mutex_init(&t->lock, NULL);
+    pthread_cond_init(&t->news, NULL);
+    int error = pthread_create(&t->thread, NULL, run, t);
+    return error == 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(error));
+}
+
+void tracked_needle_close(tracked_needle *t) {
+    pthread_mutex_lock(&t->lock);
+    t->ends = true;
+    pthread_cond_signal(&t->news);
+    pthread_mutex_unlock(&t->lock);
+    pthread_join(t->thread, NULL);
+}
+
+void tracked_probe_open(tracked_probe *p, lcm_t *lcm) {
+    *p = (tracked_probe){.lcm = lcm};
+    if (getrandom(&p->session, sizeof p->session, 0) < 0) p->session = wall_us();
+    p->session = (p->session & INT64_MAX) | 1; /* 0 means nobody */
+}
+
+void tracked_probe_move(tracked_probe *p, pose base) {
+    trocar_probe_pose_t m = {.utime = wall_us(), .session = p->session, .seq = p->seq++};
+    trocar_pose sent = library_pose(base);
+    memcpy(m.position, sent.position, sizeof m.position);
+    memcpy(m.orientation, sent.orientation, sizeof m.orientation);
+    trocar_probe_pose_t_publish(p->lcm, "TROCAR_PROBE", &m);
+}

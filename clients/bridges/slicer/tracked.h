@@ -1,0 +1,41 @@
+/* Drives a needle of the server by the poses of a tracker, and its probe by those of a tracker or stepper. A tracker gives 20 to 100 poses a second, the
+   server wants one in every few milliseconds: a thread moves the needle evenly from each pose to the next one, one period of the tracker behind it.
+   The needle is taken with the first pose, waits where it is while poses are missing, and is let go after two seconds without one. */
+#ifndef TROCAR_TRACKED_H
+#define TROCAR_TRACKED_H
+
+#include <lcm/lcm.h>
+#include <pthread.h>
+#include <stdbool.h>
+
+#include "base/report.h"
+#include "base/vec.h"
+
+typedef struct {
+    const char *url;         /* LCM's */
+    int needle;              /* which one */
+    pthread_t thread;
+    pthread_mutex_t lock;    /* of what follows */
+    pthread_cond_t news;
+    bool ends;
+    int64_t heard;           /* ns, monotonic: when the newest pose came; 0: the needle is not held */
+    double period;           /* s, from the pose before to the newest */
+    pose from, to;           /* where the needle was then, and where it goes */
+} tracked_needle;
+
+/* Starts the thread; the needle is free until the first pose. SYSTEM. */
+trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why);
+void tracked_needle_close(tracked_needle *t); /* lets go of the needle */
+
+/* A new pose of the needle's base, m. */
+void tracked_needle_move(tracked_needle *t, pose base);
+
+typedef struct {
+    lcm_t *lcm;
+    int64_t session, seq;
+} tracked_probe;
+
+void tracked_probe_open(tracked_probe *p, lcm_t *lcm);
+void tracked_probe_move(tracked_probe *p, pose base);
+
+#endif

@@ -1,0 +1,8 @@
+"""Lets a transform of the scene drive the needle, after slicer_view.py: of a tracker that Slicer hears, or one that is moved by hand in the module
+Transforms. For 3D Slicer's Python console; see docs/slicer.md."""
+import slicer
+
+connector = slicer.util.getNode("trocar")
+stylus = slicer.mrmlScene.GetFirstNode("StylusToReference", "vtkMRMLLinearTransformNode") or \
+    slicer.mrmlScene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "StylusToReference")
+connector.RegisterOutgoingMRMLNode(stylus)    # sent whenever it changes

@@ -52,8 +52,8 @@ static void start(condensed *c, double stiffness) {
     memcpy(materials, body.materials, sizeof materials);
     materials[0].youngs_modulus *= stiffness;
     assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_OK);
-    snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region).path);
-    assert_int_equal(inverse_create_condensed(&c->tissue, &(condensed_region){REGION, region, directory, (inverse_progress){0}}, &c->inverse, &c->notice, &why), TROCAR_OK);
+    snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region, false).path);
+    assert_int_equal(inverse_create_condensed(&c->tissue, &(condensed_region){.count = REGION, .nodes = region, .directory = directory}, &c->inverse, &c->notice, &why), TROCAR_OK);
 }
 
 static void stop(condensed *c) {
@@ -228,7 +228,7 @@ static void fully_fixed_region_is_refused(void **state) {
     inverse *inv;
     report notice, why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){3, all, directory, (inverse_progress){0}}, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){.count = 3, .nodes = all, .directory = directory}, &inv, &notice, &why), TROCAR_BAD_INPUT);
     assert_null(inv);
     tissue_free(&t);
 }
@@ -247,7 +247,7 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
     condensed c;
     report why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){REGION, region, "/proc/nowhere", (inverse_progress){note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
     assert_true(says(&c, "cannot be written"));
     assert_true(progress_calls >= 3);
     assert_close(progress_last, 1.0, 1e-12);

@@ -97,7 +97,8 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
 }
 
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
-    trocar_status status = factor(t, count, nodes, why);
+    trocar_status status = tissue_stiffness(t, why);
+    if (status == TROCAR_OK) status = factor(t, count, nodes, why);
     if (status != TROCAR_OK) cholmod_free_factor(&t->factor, &t->common);
     return status;
 }

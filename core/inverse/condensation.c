@@ -1,0 +1,189 @@
+#include "inverse/condensation.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 576 };        /* columns of a panel, whole blocks of 3 */
+
+/* A lower triangular matrix in panels: columns [first, first + width), from the diagonal down. Zero above the diagonal. */
+typedef struct {
+    int first, width, rows;
+    double *values;          /* rows x width, column-major; floats once it was made single */
+} panel;
+
+typedef struct {
+    int count;
+    panel *panels;
+} triangle;
+
+static void triangle_free(triangle *t) {
+    for (int k = 0; k < t->count; k++) free(t->panels[k].values);
+    free(t->panels);
+}
+
+static bool triangle_create(triangle *t, int n) {
+    *t = (triangle){.count = (n + WIDTH - 1) / WIDTH};
+    t->panels = calloc((size_t)t->count, sizeof *t->panels);
+    bool created = t->panels != NULL;
+    if (!created) t->count = 0;
+    for (int k = 0; k < t->count && created; k++) {
+        int first = k * WIDTH, rows = n - first, width = rows < WIDTH ? rows : WIDTH;
+        t->panels[k] = (panel){first, width, rows, calloc((size_t)rows * (size_t)width, sizeof(double))};
+        created = t->panels[k].values != NULL;
+    }
+    return created;
+}
+
+/* ---- from the factor -------------------------------------------------------------------------------------------------- */
+
+static int by_column(const void *a, const void *b) {
+    const int *p = a, *q = b;
+    return p[0] - q[0];
+}
+
+/* The region's free nodes, sorted by their position in the factor. */
+static bool order_nodes(const tissue *t, const condensed_region *region, int *nodes) {
+    int (*ranked)[2] = malloc((size_t)(region->count + 1) * sizeof *ranked), found = 0;
+    for (int i = 0; i < region->count && ranked; i++)
+        if (t->dof[region->nodes[i]] >= 0) {
+            ranked[found][0] = t->column[t->dof[region->nodes[i]] / 3];
+            ranked[found++][1] = region->nodes[i];
+        }
+    if (ranked) qsort(ranked, (size_t)found, sizeof *ranked, by_column);
+    for (int i = 0; i < found; i++) nodes[i] = ranked[i][1];
+    free(ranked);
+    return ranked != NULL;
+}
+
+/* Keeps the supernodes from this one on, and gives the memory of the others back. */
+static void drop_before(tissue *t, int supernode) {
+    cholmod_factor *f = t->factor;
+    int *px = f->px;
+    size_t gone = (size_t)px[supernode], kept = f->xsize - gone;
+    memmove(f->x, (double *)f->x + gone, kept * sizeof(double));
+    f->x = cholmod_realloc(kept, sizeof(double), f->x, &f->xsize, &t->common);
+    for (int s = supernode; s <= (int)f->nsuper; s++) px[s] -= (int)gone;
+}
+
+/* L_RR. The region is eliminated last, so that its columns of L have no other rows, and K^-1_RR = (L_RR L_RR^T)^-1. The factor is freed. */
+static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner) {
+    cholmod_factor *f = t->factor;
+    const int *super = f->super, *pi = f->pi, *px = f->px, *rows = f->s;
+    int *index = malloc((size_t)t->dof_count * sizeof *index), first = 0;
+    if (!index) return false;
+    for (int i = 0; i < t->dof_count; i++) index[i] = -1;
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++) index[t->column[t->dof[nodes[i]] / 3] + a] = 3 * i + a;
+    while (super[first + 1] <= t->column[t->dof[nodes[0]] / 3]) first++;
+    drop_before(t, first);
+    bool created = triangle_create(corner, 3 * count);
+    for (int s = first; s < (int)f->nsuper && created; s++)
+        for (int column = super[s]; column < super[s + 1]; column++) {
+            if (index[column] < 0) continue;
+            int row_count = pi[s + 1] - pi[s], skipped = column - super[s];
+            const double *values = (const double *)f->x + px[s] + (size_t)skipped * (size_t)row_count;
+            panel *p = &corner->panels[index[column] / WIDTH];
+            double *into = p->values + (size_t)(index[column] - p->first) * (size_t)p->rows;
+            for (int r = skipped; r < row_count; r++) into[index[rows[pi[s] + r]] - p->first] = values[r];
+        }
+    free(index);
+    cholmod_free_factor(&t->factor, &t->common);
+    return created;
+}
+
+/* ---- inversion -------------------------------------------------------------------------------------------------------- */
+
+static void show(inverse_progress progress, double fraction) {
+    if (progress.show) progress.show("condensing the inverse", fraction, progress.context);
+}
+
+/* Replaces L by T = L^-1, from the last panel to the first. With the corner L_JJ of panel J and the rows L_BJ below it:
+   T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ. */
+static bool invert_triangle(triangle *l, inverse_progress progress) {
+    int n = l->panels[0].rows;
+    double *product = malloc((size_t)n * WIDTH * sizeof *product);
+    for (int j = l->count - 1; j >= 0 && product; j--) {
+        panel *p = &l->panels[j];
+        int below = p->rows - p->width;
+        memset(product, 0, (size_t)below * (size_t)p->width * sizeof *product);
+        for (int k = j + 1; k < l->count; k++) {
+            const panel *q = &l->panels[k];
+            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, q->rows, p->width, q->width, -1.0, q->values, q->rows,
+                        p->values + (q->first - p->first), p->rows, 1.0, product + (below - q->rows), below);
+        }
+        LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'L', 'N', p->width, p->values, p->rows);
+        if (below > 0) {
+            cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, below, p->width, 1.0, p->values, p->rows, product, below);
+            for (int c = 0; c < p->width; c++)
+                memcpy(p->values + (size_t)c * (size_t)p->rows + p->width, product + (size_t)c * (size_t)below, (size_t)below * sizeof *product);
+        }
+        double done = (double)p->rows / n;
+        show(progress, 0.5 * done * done * done);
+    }
+    free(product);
+    return product != NULL;
+}
+
+/* Rounds a panel to floats, in place. */
+static void make_single(panel *p) {
+    size_t numbers = (size_t)p->rows * (size_t)p->width;
+    char *at = (char *)p->values;
+    for (size_t i = 0; i < numbers; i++) {
+        float rounded = (float)p->values[i];
+        memcpy(at + i * sizeof rounded, &rounded, sizeof rounded);
+    }
+    void *smaller = realloc(p->values, numbers * sizeof(float));
+    if (smaller) p->values = smaller;
+}
+
+/* K^-1 = T^T T. In single precision each entry has an error of about 1e-7 of the compliances of its two nodes: it is rounded once, in
+   T, which was found in double precision. */
+static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inverse_progress progress) {
+    double *tile = malloc((size_t)WIDTH * WIDTH * sizeof *tile);
+    for (int i = 0; i < t->count && tile; i++)
+        for (int j = 0; j <= i; j++) {
+            const panel *p = &t->panels[i], *q = &t->panels[j];
+            size_t skipped = (size_t)(p->first - q->first);
+            if (inverse->single)
+                cblas_sgemm(CblasColMajor, CblasTrans, CblasNoTrans, p->width, q->width, p->rows, 1.0f, (const float *)p->values, p->rows,
+                            (const float *)q->values + skipped, q->rows, 0.0f, (float *)tile, WIDTH);
+            else
+                cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, p->width, q->width, p->rows, 1.0, p->values, p->rows, q->values + skipped,
+                            q->rows, 0.0, tile, WIDTH);
+            for (int r = 0; r < p->width; r += 3)
+                for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
+                    double block[9];
+                    bool diagonal = q->first + c == p->first + r;
+                    for (int k = 0; k < 9; k++) {
+                        int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
+                        int at = (c + (swapped ? row : column)) * WIDTH + r + (swapped ? column : row);
+                        block[k] = inverse->single ? (double)((const float *)tile)[at] : tile[at];
+                    }
+                    symmetric_blocks_set(inverse, (p->first + r) / 3, (q->first + c) / 3, block);
+                }
+            if (j == i) {
+                double left = (double)(p->rows - p->width) / t->panels[0].rows;
+                show(progress, 1.0 - 0.5 * left * left);
+            }
+        }
+    free(tile);
+    return tile != NULL;
+}
+
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
+    inverse_progress progress = region->progress;
+    triangle corner = {0};
+    if (progress.show) progress.show("factoring the stiffness matrix", 0.0, progress.context);
+    trocar_status status = tissue_factor(t, region->count, region->nodes, why);
+    if (progress.show) progress.show("factoring the stiffness matrix", 1.0, progress.context);
+    if (status != TROCAR_OK) return status;
+    bool done = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner) && invert_triangle(&corner, progress);
+    for (int k = 0; k < corner.count && inverse->single && done; k++) make_single(&corner.panels[k]);
+    inverse->numbers = done ? malloc(symmetric_blocks_bytes(inverse->count, inverse->single)) : NULL;
+    done = inverse->numbers && multiply_triangle(&corner, inverse, progress);
+    triangle_free(&corner);
+    return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller "
+                                   "region_of_interest", 1e-9 * (double)symmetric_blocks_bytes(inverse->count, inverse->single), inverse->count);
+}

@@ -185,10 +185,10 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
     }
-    trocar_status status = tissue_factor(&s->tissue, choice == INVERSE_SPARSE ? roi_count : 0, roi, why);
+    bool sparse = choice == INVERSE_SPARSE;
+    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, sparse ? config->progress : (inverse_progress){NULL, NULL}, why);
     if (status != TROCAR_OK) return status;
-    return choice == INVERSE_DENSE ? inverse_create_dense(&s->tissue, &s->inverse, why)
-                                   : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
+    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, &s->inverse, why);
 }
 
 /* The nodes that a probe can press belong to the region of interest, if there is one. */

@@ -57,29 +57,35 @@ static bool order_nodes(const tissue *t, const condensed_region *region, int *no
     return ranked != NULL;
 }
 
-/* Keeps the supernodes from this one on, and gives the memory of the others back. */
-static void drop_before(tissue *t, int supernode) {
+/* Keeps only the supernodes with columns of the region (index >= 0), and gives the memory of the others back. */
+static void keep_region(tissue *t, const int *index) {
     cholmod_factor *f = t->factor;
-    int *px = f->px;
-    size_t gone = (size_t)px[supernode], kept = f->xsize - gone;
-    memmove(f->x, (double *)f->x + gone, kept * sizeof(double));
-    f->x = cholmod_realloc(kept, sizeof(double), f->x, &f->xsize, &t->common);
-    for (int s = supernode; s <= (int)f->nsuper; s++) px[s] -= (int)gone;
+    const int *super = f->super, *pi = f->pi;
+    int *px = f->px, kept = 0;
+    double *x = f->x;
+    for (int s = 0; s < (int)f->nsuper; s++) {
+        int width = super[s + 1] - super[s], size = (pi[s + 1] - pi[s]) * width, inside = 0;
+        for (int column = super[s]; column < super[s + 1]; column++) inside += index[column] >= 0;
+        if (inside == 0) continue;
+        memmove(x + kept, x + px[s], (size_t)size * sizeof *x);
+        px[s] = kept;
+        kept += size;
+    }
+    f->x = cholmod_realloc((size_t)kept, sizeof *x, x, &f->xsize, &t->common);
 }
 
 /* L_RR. The region is eliminated last, so that its columns of L have no other rows, and K^-1_RR = (L_RR L_RR^T)^-1. The factor is freed. */
 static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner) {
     cholmod_factor *f = t->factor;
     const int *super = f->super, *pi = f->pi, *px = f->px, *rows = f->s;
-    int *index = malloc((size_t)t->dof_count * sizeof *index), first = 0;
+    int *index = malloc((size_t)t->dof_count * sizeof *index);
     if (!index) return false;
     for (int i = 0; i < t->dof_count; i++) index[i] = -1;
     for (int i = 0; i < count; i++)
         for (int a = 0; a < 3; a++) index[t->column[t->dof[nodes[i]] / 3] + a] = 3 * i + a;
-    while (super[first + 1] <= t->column[t->dof[nodes[0]] / 3]) first++;
-    drop_before(t, first);
+    keep_region(t, index);
     bool created = triangle_create(corner, 3 * count);
-    for (int s = first; s < (int)f->nsuper && created; s++)
+    for (int s = 0; s < (int)f->nsuper && created; s++)
         for (int column = super[s]; column < super[s + 1]; column++) {
             if (index[column] < 0) continue;
             int row_count = pi[s + 1] - pi[s], skipped = column - super[s];
@@ -175,9 +181,7 @@ static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inve
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
     inverse_progress progress = region->progress;
     triangle corner = {0};
-    if (progress.show) progress.show("factoring the stiffness matrix", 0.0, progress.context);
-    trocar_status status = tissue_factor(t, region->count, region->nodes, why);
-    if (progress.show) progress.show("factoring the stiffness matrix", 1.0, progress.context);
+    trocar_status status = inverse_factor(t, region->count, region->nodes, progress, why);
     if (status != TROCAR_OK) return status;
     bool done = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner) && invert_triangle(&corner, progress);
     for (int k = 0; k < corner.count && inverse->single && done; k++) make_single(&corner.panels[k]);

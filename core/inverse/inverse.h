@@ -21,6 +21,9 @@ typedef struct {
     void *context;
 } inverse_progress;
 
+/* Factorises K (see tissue_factor) and shows that. */
+trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why);
+
 typedef struct {
     int count;
     const int *nodes;

@@ -10,7 +10,7 @@ enum { WIDTH = 576 };        /* columns of a panel, whole blocks of 3 */
 /* A lower triangular matrix in panels: columns [first, first + width), from the diagonal down. Zero above the diagonal. */
 typedef struct {
     int first, width, rows;
-    double *values;          /* rows x width, column-major; floats once it was made single */
+    void *values;            /* rows x width, column-major; double, or float once it was made single */
 } panel;
 
 typedef struct {
@@ -91,7 +91,7 @@ static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner
             int row_count = pi[s + 1] - pi[s], skipped = column - super[s];
             const double *values = (const double *)f->x + px[s] + (size_t)skipped * (size_t)row_count;
             panel *p = &corner->panels[index[column] / WIDTH];
-            double *into = p->values + (size_t)(index[column] - p->first) * (size_t)p->rows;
+            double *into = (double *)p->values + (size_t)(index[column] - p->first) * (size_t)p->rows;
             for (int r = skipped; r < row_count; r++) into[index[rows[pi[s] + r]] - p->first] = values[r];
         }
     free(index);
@@ -105,26 +105,58 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("condensing the inverse", fraction, progress.context);
 }
 
+/* Rounds a panel to floats, in place. */
+static void make_single(panel *p) {
+    size_t numbers = (size_t)p->rows * (size_t)p->width;
+    char *at = p->values;
+    for (size_t i = 0; i < numbers; i++) {
+        double number;
+        memcpy(&number, at + i * sizeof number, sizeof number);
+        float rounded = (float)number;
+        memcpy(at + i * sizeof rounded, &rounded, sizeof rounded);
+    }
+    void *smaller = realloc(p->values, numbers * sizeof(float));
+    if (smaller) p->values = smaller;
+}
+
+/* What BLAS and LAPACK do in both precisions: C = alpha A B + beta C, and with the transpose of A; B <- B A and A <- A^-1, A lower triangular. */
+typedef struct { int rows, columns, depth; CBLAS_TRANSPOSE transposed; double alpha, beta; } product_of;
+
+static void multiply(bool single, const product_of *p, const void *a, int lda, const void *b, int ldb, void *c, int ldc) {
+    if (single) cblas_sgemm(CblasColMajor, p->transposed, CblasNoTrans, p->rows, p->columns, p->depth, (float)p->alpha, a, lda, b, ldb, (float)p->beta, c, ldc);
+    else cblas_dgemm(CblasColMajor, p->transposed, CblasNoTrans, p->rows, p->columns, p->depth, p->alpha, a, lda, b, ldb, p->beta, c, ldc);
+}
+
+static void invert_corner(bool single, int n, void *a, int lda) {
+    if (single) LAPACKE_strtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda);
+    else LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda);
+}
+
+static void multiply_by_corner(bool single, int rows, int n, const void *a, int lda, void *b, int ldb) {
+    if (single) cblas_strmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0f, a, lda, b, ldb);
+    else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
+}
+
 /* Replaces L by T = L^-1, from the last panel to the first. With the corner L_JJ of panel J and the rows L_BJ below it:
    T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ. */
-static bool invert_triangle(triangle *l, inverse_progress progress) {
+static bool invert_triangle(triangle *l, bool single, inverse_progress progress) {
     int n = l->panels[0].rows;
-    double *product = malloc((size_t)n * WIDTH * sizeof *product);
+    size_t number = single ? sizeof(float) : sizeof(double);
+    char *product = malloc((size_t)n * WIDTH * number);
     for (int j = l->count - 1; j >= 0 && product; j--) {
         panel *p = &l->panels[j];
+        char *values = p->values;
         int below = p->rows - p->width;
-        memset(product, 0, (size_t)below * (size_t)p->width * sizeof *product);
+        memset(product, 0, (size_t)below * (size_t)p->width * number);
         for (int k = j + 1; k < l->count; k++) {
             const panel *q = &l->panels[k];
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, q->rows, p->width, q->width, -1.0, q->values, q->rows,
-                        p->values + (q->first - p->first), p->rows, 1.0, product + (below - q->rows), below);
+            multiply(single, &(product_of){q->rows, p->width, q->width, CblasNoTrans, -1.0, 1.0}, q->values, q->rows,
+                     values + (size_t)(q->first - p->first) * number, p->rows, product + (size_t)(below - q->rows) * number, below);
         }
-        LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'L', 'N', p->width, p->values, p->rows);
-        if (below > 0) {
-            cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, below, p->width, 1.0, p->values, p->rows, product, below);
-            for (int c = 0; c < p->width; c++)
-                memcpy(p->values + (size_t)c * (size_t)p->rows + p->width, product + (size_t)c * (size_t)below, (size_t)below * sizeof *product);
-        }
+        invert_corner(single, p->width, values, p->rows);
+        if (below > 0) multiply_by_corner(single, below, p->width, values, p->rows, product, below);
+        for (size_t c = 0; c < (size_t)p->width; c++)
+            memcpy(values + (c * (size_t)p->rows + (size_t)p->width) * number, product + c * (size_t)below * number, (size_t)below * number);
         double done = (double)p->rows / n;
         show(progress, 0.5 * done * done * done);
     }
@@ -132,32 +164,15 @@ static bool invert_triangle(triangle *l, inverse_progress progress) {
     return product != NULL;
 }
 
-/* Rounds a panel to floats, in place. */
-static void make_single(panel *p) {
-    size_t numbers = (size_t)p->rows * (size_t)p->width;
-    char *at = (char *)p->values;
-    for (size_t i = 0; i < numbers; i++) {
-        float rounded = (float)p->values[i];
-        memcpy(at + i * sizeof rounded, &rounded, sizeof rounded);
-    }
-    void *smaller = realloc(p->values, numbers * sizeof(float));
-    if (smaller) p->values = smaller;
-}
-
-/* K^-1 = T^T T. In single precision each entry has an error of about 1e-7 of the compliances of its two nodes: it is rounded once, in
-   T, which was found in double precision. */
+/* K^-1 = T^T T */
 static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inverse_progress progress) {
-    double *tile = malloc((size_t)WIDTH * WIDTH * sizeof *tile);
+    size_t number = inverse->single ? sizeof(float) : sizeof(double);
+    void *tile = malloc((size_t)WIDTH * WIDTH * number);
     for (int i = 0; i < t->count && tile; i++)
         for (int j = 0; j <= i; j++) {
             const panel *p = &t->panels[i], *q = &t->panels[j];
-            size_t skipped = (size_t)(p->first - q->first);
-            if (inverse->single)
-                cblas_sgemm(CblasColMajor, CblasTrans, CblasNoTrans, p->width, q->width, p->rows, 1.0f, (const float *)p->values, p->rows,
-                            (const float *)q->values + skipped, q->rows, 0.0f, (float *)tile, WIDTH);
-            else
-                cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, p->width, q->width, p->rows, 1.0, p->values, p->rows, q->values + skipped,
-                            q->rows, 0.0, tile, WIDTH);
+            multiply(inverse->single, &(product_of){p->width, q->width, p->rows, CblasTrans, 1.0, 0.0}, p->values, p->rows,
+                     (const char *)q->values + (size_t)(p->first - q->first) * number, q->rows, tile, WIDTH);
             for (int r = 0; r < p->width; r += 3)
                 for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
                     double block[9];
@@ -165,7 +180,7 @@ static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inve
                     for (int k = 0; k < 9; k++) {
                         int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
                         int at = (c + (swapped ? row : column)) * WIDTH + r + (swapped ? column : row);
-                        block[k] = inverse->single ? (double)((const float *)tile)[at] : tile[at];
+                        block[k] = inverse->single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
                     }
                     symmetric_blocks_set(inverse, (p->first + r) / 3, (q->first + c) / 3, block);
                 }
@@ -183,8 +198,9 @@ trocar_status condense(tissue *t, const condensed_region *region, int *nodes, sy
     triangle corner = {0};
     trocar_status status = inverse_factor(t, region->count, region->nodes, progress, why);
     if (status != TROCAR_OK) return status;
-    bool done = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner) && invert_triangle(&corner, progress);
+    bool done = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner);
     for (int k = 0; k < corner.count && inverse->single && done; k++) make_single(&corner.panels[k]);
+    done = done && invert_triangle(&corner, inverse->single, progress);
     inverse->numbers = done ? malloc(symmetric_blocks_bytes(inverse->count, inverse->single)) : NULL;
     done = inverse->numbers && multiply_triangle(&corner, inverse, progress);
     triangle_free(&corner);

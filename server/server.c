@@ -45,7 +45,7 @@ struct server {
     worker worker;
     io io;
     telemetry telemetry;
-    task haptic_task, worker_task, io_task, telemetry_task;
+    task haptic_task, worker_task, io_task, telemetry_task, prepare_task;
 };
 
 /* --- tasks ------------------------------------------------------------------------------------------------------ */
@@ -202,7 +202,17 @@ static void join_or_leave(task *t, const struct timespec *until) {
     if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
-bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running; }
+bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
+
+/* --prepare: what would otherwise be computed when the needle leaves the region of interest. Pictures of moved tissue take less time then. */
+static void *prepare_run(void *context) {
+    const server *s = context;
+    report why;
+    realtime_flush_denormals();
+    if (trocar_model_prepare(s->model, &why) != TROCAR_OK)
+        fprintf(stderr, "trocar-server: no contacts outside the region of interest: %s\n", why.text);
+    return NULL;
+}
 
 static void *haptic_run(void *context) {
     server *s = context;
@@ -228,6 +238,7 @@ static trocar_status start_all(server *s, report *why) {
     if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
     if ((status = start(&s->telemetry_task, "trocar-telemetry", 0, telemetry_run, &s->telemetry, why)) != TROCAR_OK)
         return status;
+    if (s->options.prepare && (status = start(&s->prepare_task, "trocar-prepare", 0, prepare_run, s, why)) != TROCAR_OK) return status;
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
@@ -243,6 +254,7 @@ static void stop_all(server *s) {
     until.tv_sec += 5;
     join_or_leave(&s->worker_task, &until);
     join_or_leave(&s->telemetry_task, &until);
+    join_or_leave(&s->prepare_task, &until);
     join(&s->io_task);
 }
 

@@ -239,7 +239,8 @@ typedef struct trocar_model_options {
 } trocar_model_options;
 
 /* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
-   inverse is in the cache. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file: inside a
+   inverse is in the cache. Above 30 000 unknowns BLAS has as many threads as by default meanwhile, in all threads of the process, and one from then
+   on: simulations that run beside it may be slower. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file: inside a
    host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
    afterwards. BAD_INPUT, NO_MEMORY, NUMERIC. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
@@ -331,7 +332,8 @@ TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 /* If they are averaged over patches of tetrahedra: tet_count patch numbers from 0 on, one for each tetrahedron; else, and with mesh_only, NULL. */
 TROCAR_API const int32_t *trocar_model_strain_patches(const trocar_model *model);
 
-/* Makes now what would else be made when it is first needed, as a condensed inverse's factor, minutes on a large mesh. From any
+/* Makes now what would else be made when it is first needed: the factor for contacts outside a condensed inverse's region, a minute and gigabytes on
+   a large mesh. From any
    thread, beside the others. Allocates. */
 TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error);
 

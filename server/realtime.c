@@ -74,6 +74,11 @@ void realtime_hurry(void) {
     sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &lowest);
 }
 
+void realtime_take_time(void) {
+    struct sched_param none = {.sched_priority = 0};
+    sched_setscheduler(0, SCHED_OTHER | SCHED_RESET_ON_FORK, &none);
+}
+
 __attribute__((noinline)) void realtime_touch_stack(void) {
     unsigned char stack[REALTIME_STACK_TOUCHED];
     memset(stack, 0, sizeof stack);

@@ -86,10 +86,15 @@ static trocar_status read_scene(server *s, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "rate %g Hz: choose one from %g to %g Hz", s->rate_hz, TROCAR_MIN_RATE, TROCAR_MAX_RATE);
 }
 
+static void show_long_start(const char *what, double fraction, void *context) {
+    realtime_take_time();
+    progress_show(what, fraction, context);
+}
+
 /* A late tick takes no more steps than one in time, because catching up would make the next one late. */
 static trocar_status create_simulation(server *s, report *why) {
     static const double STEP = 1e-3; /* s, the longest */
-    trocar_model_options options = {.progress = progress_show, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
+    trocar_model_options options = {.progress = show_long_start, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
     if (status != TROCAR_OK) return status;
     return trocar_sim_create(s->model, &s->sim, why);
@@ -203,14 +208,13 @@ static void join_or_leave(task *t, const struct timespec *until) {
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* Prepares data that would otherwise be computed when the needle leaves the region of interest, or for the first picture of moved
-   tissue. */
+/* --prepare: what would otherwise be computed when the needle leaves the region of interest. Pictures of moved tissue take less time then. */
 static void *prepare_run(void *context) {
     const server *s = context;
     report why;
     realtime_flush_denormals();
     if (trocar_model_prepare(s->model, &why) != TROCAR_OK)
-        fprintf(stderr, "trocar-server: no pictures of the tissue and no contacts outside the region of interest: %s\n", why.text);
+        fprintf(stderr, "trocar-server: no contacts outside the region of interest: %s\n", why.text);
     return NULL;
 }
 
@@ -238,7 +242,7 @@ static trocar_status start_all(server *s, report *why) {
     if ((status = start(&s->worker_task, "trocar-worker", 0, worker_run, &s->worker, why)) != TROCAR_OK) return status;
     if ((status = start(&s->telemetry_task, "trocar-telemetry", 0, telemetry_run, &s->telemetry, why)) != TROCAR_OK)
         return status;
-    if ((status = start(&s->prepare_task, "trocar-prepare", 0, prepare_run, s, why)) != TROCAR_OK) return status;
+    if (s->options.prepare && (status = start(&s->prepare_task, "trocar-prepare", 0, prepare_run, s, why)) != TROCAR_OK) return status;
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 

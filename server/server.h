@@ -12,6 +12,7 @@ typedef struct {
     const char *lcm_url;         /* NULL: LCM's default */
     double rate_hz;              /* 0: the scene's */
     bool allow_non_rt;           /* run without locked memory or SCHED_FIFO, with a flag in every message */
+    bool prepare;                /* factorise the whole mesh in the background: see trocar_model_prepare */
     bool verbose;                /* a line of timing per second on stderr */
 } server_options;
 

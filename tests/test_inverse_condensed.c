@@ -52,8 +52,8 @@ static void start(condensed *c, double stiffness) {
     memcpy(materials, body.materials, sizeof materials);
     materials[0].youngs_modulus *= stiffness;
     assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &c->tissue, &why), TROCAR_OK);
-    snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region).path);
-    assert_int_equal(inverse_create_condensed(&c->tissue, &(condensed_region){REGION, region, directory, (inverse_progress){0}}, &c->inverse, &c->notice, &why), TROCAR_OK);
+    snprintf(c->path, sizeof c->path, "%s", condensed_cache_find(directory, &c->tissue, REGION, region, false).path);
+    assert_int_equal(inverse_create_condensed(&c->tissue, &(condensed_region){.count = REGION, .nodes = region, .directory = directory}, &c->inverse, &c->notice, &why), TROCAR_OK);
 }
 
 static void stop(condensed *c) {
@@ -98,7 +98,60 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Read from the file without factorising; nodes outside and displacement fields need a factor. */
+/* Once from nothing, once from the last field; on the way a field of no force. */
+static void fields_need_no_factorisation(void **state) {
+    (void)state;
+    condensed c;
+    vec3 force[CUBE_NODES], expected[CUBE_NODES], found[CUBE_NODES];
+    start(&c, 1.0);
+    stop(&c);
+    start(&c, 1.0);
+    for (int times = 0; times < 3; times++) {
+        for (int i = 0; i < CUBE_NODES; i++) force[i] = times == 1 ? v3(0, 0, 0) : cube_random_vector(1.0);
+        inverse_apply(body.inverse, force, expected);
+        inverse_apply(c.inverse, force, found);
+        for (int i = 0; i < CUBE_NODES; i++) assert_close_vector(found[i], expected[i], 1e-11 * N * largest);
+    }
+    assert_null(c.tissue.factor);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+/* An entry's error is small next to the compliances of its two nodes, and its file holds half as much. Diagonal blocks are exactly symmetric. */
+static void single_precision_takes_half_the_room(void **state) {
+    (void)state;
+    condensed c;
+    report notice, why;
+    double found[9 * REGION * REGION];
+    struct stat whole, half;
+    start(&c, 1.0);
+    stop(&c);
+    assert_int_equal(stat(c.path, &whole), 0);
+    assert_int_equal(unlink(c.path), 0);
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
+    condensed_region single = {.count = REGION, .nodes = region, .directory = directory, .single = true};
+    snprintf(c.path, sizeof c.path, "%s", condensed_cache_find(directory, &c.tissue, REGION, region, true).path);
+    for (int times = 0; times < 2; times++) { /* computed, then mapped */
+        assert_int_equal(inverse_create_condensed(&c.tissue, &single, &c.inverse, &notice, &why), TROCAR_OK);
+        assert_non_null(strstr(notice.text, times == 0 ? "written to" : "read from"));
+        assert_int_equal(inverse_gather(c.inverse, &(inverse_blocks){REGION, region, REGION, region, found, 3 * REGION}, &why), TROCAR_OK);
+        for (int i = 0; i < 3 * REGION; i++)
+            for (int j = 0; j < 3 * REGION; j++) {
+                int row = 3 * region[i / 3] + i % 3, column = 3 * region[j / 3] + j % 3;
+                assert_close(found[i * 3 * REGION + j], dense[row * N + column], 1e-6 * sqrt(dense[row * N + row] * dense[column * N + column]));
+                assert_true(found[i * 3 * REGION + j] == found[j * 3 * REGION + i]);
+            }
+        inverse_free(c.inverse);
+    }
+    assert_int_equal(stat(c.path, &half), 0);
+    int free_nodes = 0;
+    for (int i = 0; i < REGION; i++) free_nodes += !body.fixed[region[i]];
+    assert_int_equal(whole.st_size - half.st_size, 4 * 9 * free_nodes * (free_nodes + 1) / 2);
+    tissue_free(&c.tissue);
+    assert_int_equal(unlink(c.path), 0);
+}
+
+/* Read from the file without factorising; nodes outside need a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -228,7 +281,7 @@ static void fully_fixed_region_is_refused(void **state) {
     inverse *inv;
     report notice, why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){3, all, directory, (inverse_progress){0}}, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){.count = 3, .nodes = all, .directory = directory}, &inv, &notice, &why), TROCAR_BAD_INPUT);
     assert_null(inv);
     tissue_free(&t);
 }
@@ -247,7 +300,7 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
     condensed c;
     report why;
     assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &c.tissue, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){REGION, region, "/proc/nowhere", (inverse_progress){note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_condensed(&c.tissue, &(condensed_region){.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}}, &c.inverse, &c.notice, &why), TROCAR_OK);
     assert_true(says(&c, "cannot be written"));
     assert_true(progress_calls >= 3);
     assert_close(progress_last, 1.0, 1e-12);
@@ -261,6 +314,8 @@ int main(void) {
         cmocka_unit_test(blocks_match_the_dense_inverse),
         cmocka_unit_test(reading_a_file_updates_its_time_of_use),
         cmocka_unit_test(second_start_needs_no_factorisation),
+        cmocka_unit_test(fields_need_no_factorisation),
+        cmocka_unit_test(single_precision_takes_half_the_room),
         cmocka_unit_test(failed_factorisation_is_reported),
         cmocka_unit_test(factorisation_can_be_prepared),
         cmocka_unit_test(damaged_file_is_detected_and_replaced),

@@ -117,7 +117,7 @@ static inverse *lower_half(tissue *t) {
     for (int starts = 0; starts < 2; starts++) {
         inverse_free(condensed);
         cholmod_free_factor(&t->factor, &t->common);
-        assert_int_equal(inverse_create_condensed(t, &(condensed_region){HELD, held, directory, (inverse_progress){0}}, &condensed, &notice, &why), TROCAR_OK);
+        assert_int_equal(inverse_create_condensed(t, &(condensed_region){.count = HELD, .nodes = held, .directory = directory}, &condensed, &notice, &why), TROCAR_OK);
     }
     assert_null(t->factor);
     snprintf(command, sizeof command, "rm -r %s", directory);

@@ -152,7 +152,7 @@ static trocar_status build_tissue(simulation *s, report *why) {
         else
             for (int k = 0; k < s->mesh.groups[group].node_count; k++) fixed[s->mesh.groups[group].nodes[k]] = true;
     }
-    if (status == TROCAR_OK) status = tissue_assemble(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
+    if (status == TROCAR_OK) status = tissue_define(&s->mesh, s->materials, fixed, s->config.volumetric, &s->tissue, why);
     free(fixed);
     return status;
 }
@@ -174,20 +174,21 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
     report notice;
     const simulation_config *config = &s->config;
     const char *dense_method = remesh_needs_dense(config->remeshing) ? remesh_name(config->remeshing) : NULL;
-    inverse_facts facts = {.given = config->inverse, .dense_method = dense_method, .node_count = s->mesh.node_count,
+    inverse_facts facts = {.given = config->inverse, .precision = config->precision, .dense_method = dense_method, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
                            .memory = machine_memory()};
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){roi_count, roi, config->cache, config->progress}, &s->inverse, &notice, why);
+        trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count),
+                                                                                                .directory = config->cache, .progress = config->progress}, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
     }
-    trocar_status status = tissue_factor(&s->tissue, choice == INVERSE_SPARSE ? roi_count : 0, roi, why);
+    bool sparse = choice == INVERSE_SPARSE;
+    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, sparse ? config->progress : (inverse_progress){NULL, NULL}, why);
     if (status != TROCAR_OK) return status;
-    return choice == INVERSE_DENSE ? inverse_create_dense(&s->tissue, &s->inverse, why)
-                                   : inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why);
+    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, &s->inverse, why);
 }
 
 /* The nodes that a probe can press belong to the region of interest, if there is one. */
@@ -204,13 +205,26 @@ static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *coun
     return TROCAR_OK;
 }
 
+/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number: there is one, but
+   while the inverse of a large mesh is made, where they save minutes. */
+enum { SEVERAL_THREADS = 30000 }; /* unknowns */
+static once_flag blas_once = ONCE_FLAG_INIT;
+static int blas_threads;     /* as many as BLAS takes by itself: processors, or what the environment says */
+static void use_one_blas_thread(void) {
+    blas_threads = openblas_get_num_threads();
+    openblas_set_num_threads(1);
+}
+
 static trocar_status build_inverse(simulation *s, report *why) {
     int *roi, roi_count;
     int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
     trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
     if (status != TROCAR_OK) return status;
     status = add_probe_nodes(s, &roi, &roi_count, why);
+    bool large = s->tissue.dof_count > SEVERAL_THREADS;
+    if (large) openblas_set_num_threads(blas_threads);
     if (status == TROCAR_OK) status = build_owner(s, roi_count, roi, why);
+    if (large) openblas_set_num_threads(1);
     free(roi);
     return status;
 }
@@ -226,10 +240,6 @@ static trocar_status build_insertion(simulation *s, report *why) {
 static trocar_status take_mesh(simulation *s, report *why) {
     return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read_in(s->config.mesh_path, s->config.mesh_unit, &s->mesh, why);
 }
-
-/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number. */
-static once_flag blas_once = ONCE_FLAG_INIT;
-static void use_one_blas_thread(void) { openblas_set_num_threads(1); }
 
 trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
@@ -285,6 +295,7 @@ static const char *stiffness_key_that_differs(const simulation_config *a, const 
         if (strcmp(a->fixed[i], b->fixed[i]) != 0) return "fixed";
     if (a->volumetric != b->volumetric) return "volumetric_strain";
     if (a->inverse != b->inverse) return "inverse";
+    if (a->precision != b->precision) return "inverse_precision";
     if (a->remeshing != b->remeshing) return "remeshing";
     /* The nodes of a condensed inverse lie around the first membrane and the probe, unless the scene gives them. */
     bool same_region = a->roi.region_count == b->roi.region_count && a->roi.radius == b->roi.radius &&

@@ -37,6 +37,7 @@ typedef struct {
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
+    inverse_precision precision;
     probe_config probe;
     roi_config roi;                  /* region of interest; nothing given: see roi_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's */

@@ -8,12 +8,16 @@
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+enum { ALIGNMENT = 64 };     /* bytes: of all that is in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
 
 /* Fowler, Noll and Vo's hash (FNV-1a), eight bytes at a time; the tail byte by byte. */
+static const uint64_t BASIS = UINT64_C(0xcbf29ce484222325);
 static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
     static const uint64_t PRIME = UINT64_C(0x100000001b3);
     const unsigned char *at = data;
@@ -27,20 +31,26 @@ static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
     return h;
 }
 
-static uint64_t key_of(const tissue *t, int count, const int *nodes) {
-    const int version = CONDENSED_CACHE_VERSION;
-    const cholmod_sparse *k = t->stiffness;
-    size_t entries = (size_t)((const int *)k->p)[k->ncol];
-    uint64_t h = hash(UINT64_C(0xcbf29ce484222325), &version, sizeof version);
-    h = hash(h, k->p, (k->ncol + 1) * sizeof(int));
-    h = hash(h, k->i, entries * sizeof(int));
-    h = hash(h, k->x, entries * sizeof(double));
-    h = hash(h, t->dof, (size_t)t->mesh->node_count * sizeof *t->dof);
+static uint64_t key_of(const tissue *t, int count, const int *nodes, bool single) {
+    const int facts[] = {CONDENSED_CACHE_VERSION, (int)t->volumetric, single};
+    const mesh *m = t->mesh;
+    size_t node_count = (size_t)m->node_count, tets = (size_t)m->tet_count;
+    uint64_t h = hash(BASIS, facts, sizeof facts);
+    h = hash(h, m->nodes, node_count * sizeof *m->nodes);
+    h = hash(h, m->tets, tets * sizeof *m->tets);
+    h = hash(h, m->region, tets * sizeof *m->region);
+    for (int g = 0; g < m->group_count; g++) {
+        if (m->groups[g].dimension != 3) continue;
+        h = hash(h, &t->materials[g].youngs_modulus, sizeof(double));
+        h = hash(h, &t->materials[g].poisson_ratio, sizeof(double));
+    }
+    if (t->patch) h = hash(h, t->patch, tets * sizeof *t->patch);
+    h = hash(h, t->dof, node_count * sizeof *t->dof);
     return hash(h, nodes, (size_t)count * sizeof *nodes);
 }
 
-condensed_cache condensed_cache_find(const char *directory, const tissue *t, int count, const int *nodes) {
-    condensed_cache cache = {.key = key_of(t, count, nodes)};
+condensed_cache condensed_cache_find(const char *directory, const tissue *t, int count, const int *nodes, bool single) {
+    condensed_cache cache = {.key = key_of(t, count, nodes, single)};
     const char *base = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
     char usual[1024];
     if (base && base[0] == '/') snprintf(usual, sizeof usual, "%s/trocar", base);
@@ -60,21 +70,52 @@ static bool read_dataset(hid_t file, const char *name, hid_t type, hsize_t numbe
     return good;
 }
 
+/* Where a dataset of so many bytes begins in the file; HADDR_UNDEF if it is another one, or not in one piece. */
+static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
+    hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
+    if (set < 0) return HADDR_UNDEF;
+    haddr_t offset = H5Dget_storage_size(set) == bytes ? H5Dget_offset(set) : HADDR_UNDEF;
+    H5Dclose(set);
+    return offset;
+}
+
+/* All pages are brought in at once: nothing has to wait for the disk later. */
+static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
+    struct stat s;
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    bool long_enough = file >= 0 && fstat(file, &s) == 0 && (size_t)s.st_size >= bytes;
+    void *at = long_enough ? mmap(NULL, bytes, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0) : MAP_FAILED;
+    if (file >= 0) close(file);
+    if (at == MAP_FAILED) return false;
+    *mapping = (file_mapping){at, bytes};
+    return true;
+}
+
 static void silence(void) { H5Eset_auto2(H5E_DEFAULT, NULL, NULL); } /* HDF5 prints a stack of its own otherwise */
 
-cache_state condensed_cache_read(const condensed_cache *cache, int count, int *order, double *matrix) {
+cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping) {
     silence();
     if (access(cache->path, F_OK) != 0) return CACHE_ABSENT;
     hid_t file = H5Fopen(cache->path, H5F_ACC_RDONLY, H5P_DEFAULT);
     if (file < 0) return CACHE_DAMAGED;
-    uint64_t key = 0;
-    hsize_t n = (hsize_t)count;
+    uint64_t key = 0, checksum = 0;
+    size_t bytes = symmetric_blocks_bytes(matrix->count, matrix->single);
+    haddr_t offset = HADDR_UNDEF;
     bool good = read_dataset(file, "key", H5T_NATIVE_UINT64, 1, &key) && key == cache->key
-             && read_dataset(file, "nodes", H5T_NATIVE_INT, n, order)
-             && read_dataset(file, "inverse", H5T_NATIVE_DOUBLE, 9 * n * n, matrix);
+             && read_dataset(file, "nodes", H5T_NATIVE_INT, (hsize_t)matrix->count, order)
+             && read_dataset(file, "checksum", H5T_NATIVE_UINT64, 1, &checksum)
+             && (offset = offset_of(file, "inverse", bytes)) != HADDR_UNDEF && offset % ALIGNMENT == 0;
     H5Fclose(file);
-    if (good) utimensat(AT_FDCWD, cache->path, NULL, 0); /* used now */
-    return good ? CACHE_READ : CACHE_DAMAGED;
+    if (!good || !map_file(cache->path, (size_t)offset + bytes, mapping)) return CACHE_DAMAGED;
+    matrix->numbers = (char *)mapping->at + offset;
+    if (hash(BASIS, matrix->numbers, bytes) != checksum) {
+        munmap(mapping->at, mapping->bytes);
+        *mapping = (file_mapping){0};
+        matrix->numbers = NULL;
+        return CACHE_DAMAGED;
+    }
+    utimensat(AT_FDCWD, cache->path, NULL, 0); /* used now */
+    return CACHE_READ;
 }
 
 /* ---- writing ---------------------------------------------------------------------------------------------------------- */
@@ -90,24 +131,21 @@ static bool make_folders(const char *path) {
     return true;
 }
 
-/* In chunks with checksums (Fletcher's). */
 typedef struct {
     const char *name;
-    hid_t stored, type;      /* in the file, in memory */
-    int dimensions;
-    const hsize_t *size;
+    hid_t type;              /* in the file as in memory, so that it can be mapped */
+    hsize_t count;
     const void *data;
 } dataset;
 
-static bool write_dataset(hid_t file, const dataset *d) {
-    const hsize_t *size = d->size;
-    int dimensions = d->dimensions;
-    hsize_t chunk[2] = {size[0], dimensions == 2 ? size[1] : 1};
-    while (dimensions == 2 && chunk[0] > 1 && 8 * chunk[0] * chunk[1] > 8u << 20) chunk[0] = (chunk[0] + 1) / 2;
-    hid_t space = H5Screate_simple(dimensions, size, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
-    H5Pset_chunk(properties, dimensions, chunk);
-    H5Pset_fletcher32(properties);
-    hid_t set = H5Dcreate2(file, d->name, d->stored, space, H5P_DEFAULT, properties, H5P_DEFAULT);
+/* In one piece if it is to be mapped, else as a chunk with a checksum (Fletcher's). */
+static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
+    hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
+    if (!mapped) {
+        H5Pset_chunk(properties, 1, &d->count);
+        H5Pset_fletcher32(properties);
+    }
+    hid_t set = H5Dcreate2(file, d->name, d->type, space, H5P_DEFAULT, properties, H5P_DEFAULT);
     bool good = set >= 0 && H5Dwrite(set, d->type, H5S_ALL, H5S_ALL, H5P_DEFAULT, d->data) >= 0;
     if (set >= 0) good = H5Dclose(set) >= 0 && good;
     H5Pclose(properties);
@@ -115,13 +153,18 @@ static bool write_dataset(hid_t file, const dataset *d) {
     return good;
 }
 
-static bool write_file(const char *path, uint64_t key, int count, const int *order, const double *matrix) {
-    hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+static bool write_file(const char *path, uint64_t key, const int *order, const symmetric_blocks *matrix) {
+    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
+    H5Pset_alignment(access, 0, ALIGNMENT);
+    hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
+    H5Pclose(access);
     if (file < 0) return false;
-    hsize_t one[1] = {1}, nodes[1] = {(hsize_t)count}, square[2] = {3 * (hsize_t)count, 3 * (hsize_t)count};
-    bool good = write_dataset(file, &(dataset){"key", H5T_STD_U64LE, H5T_NATIVE_UINT64, 1, one, &key})
-             && write_dataset(file, &(dataset){"nodes", H5T_STD_I32LE, H5T_NATIVE_INT, 1, nodes, order})
-             && write_dataset(file, &(dataset){"inverse", H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, 2, square, matrix});
+    uint64_t checksum = hash(BASIS, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
+    hid_t type = matrix->single ? H5T_NATIVE_FLOAT : H5T_NATIVE_DOUBLE;
+    bool good = write_dataset(file, &(dataset){"key", H5T_NATIVE_UINT64, 1, &key}, false)
+             && write_dataset(file, &(dataset){"nodes", H5T_NATIVE_INT, (hsize_t)matrix->count, order}, false)
+             && write_dataset(file, &(dataset){"checksum", H5T_NATIVE_UINT64, 1, &checksum}, false)
+             && write_dataset(file, &(dataset){"inverse", type, symmetric_blocks_numbers(matrix->count), matrix->numbers}, true);
     return H5Fclose(file) >= 0 && good;
 }
 
@@ -159,11 +202,11 @@ void condensed_cache_trim(const condensed_cache *kept, double bytes) {
     if (directory) closedir(directory);
 }
 
-trocar_status condensed_cache_write(const condensed_cache *cache, int count, const int *order, const double *matrix, report *why) {
+trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
     silence();
     snprintf(beside, sizeof beside, "%s.%ld", cache->path, (long)getpid());
-    if (make_folders(cache->path) && write_file(beside, cache->key, count, order, matrix) && rename(beside, cache->path) == 0) {
+    if (make_folders(cache->path) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {
         condensed_cache_trim(cache, CONDENSED_CACHE_ROOM);
         return TROCAR_OK;
     }

@@ -6,6 +6,14 @@
 
 #include "inverse/inverse_owner.h"
 
+trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why) {
+    static const char what[] = "factoring the stiffness matrix";
+    if (progress.show) progress.show(what, 0.0, progress.context);
+    trocar_status status = tissue_factor(t, count, last, why);
+    if (progress.show) progress.show(what, 1.0, progress.context);
+    return status;
+}
+
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
     inv->owner = owner;
     inv->tissue = t;

@@ -21,23 +21,27 @@ typedef struct {
     void *context;
 } inverse_progress;
 
+/* Factorises K (see tissue_factor) and shows that. */
+trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why);
+
 typedef struct {
     int count;
     const int *nodes;
+    bool single;             /* precision */
     const char *directory;   /* of the cache */
     inverse_progress progress;
 } condensed_region;
 
-/* Dense between the region's nodes, 8 (3 count)^2 bytes; read from `directory` if cached there (see condensed_cache.h), else computed and
-   saved. Other nodes are handled by a sparse inverse. `t` is factorised when needed: if the inverse was cached, not before the
-   first displacement field or node outside the region. `notice` receives its source. */
+/* Dense between the region's nodes, 36 count^2 bytes, half of that in single precision; mapped from `directory` if cached there (see
+   condensed_cache.h), else computed and saved. Other nodes are handled by a sparse inverse, for which `t` is factorised when the first of them is
+   needed. K is assembled when it is needed. `notice` receives its source. */
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
-/* Does deferred work now: the condensed inverse's factorisation, which takes minutes on a large mesh. Same errors as the
-   gather that needs it. May be called from any thread, concurrently with the other functions. */
+/* Does deferred work now: the factorisation for nodes outside a condensed inverse's region, which takes a minute or more, and gigabytes, on a
+   large mesh. Same errors as the gather that needs it. May be called from any thread, concurrently with the other functions. */
 trocar_status inverse_prepare(inverse *inv, report *why);
 
 /* True if gathering blocks in advance makes gathering them again much cheaper. */
@@ -53,8 +57,8 @@ bool inverse_holds(const inverse *inv, int node);
    needed but cannot be computed; nothing is written then. Thread-safe; calls to the sparse inverse are serialised. */
 trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
 
-/* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. Zero if the factor is needed but
-   cannot be computed. Thread-safe; calls are serialised. */
+/* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. With a condensed inverse K u differs from f by 1e-10 of f.
+   Zero if there is not enough memory. Thread-safe; calls are serialised. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
 /* The dense matrix (dof_count square, column-major, full), NULL for the other implementations. */

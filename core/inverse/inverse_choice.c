@@ -2,9 +2,20 @@
 
 #include <math.h>
 
+#include "inverse/symmetric_blocks.h"
+
 static const char *const names[INVERSE_CHOICES] = {"auto", "dense", "sparse", "condensed"};
 
 const char *inverse_choice_name(inverse_choice choice) { return names[choice]; }
+
+static const char *const precisions[PRECISIONS] = {"auto", "double", "single"};
+
+const char *inverse_precision_name(inverse_precision precision) { return precisions[precision]; }
+
+bool inverse_is_single(inverse_precision given, int nodes) {
+    static const double MUCH = 0.5e9; /* bytes */
+    return given == PRECISION_SINGLE || (given == PRECISION_AUTO && (double)symmetric_blocks_bytes(nodes, false) > MUCH);
+}
 
 __attribute__((format(printf, 3, 4)))
 static inverse_choice choose(report *about, inverse_choice choice, const char *format, ...) {
@@ -20,7 +31,8 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
 inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
     static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; fraction of the machine's memory */
     int nodes = facts->node_count, roi = facts->roi_count;
-    double dense = 8e-9 * facts->dof_count * facts->dof_count, condensed = 72e-9 * roi * roi, share = SHARE * 1e-9 * facts->memory;
+    double dense = 8e-9 * facts->dof_count * facts->dof_count, share = SHARE * 1e-9 * facts->memory;
+    double condensed = 1e-9 * (double)symmetric_blocks_bytes(roi, inverse_is_single(facts->precision, roi));
     if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "set in the scene");
     if (facts->dense_method) return choose(about, INVERSE_DENSE, "required by remeshing: %s, %.3g GB", facts->dense_method, dense);
     if (dense <= fmin(LITTLE, share)) return choose(about, INVERSE_DENSE, "%d nodes: %.3g GB", nodes, dense);

@@ -16,9 +16,23 @@ typedef enum {
 
 const char *inverse_choice_name(inverse_choice choice);
 
+/* Of the numbers of a condensed inverse. */
+typedef enum {
+    PRECISION_AUTO,          /* double up to 0.5 GB */
+    PRECISION_DOUBLE,
+    PRECISION_SINGLE,
+    PRECISIONS,
+} inverse_precision;
+
+const char *inverse_precision_name(inverse_precision precision);
+
+/* Whether the inverse between so many nodes is kept in single precision. */
+bool inverse_is_single(inverse_precision given, int nodes);
+
 /* Inputs of the choice. */
 typedef struct {
     inverse_choice given;
+    inverse_precision precision;
     const char *dense_method;  /* name of a remeshing method that works on the whole inverse; NULL: the scene's does not */
     int node_count, dof_count;
     bool roi_given;          /* the scene defines a region of interest */

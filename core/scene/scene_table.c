@@ -32,6 +32,7 @@ WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PL
 WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
 WORDS(switch_word, "false", "true")
 static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
+static const char *precision_word(int index) { return index < PRECISIONS ? inverse_precision_name((inverse_precision)index) : NULL; }
 static const char *inverse_word(int index) { return index < INVERSE_CHOICES ? inverse_choice_name((inverse_choice)index) : NULL; }
 static const char *profile_word(int index) { return device_profiles[index]; }
 
@@ -136,6 +137,7 @@ const row SCENE_TABLE[] = {
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,
      .doc = "auto: dense below 1 GB, else condensed with a region_of_interest, else sparse"},
     {"volumetric_strain", "", WORD, OF(simulation.volumetric), .words = strain_word, .doc = "averaged over patches of tetrahedra or at nodes, which do not lock, or by element"},
+    {"inverse_precision", "", WORD, OF(simulation.precision), .words = precision_word, .doc = "of a condensed inverse; auto: double up to 0.5 GB"},
     {"cache", "", DIRECTORY_PATH, OF(simulation.cache), .doc = "directory of condensed inverses; by default $XDG_CACHE_HOME/trocar"},
 
     {"region_of_interest.regions", "", NAMES, OF(simulation.roi.regions), .doc = "regions that needles reach"},

@@ -161,7 +161,7 @@ void take_value(scene *s, const row *r, const char *key, void *base, const yaml_
     case TRANSFORM: take_transform(r, key, value, target, f); break;
     }
 }
-_Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) == sizeof(int) && sizeof(contact_placement) == sizeof(int)
+_Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) == sizeof(int) && sizeof(inverse_precision) == sizeof(int) && sizeof(contact_placement) == sizeof(int)
                && sizeof(volumetric_strain) == sizeof(int) && sizeof(needle_choice) == sizeof(int), "a word is stored as an int");
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */

@@ -160,10 +160,11 @@ static trocar_status assemble(tissue *t, report *why) {
     t->stiffness = cholmod_triplet_to_sparse(triplets, 0, &t->common);
     cholmod_free_triplet(&triplets, &t->common);
     bool whole = t->stiffness && (t->volumetric == STRAIN_BY_ELEMENT || add_volumetric_stiffness(t));
+    if (!whole) cholmod_free_sparse(&t->stiffness, &t->common);
     return whole ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the stiffness matrix");
 }
 
-trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why) {
     memset(t, 0, sizeof *t);
     t->volumetric = volumetric;
@@ -186,7 +187,21 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
             status = fail(why, TROCAR_BAD_INPUT, "no node is fixed: name a surface or region under `fixed`");
     }
     if (status == TROCAR_OK && volumetric == STRAIN_BY_PATCH) status = create_patches(t, why);
-    if (status == TROCAR_OK) status = assemble(t, why);
+    if (status != TROCAR_OK) tissue_free(t);
+    return status;
+}
+
+trocar_status tissue_stiffness(tissue *t, report *why) {
+    trocar_status status = t->stiffness ? TROCAR_OK : assemble(t, why);
+    if (status == TROCAR_OK) atomic_store(&t->assembled, true);
+    return status;
+}
+
+trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                              tissue *t, report *why) {
+    trocar_status status = tissue_define(m, materials, fixed, volumetric, t, why);
+    if (status != TROCAR_OK) return status;
+    status = tissue_stiffness(t, why);
     if (status != TROCAR_OK) tissue_free(t);
     return status;
 }

@@ -2,6 +2,7 @@
 #ifndef TROCAR_TISSUE_H
 #define TROCAR_TISSUE_H
 
+#include <stdatomic.h>
 #include <suitesparse/cholmod.h>
 
 #include "tissue/mesh.h"
@@ -35,17 +36,25 @@ typedef struct {
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
     cholmod_common common;     /* of the thread that owns the factor */
-    cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m */
+    cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
+    atomic_bool assembled;     /* K is there, for any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
-/* Assembles K. `mesh` and `materials` must outlive the tissue. */
+/* All but K and its factor. `mesh` and `materials` must outlive the tissue. */
+trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
+                            tissue *t, report *why);
+
+/* Assembles K, unless it is there. */
+trocar_status tissue_stiffness(tissue *t, report *why);
+
+/* Both. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factorises K. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of the
-   factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
+/* Factorises K, which it assembles if need be. The given nodes are eliminated last, so that blocks of the inverse between them need only a
+   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 /* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */

@@ -1,0 +1,90 @@
+#include "inverse/conjugate_gradients.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* K = L + D + L^T, with L strictly lower. */
+typedef struct {
+    int n;
+    const int *start, *row;
+    const double *value;     /* of each column the diagonal first */
+} split;
+
+static double diagonal(const split *k, int i) { return k->value[k->start[i]]; }
+
+/* x <- (D + L)^-1 x */
+static void solve_lower(const split *k, double *x) {
+    for (int j = 0; j < k->n; j++) {
+        x[j] /= diagonal(k, j);
+        for (int e = k->start[j] + 1; e < k->start[j + 1]; e++) x[k->row[e]] -= k->value[e] * x[j];
+    }
+}
+
+/* x <- (D + L^T)^-1 x */
+static void solve_upper(const split *k, double *x) {
+    for (int j = k->n - 1; j >= 0; j--) {
+        double sum = x[j];
+        for (int e = k->start[j] + 1; e < k->start[j + 1]; e++) sum -= k->value[e] * x[k->row[e]];
+        x[j] = sum / diagonal(k, j);
+    }
+}
+
+/* r = f - K u */
+static void find_residual(const split *k, const double *f, const double *u, double *r) {
+    memcpy(r, f, (size_t)k->n * sizeof *r);
+    for (int j = 0; j < k->n; j++) {
+        double sum = diagonal(k, j) * u[j];
+        for (int e = k->start[j] + 1; e < k->start[j + 1]; e++) {
+            sum += k->value[e] * u[k->row[e]];
+            r[k->row[e]] -= k->value[e] * u[j];
+        }
+        r[j] -= sum;
+    }
+}
+
+/* Vectors of n numbers each. */
+typedef struct { double *residual, *direction, *upper, *product; } workspace;
+
+/* From u on, until the residual of the transformed system has fallen by so much. The system: K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1,
+   which is applied by two triangular solutions: K' p = z + (D + L)^-1 (p - D z), z = (D + L^T)^-1 p; preconditioned by D. */
+static void search(const split *k, double fall, workspace *w, double *u) {
+    int n = k->n;
+    double *r = w->residual, *p = w->direction, *z = w->upper, *q = w->product, first = 0.0, last = 0.0;
+    solve_lower(k, r);
+    for (int step = 0; step < 10 * n; step++) {
+        double size = 0.0;
+        for (int i = 0; i < n; i++) size += r[i] * diagonal(k, i) * r[i];
+        if (step == 0) first = size;
+        if (size <= fall * fall * first) break;
+        for (int i = 0; i < n; i++) p[i] = diagonal(k, i) * r[i] + (step == 0 ? 0.0 : size / last * p[i]);
+        memcpy(z, p, (size_t)n * sizeof *z);
+        solve_upper(k, z);
+        for (int i = 0; i < n; i++) q[i] = p[i] - diagonal(k, i) * z[i];
+        solve_lower(k, q);
+        cblas_daxpy(n, 1.0, z, 1, q, 1);
+        double way = size / cblas_ddot(n, p, 1, q, 1);
+        cblas_daxpy(n, way, z, 1, u, 1); /* u = (D + L^T)^-1 u' */
+        cblas_daxpy(n, -way, q, 1, r, 1);
+        last = size;
+    }
+}
+
+bool conjugate_gradients(const cholmod_sparse *matrix, double tolerance, const double *f, double *u) {
+    const split k = {(int)matrix->ncol, matrix->p, matrix->i, matrix->x};
+    size_t n = (size_t)k.n;
+    double *numbers = malloc(4 * n * sizeof *numbers), wanted = tolerance * cblas_dnrm2(k.n, f, 1), before = INFINITY;
+    if (!numbers) return false;
+    workspace w = {numbers, numbers + n, numbers + 2 * n, numbers + 3 * n};
+    find_residual(&k, f, u, w.residual);
+    double left = cblas_dnrm2(k.n, w.residual, 1);
+    while (left > wanted && left < before) { /* again where the residual has fallen less than that of the transformed system */
+        before = 0.9 * left;
+        search(&k, 0.5 * wanted / left, &w, u);
+        find_residual(&k, f, u, w.residual);
+        left = cblas_dnrm2(k.n, w.residual, 1);
+    }
+    free(numbers);
+    return isfinite(left);
+}

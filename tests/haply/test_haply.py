@@ -171,12 +171,6 @@ def check_bad_messages(rig):
     rig.service.answer = json.dumps
 
 
-def first_zero(rig, begin):
-    """Seconds after `begin` until the force was zero and stayed so."""
-    last = max((at for at, force in rig.since(begin) if force != (0, 0, 0)), default=begin)
-    return last - begin
-
-
 def check_late_reply(rig):
     """A service that hangs is sent a zero next."""
     rig.wait_for_force(0.1, "no force")
@@ -208,9 +202,10 @@ def check_server(rig):
     rig.server.send_signal(signal.SIGSTOP)
     stopped = time.monotonic()
     time.sleep(0.7 if not SLOW else 2.5)
+    late = rig.force_without_server(stopped, time.monotonic())
     rig.server.send_signal(signal.SIGCONT)
-    assert first_zero(rig, stopped) < WATCHDOG + SLACK, f"force for {first_zero(rig, stopped)} s without a server"
-    print(f"the server was stopped: force for another {1e3 * first_zero(rig, stopped):.0f} ms")
+    assert late < WATCHDOG + SLACK, f"force for {late} s without a server"
+    print(f"the server was stopped: force for another {1e3 * late:.0f} ms")
     wait_for(lambda: "no wrench from trocar-server" in rig.said(), "not told that the server is silent")
     rig.wait_for_force(0.1, "no force after the server's stop")
     answers = rig.said().count("trocar-server answers")
@@ -218,7 +213,8 @@ def check_server(rig):
     rig.kill_server()
     killed = time.monotonic()
     time.sleep(0.7)
-    assert first_zero(rig, killed) < WATCHDOG + SLACK, f"force for {first_zero(rig, killed)} s after the server's death"
+    late = rig.force_without_server(killed, time.monotonic())
+    assert late < WATCHDOG + SLACK, f"force for {late} s after the server's death"
     rig.service.position = HOME
     rig.start_server()
     push(rig)

@@ -110,7 +110,7 @@ offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers tro
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
-offers trocar-haply --ver | grep -q "^--version" || fail "trocar-haply --ver<TAB>: $(offers trocar-haply --ver)"
+[ "$(offers trocar-haply --point t)" = tip ] || fail "trocar-haply --point t<TAB>: $(offers trocar-haply --point t)"
 touch scene.yaml scene.csv
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"

@@ -128,7 +128,7 @@ class Rig:
     def force_without_server(self, begin, end):
         """Seconds from the last wrench, of a server that stopped soon after `begin`, to the last force before `end`."""
         last_wrench = self.wrenches.newest(end)
-        assert begin - 0.1 < last_wrench < begin + 0.2, "the server did not stop"
+        assert begin - 0.1 < last_wrench < end - 0.1, "the server did not stop"
         return max((at for at, force in self.since(last_wrench) if force != (0, 0, 0) and at < end), default=last_wrench) - last_wrench
 
     def wait_for_force(self, least, what):

@@ -150,8 +150,11 @@ class Service:
 
 
 def use_realtime():
-    """Of this thread, so that other work on the machine is not taken for a fault."""
-    os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
+    """Of this thread, where it is permitted, so that other work on the machine is not taken for a fault."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
+    except PermissionError:
+        pass
 
 
 class Disconnect(Exception):

@@ -24,7 +24,7 @@ DEPTH = 0.04       # m, of the insertion
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.dont_write_bytecode = True
 from rig import Rig, in_namespace, wait_for
-from standin import use_realtime
+from standin import Service, use_realtime
 
 in_namespace(__file__, sys.argv[1:], SOURCE)
 
@@ -250,14 +250,16 @@ def check_options():
 
 
 def check_other_version(folder):
-    """Service 3.1 to 3.4 with a wired handle, a profile, the tip at the cursor, and another rotation: right is the scene's z."""
+    """Service 3.1 to 3.4 with a wired handle, events, a profile, the tip at the cursor, and another rotation: right is the scene's z."""
     profile = f"{folder}/profile.yaml"
     open(profile, "w").write("point: tip\nstart: [0.005, 0.003, -0.001]\nrotation: [0.7071068, 0, -0.7071068, 0]\norientation: fixed\nmax_force: 0.2\nscale: 2\n")
     rig = Rig(BUILD, SOURCE, folder, realtime=True, version="3.4")
     rig.service.handle, rig.service.position = "verse_grip", HOME
+    events = Service()
+    events.answer = lambda state: json.dumps({"name": "device-battery-low", "category": "device", "level": "warning", "data": {}, "message": "15 %"})
     try:
         rig.start_server()
-        rig.start_bridge("--profile", profile, "--report", "1", "--realtime")
+        rig.start_bridge("--profile", profile, "--report", "1", "--realtime", "--events", str(events.port))
         begin = time.monotonic()
         rig.service.position = lambda now: (HOME[0] + min(0.02, 0.025 * (now - begin)), *HOME[1:])
         time.sleep(0.8)
@@ -266,9 +268,11 @@ def check_other_version(folder):
         assert {key for _, _, key in rig.service.forces} == {"values"}, "the force's name before 3.5"
         rig.service.buttons["a"] = True # of the wired handle
         wait_for(lambda: rig.force() == (0, 0, 0), "the wired handle's button is no clutch")
+        assert "the service reports warning: device-battery-low: 15 %" in rig.said(), rig.said()
         assert rig.bridge.poll() is None
     finally:
         rig.end()
+        events.stop()
 
 
 def main():

@@ -111,7 +111,7 @@ offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench ti
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
 offers trocar-spacemouse --dead | grep -q "^--dead-zone=" || fail "trocar-spacemouse --dead<TAB>: $(offers trocar-spacemouse --dead)"
-offers trocar-haply --ver | grep -q "^--version" || fail "trocar-haply --ver<TAB>: $(offers trocar-haply --ver)"
+[ "$(offers trocar-haply --point t)" = tip ] || fail "trocar-haply --point t<TAB>: $(offers trocar-haply --point t)"
 touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --shift sc)" = scene.csv ] || fail "trocar-replay --shift sc<TAB>: $(offers trocar-replay --shift sc)"
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"

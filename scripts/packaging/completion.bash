@@ -3,7 +3,7 @@ _trocar() {
     local cur prev words cword split
     _init_completion -s || return
     case $prev in
-        --scene) _filedir '@(yaml|yml)' ;;
+        --scene | --profile) _filedir '@(yaml|yml)' ;;
         --script) mapfile -t COMPREPLY < <(compgen -W "$("$1" --script list | cut -d' ' -f1) list" -- "$cur") ;;
         --poses | --compare | --out | --write-log | --log) _filedir log ;;
         --csv | --shift | --seeds) _filedir csv ;;
@@ -15,6 +15,9 @@ _trocar() {
         --view) mapfile -t COMPREPLY < <(compgen -W "oblique side above along" -- "$cur") ;;
         --picture) _filedir svg ;;
         --page) _filedir -d ;;
+        --point) mapfile -t COMPREPLY < <(compgen -W "base tip" -- "$cur") ;;
+        --orientation) mapfile -t COMPREPLY < <(compgen -W "handle fixed" -- "$cur") ;;
+        --force-key) mapfile -t COMPREPLY < <(compgen -W "vector values" -- "$cur") ;;
         --engine) mapfile -t COMPREPLY < <(compgen -W "local slurm" -- "$cur") ;;
         --record) mapfile -t COMPREPLY < <(compgen -W "frames" -- "$cur") ;;
         --json | --report) _filedir json ;;

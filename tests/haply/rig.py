@@ -1,14 +1,22 @@
 """Server, bridge and stand-in for tests, in a private network namespace."""
+import bisect
+import collections
+import gc
 import math
 import os
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
-from standin import Service
+from standin import Service, use_realtime
+
+gc.disable()    # its pauses would look like the bridge's
 
 
 def in_namespace(script, arguments, source):
@@ -31,11 +39,43 @@ def wait_for(condition, what, seconds=5.0):
     return found
 
 
+class Wrenches:
+    """When the server's wrenches came, by the kernel's clock, seconds of time.monotonic: a process that is told to stop may go on for some
+    milliseconds until it is scheduled."""
+
+    SO_TIMESTAMPNS = 35
+
+    def __init__(self, realtime):
+        self.realtime = realtime
+        self.times = collections.deque(maxlen=2000)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.setsockopt(socket.SOL_SOCKET, self.SO_TIMESTAMPNS, 1)
+        self.socket.bind(("", 7667))
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton("239.255.76.67") + socket.inet_aton("0.0.0.0"))
+        threading.Thread(target=self.listen, daemon=True).start()
+
+    def listen(self):
+        if self.realtime:
+            use_realtime()
+        while True:
+            data, ancillary, _, _ = self.socket.recvmsg(65536, 64)
+            if data[8:22] == b"TROCAR_WRENCH\0":
+                seconds, nanoseconds = struct.unpack("qq", ancillary[0][2])
+                self.times.append(seconds + 1e-9 * nanoseconds + time.monotonic() - time.time())
+
+    def newest(self, before):
+        """The newest one before this time, -inf: none."""
+        times = list(self.times)
+        k = bisect.bisect_left(times, before)
+        return times[k - 1] if k > 0 else -math.inf
+
+
 class Rig:
-    def __init__(self, build, source, folder, **service):
+    def __init__(self, build, source, folder, realtime=False, **service):
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
         self.scene = self.source / "meshes/figure8.yaml"
-        self.service = Service(**service)
+        self.service, self.wrenches = Service(realtime=realtime, **service), Wrenches(realtime)
         self.bridge = self.server = None
 
     def start_server(self):
@@ -84,6 +124,12 @@ class Rig:
 
     def norms_since(self, start):
         return [math.hypot(*force) for _, force in self.since(start)]
+
+    def force_without_server(self, begin, end):
+        """Seconds from the last wrench, of a server that stopped soon after `begin`, to the last force before `end`."""
+        last_wrench = self.wrenches.newest(end)
+        assert begin - 0.1 < last_wrench < end - 0.1, "the server did not stop"
+        return max((at for at, force in self.since(last_wrench) if force != (0, 0, 0) and at < end), default=last_wrench) - last_wrench
 
     def wait_for_force(self, least, what):
         return wait_for(lambda: math.hypot(*self.force()) > least, f"{what}: {self.force()} N; {self.said()}")

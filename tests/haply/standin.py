@@ -63,7 +63,7 @@ class Service:
 
     def serve(self):
         if self.realtime:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20)) # this thread
+            use_realtime()
         while True:
             try:
                 self.client = self.listener.accept()[0]
@@ -147,6 +147,14 @@ class Service:
         if text is not None:
             self.states.append(time.monotonic())
             self.client.sendall(frame(text if isinstance(text, bytes) else text.encode()))
+
+
+def use_realtime():
+    """Of this thread, where it is permitted, so that other work on the machine is not taken for a fault."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
+    except PermissionError:
+        pass
 
 
 class Disconnect(Exception):

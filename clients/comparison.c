@@ -78,6 +78,9 @@ trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path
         c->last = d;
         c->bins[(int)(1e3 * fmin(d.share, 1.0))]++;
     }
+    if (c->unrecorded > c->compared)
+        return fail(why, TROCAR_BAD_INPUT, "%s: the poses that %d of %d wrenches answer are not in the recording: record both from the start", golden_path,
+                    c->unrecorded, c->unrecorded + c->compared);
     if (c->compared > 0) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: is it of another recording?", golden_path);
 }

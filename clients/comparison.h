@@ -29,7 +29,7 @@ typedef struct {
    neighbours, because other processors and BLAS kernels round differently, which shifts contact events by a tick. Golden wrenches
    of other sessions and of other servers than that of the first compared one are ignored, as are those whose pose is missing among
    the replayed ones, because the recording began after it or lost it; there may be fewer than poses. BAD_INPUT if one answers a
-   pose after the last replayed one, or if none is left. */
+   pose after the last replayed one, if most poses are missing, or if none is left. */
 trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
                                int count, double tolerance, comparison *c, report *why);
 

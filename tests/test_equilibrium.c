@@ -93,6 +93,28 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     }
 }
 
+/* After steps of very different lengths, or a jump of the base, the motion before is no guide to the next shape: the forces are those of a needle
+   that does not guess. */
+static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
+    (void)unused;
+    const struct { double dt, jump; } cases[] = {{1e-3, 0.0}, {1e-5, 1e-3}, {1e-6, 1e-4}, {1e-3, 1e-3}, {0.2, 0.0}, {0.2, 1e-3}};
+    simulation_config c = lockstep_config();
+    for (int i = 0; i < 6; i++) {
+        double force[2][5];
+        for (int guessing = 0; guessing < 2; guessing++) {
+            lockstep *l = lockstep_create(&c, lockstep_start());
+            lockstep_move(l, v3(0, 0, 0.05), 0.5, 1e-3);
+            for (int k = -1; k < 5; k++) {
+                if (!guessing) l->state.motion.time = 0.0;
+                if (k < 0) lockstep_move(l, v3(0, cases[i].jump, 0), cases[i].dt, cases[i].dt);
+                else lockstep_move(l, v3(0, 0, 0), 1e-3, 1e-3), force[guessing][k] = v3_norm(l->wrench.force);
+            }
+            lockstep_free(l);
+        }
+        for (int k = 0; k < 5; k++) assert_true(fabs(force[1][k] - force[0][k]) < 2e-3 * force[0][k]);
+    }
+}
+
 /* A rigid base moved tick by tick to where the base on the spring was feels the same wrench, except in the tick in which a contact
    becomes active: the rigid base has then already moved, the other one not yet. */
 static void spring_coupled_base_matches_rigid_base(void **state) {
@@ -158,6 +180,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tissue_is_in_equilibrium_with_the_base),
         cmocka_unit_test(needle_is_in_equilibrium_with_its_bending),
+        cmocka_unit_test(jumps_and_uneven_steps_do_not_mislead),
         cmocka_unit_test(spring_coupled_base_matches_rigid_base),
         cmocka_unit_test(bowed_needle_is_in_equilibrium),
     };

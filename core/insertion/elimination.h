@@ -1,7 +1,7 @@
 /* Elimination in a dense symmetric system: the upper triangle is kept by rows, with the right-hand side as one more column. Rows are
    eliminated in panels, so that the rest of the matrix is read and written once for each panel.
 
-   What is below the diagonal is overwritten with anything. */
+   What is below the diagonal is scratch: computed with, never used. */
 #ifndef TROCAR_ELIMINATION_H
 #define TROCAR_ELIMINATION_H
 
@@ -26,11 +26,11 @@ typedef struct {
 /* Makes the columns after the right-hand side zero, which are computed with, too: to be called first. RT */
 void elimination_begin(const symmetric_system *s);
 
-/* Turns rows i and i + 1 by an angle, right of their block on the diagonal. RT */
+/* Turns rows i and i + 1 by an angle, right of their block on the diagonal, which is lost. RT */
 void turn_rows(const symmetric_system *s, int i, double cosine, double sine);
 
-/* Divides rows [i, i + count) of the panel, whose block on the diagonal is diagonal, by their pivots, right of that block, and subtracts
-   their part from the rest of the panel; count is 1 or 2. RT */
+/* Divides rows [i, i + count) of the panel, whose block on the diagonal is diagonal, by their pivots, right of that block, which is lost, and
+   subtracts their part from the rest of the panel; count is 1 or 2. RT */
 void eliminate_in_panel(const symmetric_system *s, elimination_panel *panel, int i, int count, const double *inverse_pivots);
 
 /* Subtracts the panel's part from all rows after it. RT */

@@ -12,6 +12,7 @@
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
 static const double NEW_PUSH = 0.05;     /* of Euler's load: if the push has grown by more since the needle was linearised, it is linearised again */
+enum { GUESS_PASSES = 2 };               /* from a guessed shape, before it is given up */
 enum { MOST_ENDS = 4 };                  /* of old tracks that the tip may come to in one tick */
 static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
 
@@ -200,10 +201,10 @@ static pass_result run_passes(const tick_context *tick, int most) {
     return r;
 }
 
-/* Shape at the start of the tick, */
+/* Keeps the shape at the start of the tick. */
 static void remember_shape(const tick_context *tick) { tick->scratch->start = tick->state->needle; }
 
-/* and forces. */
+/* Keeps the forces at the start of the tick. */
 static void remember_forces(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
@@ -277,14 +278,19 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     insertion_workspace *w = tick->scratch;
     w->lag_left = 0.0;
     remember_shape(tick);
-    if (!guides_hold(tick->model, state)) /* what would move the needle into the edge of a hole */
-        needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle); /* as in the last step: often one pass is enough then */
+    /* A needle that goes on as in the last step often needs only one pass. In a guide it would run into the edge of the hole. */
+    bool guessed = !guides_hold(tick->model, state) && needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
     prepare(tick, handles);
     remember_forces(tick);
-    pass_result r = run_passes(tick, tick->model->settings.max_passes);
+    int most = tick->model->settings.max_passes;
+    pass_result r = run_passes(tick, guessed && most > GUESS_PASSES ? GUESS_PASSES : most);
+    if (guessed && (!r.found || r.diverging || !r.converged)) { /* the guess may be to blame */
+        recall(tick);
+        r = run_passes(tick, most);
+    }
     for (int i = 0; i < MOST_ENDS && r.found && w->tip && old_tracks_overrun(&state->tip); i++) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
         old_tracks_end(tick);
-        r = run_passes(tick, tick->model->settings.max_passes);
+        r = run_passes(tick, most);
     }
     bool suspect = !r.found || r.diverging || is_saddle(w);
     state->motion.time = 0.0;

@@ -44,8 +44,11 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
     model->kind->motion(model, before, after, motion);
 }
 
-void needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
-    if (motion->time > 0.0) model->kind->go_on(model, motion, dt / motion->time, state);
+bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
+    static const double FARTHEST = 2.0; /* times as long as the last step; for longer ones it is no good guess */
+    bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
+    if (known) model->kind->go_on(model, motion, dt / motion->time, state);
+    return known;
 }
 
 vec3 needle_root_moment(const needle_model *model, const needle_state *state) { return model->kind->root_moment(model, state); }

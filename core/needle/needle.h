@@ -5,6 +5,8 @@
 #ifndef TROCAR_NEEDLE_H
 #define TROCAR_NEEDLE_H
 
+#include <stdbool.h>
+
 #include "needle/needle_model.h"
 
 /* BAD_INPUT for values out of range, NO_MEMORY. Nothing to free. */
@@ -30,9 +32,10 @@ void needle_linearise(const needle_model *model, const needle_state *state, cons
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment, rad. RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* What has changed the shape from one to the other in `dt` seconds, and a guess at the shape after `dt` more. The tetrahedra stay as they are. RT */
+/* What has changed the shape from one to the other in `dt` seconds, and a guess at the shape after `dt` more: false, and no change, if there is none.
+   The tetrahedra stay as they are. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
-void needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
+bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 
 /* Elastic moment at the base in the current shape, world frame, N m; in equilibrium equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);

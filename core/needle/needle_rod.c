@@ -259,7 +259,7 @@ static void rod_motion(const needle_model *model, const needle_state *before, co
 
 /* A fraction of a small turn, to first order. */
 static quat part_of(quat turn, double fraction) {
-    double w = copysign(fraction, turn.w);
+    double w = copysign(fraction, turn.w); /* the shorter way round */
     return q_unit((quat){1.0, w * turn.x, w * turn.y, w * turn.z});
 }
 

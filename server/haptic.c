@@ -263,8 +263,8 @@ bool haptic_tick(void *context, const loop_wake *wake) {
 
     memset(h->stages, 0, sizeof h->stages);
     h->received = 0;
-    for (int i = h->needle_count - 1; i >= 0; i--)
-        if (newest->needles[i].held) h->received = newest->needles[i].received;
+    for (int i = 0; i < h->needle_count; i++)
+        if (newest->needles[i].held && newest->needles[i].received > h->received) h->received = newest->needles[i].received;
     tick_probe(h, wake);
     follow_commands(h);
     for (int i = 0; i < h->needle_count; i++) goes_on |= tick_needle(h, i, wake, &newest->needles[i], wind_down, &messages[i]);

@@ -35,7 +35,7 @@ typedef struct {
     trocar_probe probe;          /* as it was sent last */
     int64_t wrench_dropped;      /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
-    int64_t received;            /* ns, monotonic: arrival of the pose that the last tick answered, of the first needle that is held; 0: none */
+    int64_t received;            /* ns, monotonic: arrival of the newest pose of a needle that is held, as the last tick found it; 0: none */
 } haptic;
 
 /* `sim`, of a model with `needle_count` needles, and `x` must outlive it. The simulation's clock becomes the monotonic one. */

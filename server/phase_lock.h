@@ -1,5 +1,6 @@
 /* Ties the phase of the haptic loop to the device's: each tick begins just after a pose has come, and not up to a period later. A loop of the
-   first order: it shifts deadlines by a small part of the error, at most 1 % of the period. No clock: times are arguments. */
+   first order: it shifts deadlines by a small part of the error, at most 1 % of the period, by which the model's time, in steps of a period, then
+   differs from the clock's. No clock: times are arguments. */
 #ifndef TROCAR_PHASE_LOCK_H
 #define TROCAR_PHASE_LOCK_H
 

@@ -508,6 +508,7 @@ static void test_faults() {
         {bridge_command(trocar_scene_path(mesh.scene), {"--needle-from", "ProbeToReference"}), "cannot drive both"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--bind", "nowhere"}), "--bind nowhere"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "nowhere.invalid"}), "--tracker nowhere.invalid"},
+        {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "::1"}), "address in brackets"},
     };
     for (const auto &w : wrong) {
         Program bridge(work, w.arguments);

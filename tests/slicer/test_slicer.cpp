@@ -509,6 +509,7 @@ static void test_faults() {
         {bridge_command(trocar_scene_path(mesh.scene), {"--bind", "nowhere"}), "--bind nowhere"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "nowhere.invalid"}), "--tracker nowhere.invalid"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "::1"}), "address in brackets"},
+        {bridge_command(trocar_scene_path(mesh.scene), {"--lcm-url", "nothing://"}), "cannot open LCM at nothing://"},
     };
     for (const auto &w : wrong) {
         Program bridge(work, w.arguments);

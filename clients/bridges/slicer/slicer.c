@@ -247,7 +247,7 @@ static trocar_status open_network(bridge *b, report *why) {
     if (status != TROCAR_OK) return status;
     b->lcm = lcm_create(wider);
     if (!b->lcm)
-        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
+        return fail(why, TROCAR_BAD_INPUT, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);
     if (status == TROCAR_OK) status = tracked_needle_open(&b->needle, url, b->options->needle, why);
     b->tracking = status == TROCAR_OK;

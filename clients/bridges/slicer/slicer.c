@@ -15,7 +15,8 @@
 const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */ };
+enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
+       MESSAGES = 1000 /* of LCM in one round, so that a flood of them does not keep clients waiting */ };
 static const int64_t SECOND = 1000000000;          /* ns */
 static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
 
@@ -204,7 +205,7 @@ static void serve(bridge *b) {
         int count = peers_watch(&b->peers, events + 1);
         bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
         if (poll(events, (nfds_t)count + 1, pending ? 1 : 50) < 0) continue;
-        while (lcm_handle_timeout(b->lcm, 0) > 0) continue;
+        for (int i = 0; i < MESSAGES && lcm_handle_timeout(b->lcm, 0) > 0; i++) continue;
         peers_handle(&b->peers, events + 1, count);
         show_news(b);
     }

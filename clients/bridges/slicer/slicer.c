@@ -1,7 +1,6 @@
 /* trocar-slicer: an OpenIGTLink server, which shows a running trocar-server in 3D Slicer, and lets trackers move its needle and probe. */
 #include <argp.h>
 #include <errno.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,6 +8,7 @@
 #include "options.h"
 #include "outlets.h"
 #include "peers.h"
+#include "playing.h"
 #include "timing.h"
 #include "tracked.h"
 
@@ -189,18 +189,11 @@ static void show_news(bridge *b) {
     }
 }
 
-static volatile sig_atomic_t interrupted;
-
-static void interrupt(int signal) {
-    (void)signal;
-    interrupted = 1;
-}
-
 static void serve(bridge *b) {
     struct pollfd events[PEERS + 3];
     printf("port %d\nready\n", b->peers.port);
     fflush(stdout);
-    while (!interrupted) {
+    while (!playing_interrupted()) {
         events[0] = (struct pollfd){.fd = lcm_get_fileno(b->lcm), .events = POLLIN};
         int count = peers_watch(&b->peers, events + 1);
         bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
@@ -287,9 +280,7 @@ int main(int count, char **arguments) {
     options o = {.rate = 30, .pixel = 0.5e-3, .needle_name = "StylusToReference", .probe_name = "ProbeToReference",
                  .peers = {.address = "127.0.0.1", .port = PORT}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    struct sigaction action = {.sa_handler = interrupt};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    playing_heed_signals();
 
     static bridge b;
     b.options = &o;

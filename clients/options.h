@@ -1,8 +1,9 @@
-/* Numbers on the command line, for argp parsers. */
+/* Numbers and addresses on the command line, for argp parsers. */
 #ifndef TROCAR_OPTIONS_H
 #define TROCAR_OPTIONS_H
 
 #include <argp.h>
+#include <stdbool.h>
 
 enum { EXIT_BAD_INPUT = 2 };
 
@@ -17,5 +18,9 @@ double parse_number(const struct argp_state *state, const char *option, const ch
 
 /* A number that was read, if it is whole and in [least, greatest]. */
 int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest);
+
+/* Splits HOST:PORT, or HOST if there is a standard port (else NULL), into both parts. The port is 1 to 65535; an IPv6 address is in brackets, because
+   its end would be ambiguous. False if `text` is malformed. */
+bool split_host_port(const char *text, const char *standard_port, char host[256], char port[6]);
 
 #endif

@@ -1,5 +1,7 @@
 #include "patient.h"
 
+#include <stdlib.h>
+
 #include "messages.h"
 
 trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why) {
@@ -38,4 +40,25 @@ bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec
     if (known) *start = load_pose(p.position, p.orientation);
     if (given) start->position = patient_to_mesh(frame, *given);
     return known || given;
+}
+
+/* A key's list of `count` numbers; false if one of them is not given. */
+static bool read_numbers(const trocar_scene *scene, const char *key, int count, double *numbers) {
+    char text[256], *rest = text;
+    if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK) return false;
+    for (int i = 0; i < count; i++) {
+        char *begin = rest + 1, *end; /* after [ or a comma */
+        numbers[i] = strtod(begin, &end);
+        if (end == begin || !isfinite(numbers[i])) return false;
+        rest = end;
+    }
+    return true;
+}
+
+bool find_probe_start(const trocar_scene *scene, pose *start) {
+    double x[3], q[4] = {1, 0, 0, 0};
+    if (!read_numbers(scene, "probe.start.position", 3, x)) return false;
+    bool turned = read_numbers(scene, "probe.start.orientation", 4, q);
+    *start = (pose){.position = v3(x[0], x[1], x[2]), .orientation = turned ? (quat){q[0], q[1], q[2], q[3]} : (quat){1, 0, 0, 0}};
+    return true;
 }

@@ -29,4 +29,7 @@ const char *patient_unit(const patient_frame *frame);              /* of positio
    `frame`, if that is not NULL. What neither says stays as it is in `start`. Returns whether there is a position. */
 bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start);
 
+/* Where the probe's base is until it is moved: the scene's "probe.start", in the mesh's coordinates. False: the scene does not say. */
+bool find_probe_start(const trocar_scene *scene, pose *start);
+
 #endif

@@ -1,4 +1,4 @@
-/* What the players of a script and of an implant have in common: an end on a signal, real time. */
+/* What players and bridges have in common: an end on a signal, real time. */
 #ifndef TROCAR_PLAYING_H
 #define TROCAR_PLAYING_H
 

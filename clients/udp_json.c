@@ -8,42 +8,38 @@
 #include <unistd.h>
 
 #include "json.h"
+#include "options.h"
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
-/* Splits HOST:PORT or [ADDRESS]:PORT. */
-static bool split(const char *to, char host[256], char port[6]) {
-    const char *colon = strrchr(to, ':');
-    size_t length = colon ? (size_t)(colon - to) : 0;
-    if (length == 0 || length > 255) return false;
-    bool brackets = to[0] == '[' && to[length - 1] == ']';
-    if (!brackets && memchr(to, ':', length)) return false; /* an IPv6 address without brackets: its port is ambiguous */
-    snprintf(host, 256, "%.*s", (int)(length - 2 * brackets), to + brackets);
-    char *end;
-    long number = strtol(colon + 1, &end, 10);
-    if (colon[1] < '0' || colon[1] > '9' || *end || number < 1 || number > 65535) return false;
-    snprintf(port, 6, "%ld", number);
-    return host[0] != '\0';
+/* Names such as localhost may have addresses of both kinds. PlotJuggler listens on IPv4 unless told otherwise, and who listens cannot be seen here. */
+static int connect_any(const struct addrinfo *found, bool version_4) {
+    for (const struct addrinfo *a = found; a; a = a->ai_next) {
+        if ((a->ai_family == AF_INET) != version_4) continue;
+        int s = socket(a->ai_family, a->ai_socktype | SOCK_CLOEXEC, a->ai_protocol);
+        if (s < 0 || connect(s, a->ai_addr, a->ai_addrlen) == 0) return s;
+        int error = errno;
+        close(s);
+        errno = error;
+    }
+    return -1;
 }
 
 trocar_status udp_json_open(udp_json *u, const char *to, double rate, report *why) {
     char host[256], port[6];
     *u = (udp_json){.socket = -1, .period = rate > 0 ? (int64_t)(1e6 / rate) : 0};
     for (int i = 0; i < TROCAR_MAX_NEEDLES; i++) u->needles[i].membrane = -1;
-    if (!split(to, host, port))
+    if (!split_host_port(to, NULL, host, port))
         return fail(why, TROCAR_BAD_INPUT, "'%s': expected HOST:PORT, for example localhost:9870, with the port from 1 to 65535 and an IPv6 address in brackets", to);
     snprintf(u->to, sizeof u->to, "%s", to);
     struct addrinfo *found, hints = {.ai_socktype = SOCK_DGRAM};
     int error = getaddrinfo(host, port, &hints, &found);
     if (error != 0) return fail(why, TROCAR_BAD_INPUT, "'%s': the host is not known: %s", host, gai_strerror(error));
-    for (struct addrinfo *a = found; a && u->socket < 0; a = a->ai_next) {
-        u->socket = socket(a->ai_family, a->ai_socktype | SOCK_CLOEXEC, a->ai_protocol);
-        if (u->socket < 0 || connect(u->socket, a->ai_addr, a->ai_addrlen) == 0) continue;
-        error = errno;
-        udp_json_close(u);
-    }
+    u->socket = connect_any(found, true);
+    if (u->socket < 0) u->socket = connect_any(found, false);
+    error = errno;
     freeaddrinfo(found);
-    return u->socket >= 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "'%s' cannot be reached: %s", to, strerror(error ? error : errno));
+    return u->socket >= 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "'%s' cannot be reached: %s", to, strerror(error));
 }
 
 void udp_json_close(udp_json *u) {

@@ -18,6 +18,7 @@ _trocar() {
         --point) mapfile -t COMPREPLY < <(compgen -W "base tip" -- "$cur") ;;
         --orientation) mapfile -t COMPREPLY < <(compgen -W "handle fixed" -- "$cur") ;;
         --force-key) mapfile -t COMPREPLY < <(compgen -W "vector values" -- "$cur") ;;
+        --images) mapfile -t COMPREPLY < <(compgen -W "echo regions none" -- "$cur") ;;
         --engine) mapfile -t COMPREPLY < <(compgen -W "local slurm" -- "$cur") ;;
         --record) mapfile -t COMPREPLY < <(compgen -W "frames" -- "$cur") ;;
         --json | --report) _filedir json ;;

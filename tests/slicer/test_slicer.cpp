@@ -23,13 +23,14 @@ static const char PATIENT[] = "patient_to_mesh: [0, 0, 1e-3, 0.01,   1e-3, 0, 0,
 static Vector turned_to_ras(const Vector &v) { return {-v[1], -v[2], v[0]}; }
 static Vector to_ras(const Vector &m) { return {-1e3 * (m[1] + 0.02), -1e3 * (m[2] - 0.03), 1e3 * (m[0] - 0.01)}; }
 
-static std::string write_scene() {
+static std::string write_scene(const std::string &name = "scene.yaml", const std::string &probe = "") {
     std::ifstream in(meshes + "/trus.yaml");
-    std::string path = work + "/scene.yaml", line;
+    std::string path = work + "/" + name, line;
     std::ofstream out(path);
     while (std::getline(in, line)) {
         if (line.rfind("mesh:", 0) == 0) line = "mesh: " + meshes + "/trus.msh";
         if (line.rfind("patient_to_mesh:", 0) == 0) line = PATIENT;
+        if (!probe.empty() && line.rfind("  start: {position: [0, -0.032", 0) == 0) line = "  start: {position: " + probe + "}";
         out << line << '\n';
     }
     return path;
@@ -508,6 +509,9 @@ static void test_faults() {
         {bridge_command(trocar_scene_path(mesh.scene), {"--needle-from", "ProbeToReference"}), "cannot drive both"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--bind", "nowhere"}), "--bind nowhere"},
         {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "nowhere.invalid"}), "--tracker nowhere.invalid"},
+        {bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "::1"}), "address in brackets"},
+        {bridge_command(trocar_scene_path(mesh.scene), {"--lcm-url", "nothing://"}), "cannot open LCM at nothing://"},
+        {bridge_command(write_scene("far.yaml", "[0, -0.3, -0.08]"), {"--pixel", "0.1"}), "--pixel 0.1: an image would have"}, /* 0.3 m deep */
     };
     for (const auto &w : wrong) {
         Program bridge(work, w.arguments);

@@ -44,11 +44,14 @@ int __wrap_ioctl(int fd, unsigned long request, ...);
 
 static struct libevdev *make_device(void) {
     struct libevdev *dev = libevdev_new();
-    const struct input_absinfo centred = {.minimum = -512, .maximum = 511}, bytes = {.value = 128, .minimum = 0, .maximum = 255};
+    const struct input_absinfo centred = {.minimum = -512, .maximum = 511}, bytes = {.value = 128, .minimum = 0, .maximum = 255},
+                               trigger = {.minimum = 0, .maximum = 1023}, unreported = {.minimum = 0, .maximum = 255};
     libevdev_set_name(dev, "Stick");
     libevdev_enable_event_code(dev, EV_ABS, ABS_X, &centred);
     libevdev_enable_event_code(dev, EV_ABS, ABS_Y, &centred);
+    libevdev_enable_event_code(dev, EV_ABS, ABS_RX, &unreported);
     libevdev_enable_event_code(dev, EV_ABS, ABS_RZ, &bytes);
+    libevdev_enable_event_code(dev, EV_ABS, ABS_Z, &trigger);
     libevdev_enable_event_code(dev, EV_KEY, BTN_MISC, NULL);
     libevdev_enable_event_code(dev, EV_KEY, BTN_TRIGGER, NULL);
     libevdev_enable_event_code(dev, EV_KEY, BTN_TOP, NULL);
@@ -195,7 +198,7 @@ static void axes_and_buttons_arrive(void **unused) {
     send_event(EV_KEY, BTN_SOUTH, 1);    /* which the device does not have */
     assert_true(joystick_driver.read(&j, 0, &state, text, sizeof text));
     assert_close(state.axes[0], 1, 0);
-    assert_close(state.axes[1], -255.5 / 511.5, 1e-12);
+    assert_close(state.axes[1], -0.5, 1e-12);  /* 256 of 512 */
     assert_close(state.axes[5], 1, 0);
     assert_close(state.axes[2], 0, 0);
     assert_true(state.held[0] && !state.held[1] && state.held[2] && !state.held[3]);
@@ -204,6 +207,33 @@ static void axes_and_buttons_arrive(void **unused) {
     shutdown(ends[1], SHUT_RDWR); /* unplugged */
     assert_false(joystick_driver.read(&j, 0, &state, text, sizeof text));
     assert_non_null(strstr(text, "the joystick is gone"));
+    close_stick(&j);
+}
+
+static double axis_after(joystick *j, unsigned code, int value, int axis) {
+    input_state state = {0};
+    char text[256];
+    send_event(EV_ABS, code, value);
+    assert_true(joystick_driver.read(j, 0, &state, text, sizeof text));
+    return state.axes[axis];
+}
+
+/* A trigger rests at 0 of 0 .. 1023. A stick whose value is 0 because it has not reported yet rests where its first report is. */
+static void untouched_axes_are_at_rest(void **unused) {
+    (void)unused;
+    joystick j = open_stick();
+    input_state state = {0};
+    char text[256] = "";
+    assert_true(joystick_driver.read(&j, 0, &state, text, sizeof text));
+    for (int i = 0; i < INPUT_AXES; i++) assert_close(state.axes[i], 0, 0);
+    assert_close(axis_after(&j, ABS_Z, 30, 2), 30.0 / 1023, 1e-12);
+    assert_close(axis_after(&j, ABS_Z, 512, 2), 512.0 / 1023, 1e-12);
+    assert_close(axis_after(&j, ABS_Z, 1023, 2), 1, 0);
+    assert_close(axis_after(&j, ABS_Z, 0, 2), 0, 0);
+    assert_close(axis_after(&j, ABS_RX, 130, 3), 0, 0);
+    assert_close(axis_after(&j, ABS_RX, 0, 3), -1, 0);
+    assert_close(axis_after(&j, ABS_RX, 255, 3), 1, 0);
+    assert_close(axis_after(&j, ABS_RX, 130, 3), 0, 0);
     close_stick(&j);
 }
 
@@ -301,6 +331,7 @@ int main(void) {
         cmocka_unit_test(the_push_is_along_the_needle),
         cmocka_unit_test(the_level_is_proportional_and_limited),
         cmocka_unit_test(axes_and_buttons_arrive),
+        cmocka_unit_test(untouched_axes_are_at_rest),
         cmocka_unit_test(the_force_is_rendered_and_ends),
         cmocka_unit_test(the_thread_bounds_the_rate_and_lets_go),
         cmocka_unit_test(a_virtual_joystick_is_read),

@@ -6,6 +6,7 @@
 #include "options.h"
 #include "profile.h"
 
+static const char STANDARD_PORT[] = "10001";
 static const double STANDARD_LENGTH = 0.2; /* m, of the needles of this project's scenes */
 
 enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION_URL, OPTION_NEEDLE, OPTION_RATE, OPTION_REALTIME, OPTION_REPORT,
@@ -75,10 +76,10 @@ static int parse_port(const struct argp_state *state, const char *option, const 
 }
 
 static void parse_service(const struct argp_state *state, haply_settings *o, const char *text) {
-    const char *colon = strrchr(text, ':');
-    int length = snprintf(o->host, sizeof o->host, "%.*s", (int)(colon ? colon - text : (ptrdiff_t)strlen(text)), text);
-    if (length == 0 || length >= (int)sizeof o->host) argp_error(state, "--service: '%s': expected HOST or HOST:PORT", text);
-    if (colon) o->port = parse_port(state, "service", colon + 1, 1);
+    char port[6];
+    if (!split_host_port(text, STANDARD_PORT, o->host, port))
+        argp_error(state, "--service: '%s': expected HOST or HOST:PORT, with the port from 1 to 65535 and an IPv6 address in brackets", text);
+    o->port = atoi(port);
 }
 
 static error_t parse_option(int key, char *text, struct argp_state *state);
@@ -157,7 +158,7 @@ static const struct argp parser = {
 
 void haply_parse(int count, char **arguments, haply_settings *settings) {
     *settings = (haply_settings){
-        .host = "127.0.0.1", .port = 10001, .events_port = 10020, .choice.clutch = "a", .rate = 1000, .report = 10,
+        .host = "127.0.0.1", .port = atoi(STANDARD_PORT), .events_port = 10020, .choice.clutch = "a", .rate = 1000, .report = 10,
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};

@@ -22,7 +22,7 @@ typedef struct {
     double *nodes;           /* 3 each, m: of the mesh where they are now */
 } outlets;
 
-/* `pixel` in m. NO_MEMORY. */
+/* `pixel` in m. BAD_INPUT as in slices_create, NO_MEMORY. */
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
 void outlets_free(outlets *o);
 

@@ -10,6 +10,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "options.h"
 #include "timing.h"
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS };
@@ -103,21 +104,26 @@ int peers_count(const peers *p) {
 
 /* ---- the tracker's server ---- */
 
-static void say_no_tracker(peers *p) {
-    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying each second\n", p->settings.tracker, strerror(errno));
+/* Goes on with the next address at once, and after the last one with the first in a second. */
+static void try_next_address(peers *p, int error) {
+    p->tracker = p->tracker->ai_next;
+    p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
+    if (p->tracker) return;
+    p->tracker = p->tracker_addresses;
+    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying each second\n", p->settings.tracker, strerror(error));
     p->tracker_said = true;
 }
 
 static void connect_tracker(peers *p) {
-    const struct sockaddr *address = (const struct sockaddr *)p->tracker;
+    const struct addrinfo *a = p->tracker;
     p->tracker_retry = monotonic_ns() + SECOND;
-    int s = socket(address->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (s < 0 || (connect(s, address, (socklen_t)p->tracker_size) != 0 && errno != EINPROGRESS)) {
-        say_no_tracker(p);
+    int s = socket(a->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (s < 0 || (connect(s, a->ai_addr, a->ai_addrlen) != 0 && errno != EINPROGRESS)) {
+        try_next_address(p, errno);
         if (s >= 0) close(s);
         return;
     }
-    peer *c = add_peer(p, TRACKER, s, address, (socklen_t)p->tracker_size);
+    peer *c = add_peer(p, TRACKER, s, a->ai_addr, a->ai_addrlen);
     if (c) c->connecting = true;
 }
 
@@ -129,8 +135,9 @@ static void end_connecting(peers *p) {
         fprintf(stderr, "trocar-slicer: reading transforms from %s\n", c->who);
         return;
     }
-    say_no_tracker(p);
+    int error = errno;
     close_peer(p, TRACKER, NULL);
+    try_next_address(p, error);
 }
 
 /* ---- receiving ---- */
@@ -296,17 +303,13 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
 /* ---- opening ---- */
 
 static trocar_status find_tracker(peers *p, report *why) {
-    char host[256];
-    const char *colon = strrchr(p->settings.tracker, ':');
-    struct addrinfo *found = NULL, wanted = {.ai_socktype = SOCK_STREAM};
-    snprintf(host, sizeof host, "%.*s", (int)(colon ? colon - p->settings.tracker : (ptrdiff_t)strlen(p->settings.tracker)), p->settings.tracker);
-    int error = getaddrinfo(host, colon ? colon + 1 : STANDARD_PORT, &wanted, &found);
-    if (error != 0) return fail(why, TROCAR_BAD_INPUT, "--tracker %s: %s", p->settings.tracker, gai_strerror(error));
-    p->tracker = malloc(sizeof *p->tracker);
-    p->tracker_size = found->ai_addrlen;
-    if (p->tracker) memcpy(p->tracker, found->ai_addr, found->ai_addrlen);
-    freeaddrinfo(found);
-    return p->tracker ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the tracker's address");
+    char host[256], port[6];
+    const struct addrinfo wanted = {.ai_socktype = SOCK_STREAM};
+    if (!split_host_port(p->settings.tracker, STANDARD_PORT, host, port))
+        return fail(why, TROCAR_BAD_INPUT, "--tracker %s: expected HOST or HOST:PORT, with the port from 1 to 65535 and an IPv6 address in brackets", p->settings.tracker);
+    int error = getaddrinfo(host, port, &wanted, &p->tracker_addresses);
+    p->tracker = p->tracker_addresses;
+    return error == 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "--tracker %s: %s", p->settings.tracker, gai_strerror(error));
 }
 
 static trocar_status start_listening(peers *p, report *why) {
@@ -341,5 +344,5 @@ void peers_close(peers *p) {
     for (int i = 0; i <= TRACKER; i++)
         if (p->all[i]) close_peer(p, i, NULL);
     if (p->listener >= 0) close(p->listener);
-    free(p->tracker);
+    if (p->tracker_addresses) freeaddrinfo(p->tracker_addresses);
 }

@@ -28,8 +28,7 @@ typedef struct {
     int listener;
     int port;                /* listened on */
     peer *all[PEERS + 1];    /* NULL: free; the last one is the tracker's server */
-    struct sockaddr_storage *tracker;
-    size_t tracker_size;
+    struct addrinfo *tracker_addresses, *tracker; /* of the tracker's host, and the one to try next; NULL: no tracker */
     int64_t tracker_retry;   /* ns, monotonic: not before */
     bool tracker_said;       /* that it does not answer */
 } peers;

@@ -1,7 +1,6 @@
 /* trocar-slicer: an OpenIGTLink server, which shows a running trocar-server in 3D Slicer, and lets trackers move its needle and probe. */
 #include <argp.h>
 #include <errno.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,13 +8,15 @@
 #include "options.h"
 #include "outlets.h"
 #include "peers.h"
+#include "playing.h"
 #include "timing.h"
 #include "tracked.h"
 
 const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */ };
+enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
+       MESSAGES = 1000 /* of LCM in one round, so that a flood of them does not keep clients waiting */ };
 static const int64_t SECOND = 1000000000;          /* ns */
 static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
 
@@ -188,23 +189,16 @@ static void show_news(bridge *b) {
     }
 }
 
-static volatile sig_atomic_t interrupted;
-
-static void interrupt(int signal) {
-    (void)signal;
-    interrupted = 1;
-}
-
 static void serve(bridge *b) {
     struct pollfd events[PEERS + 3];
     printf("port %d\nready\n", b->peers.port);
     fflush(stdout);
-    while (!interrupted) {
+    while (!playing_interrupted()) {
         events[0] = (struct pollfd){.fd = lcm_get_fileno(b->lcm), .events = POLLIN};
         int count = peers_watch(&b->peers, events + 1);
         bool pending = newest_picture(b) != b->shown && peers_count(&b->peers) > 0;
         if (poll(events, (nfds_t)count + 1, pending ? 1 : 50) < 0) continue;
-        while (lcm_handle_timeout(b->lcm, 0) > 0) continue;
+        for (int i = 0; i < MESSAGES && lcm_handle_timeout(b->lcm, 0) > 0; i++) continue;
         peers_handle(&b->peers, events + 1, count);
         show_news(b);
     }
@@ -247,7 +241,7 @@ static trocar_status open_network(bridge *b, report *why) {
     if (status != TROCAR_OK) return status;
     b->lcm = lcm_create(wider);
     if (!b->lcm)
-        return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
+        return fail(why, TROCAR_BAD_INPUT, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);
     if (status == TROCAR_OK) status = tracked_needle_open(&b->needle, url, b->options->needle, why);
     b->tracking = status == TROCAR_OK;
@@ -286,9 +280,7 @@ int main(int count, char **arguments) {
     options o = {.rate = 30, .pixel = 0.5e-3, .needle_name = "StylusToReference", .probe_name = "ProbeToReference",
                  .peers = {.address = "127.0.0.1", .port = PORT}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    struct sigaction action = {.sa_handler = interrupt};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    playing_heed_signals();
 
     static bridge b;
     b.options = &o;

@@ -94,18 +94,11 @@ static void place_at_tip(slices *s, const slice_needle *needle) {
 
 /* The probe's place in the scene's start; false: the scene has none. */
 static bool find_probe(slices *s, const trocar_scene *scene, pose *start) {
-    char text[256];
     trocar_probe_shape shape;
-    *start = (pose){.orientation = {1, 0, 0, 0}};
     s->has_probe = trocar_model_probe(s->model, &shape) != 0;
     if (!s->has_probe) return false;
     s->probe_reach = shape.length - shape.tip_radius;
-    vec3 *p = &start->position;
-    quat *q = &start->orientation;
-    bool known = trocar_scene_get(scene, "probe.start.position", text, sizeof text, NULL) == TROCAR_OK && sscanf(text, "[%lf, %lf, %lf]", &p->x, &p->y, &p->z) == 3;
-    if (trocar_scene_get(scene, "probe.start.orientation", text, sizeof text, NULL) != TROCAR_OK || sscanf(text, "[%lf, %lf, %lf, %lf]", &q->w, &q->x, &q->y, &q->z) != 4)
-        start->orientation = (quat){1, 0, 0, 0};
-    return known;
+    return find_probe_start(scene, start);
 }
 
 /* ---- what the probe sees ---- */
@@ -144,22 +137,26 @@ static fan frame_fan(const slices *s, slice_kind kind) {
     return (fan){NEAR[kind], far + MARGIN, fmin(WIDEST, atan2(fmax(high, -low) + MARGIN, 0.5 * far)), 0};
 }
 
-static bool frame_slice(slices *s, slice_kind kind) {
+static trocar_status frame_slice(slices *s, slice_kind kind, report *why) {
     slice *v = &s->all[kind];
     fan f = frame_fan(s, kind);
     double half = kind == SLICE_AXIAL ? f.far * sin(f.side) : f.side, near = kind == SLICE_AXIAL ? f.near * cos(f.side) : f.near;
-    v->width = (int)within(ceil(2 * half / s->pixel), 1, LARGEST_SIDE);
-    v->height = (int)within(ceil((f.far - near) / s->pixel), 1, LARGEST_SIDE);
+    double width = fmax(1, ceil(2 * half / s->pixel)), height = fmax(1, ceil((f.far - near) / s->pixel));
+    if (width > LARGEST_SIDE || height > LARGEST_SIDE)
+        return fail(why, TROCAR_BAD_INPUT, "--pixel %g: an image would have %.0f x %.0f pixels, more than %d in a row or column: choose larger pixels",
+                    1e3 * s->pixel, width, height, LARGEST_SIDE);
+    v->width = (int)width;
+    v->height = (int)height;
     v->left = f.centre - 0.5 * (v->width - 1) * s->pixel;
     v->near = near;
     size_t pixels = (size_t)v->width * (size_t)v->height;
     v->gain = malloc(pixels * sizeof *v->gain);
     v->grey = malloc(pixels);
-    if (!v->gain || !v->grey) return false;
+    if (!v->gain || !v->grey) return fail(why, TROCAR_NO_MEMORY, "no memory for images with pixels of %g mm", 1e3 * s->pixel);
     for (int j = 0; j < v->height; j++)
         for (int i = 0; i < v->width; i++)
             v->gain[j * v->width + i] = (float)gain_at(kind, &f, v->left + i * s->pixel, v->near + j * s->pixel);
-    return true;
+    return TROCAR_OK;
 }
 
 /* Amplitudes as of many random echoes together: Rayleigh's distribution. */
@@ -187,9 +184,10 @@ trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_m
     else place_at_tip(s, NULL);
     if (style == SLICES_NONE) return TROCAR_OK;
     s->distance = malloc((size_t)trocar_model_node_count(model) * sizeof *s->distance);
-    bool made = s->distance && make_speckle(s);
-    for (int k = 0; k < SLICES && made; k++) made = frame_slice(s, (slice_kind)k);
-    return made ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for images with pixels of %g mm", 1e3 * pixel);
+    if (!s->distance || !make_speckle(s)) return fail(why, TROCAR_NO_MEMORY, "no memory for images");
+    trocar_status status = TROCAR_OK;
+    for (int k = 0; k < SLICES && status == TROCAR_OK; k++) status = frame_slice(s, (slice_kind)k, why);
+    return status;
 }
 
 void slices_free(slices *s) {

@@ -40,7 +40,7 @@ typedef struct {
     slice all[SLICES];
 } slices;
 
-/* `pixel`: size in m. NO_MEMORY. */
+/* `pixel`: size in m. BAD_INPUT if an image would have more than 2048 pixels in a row or column; NO_MEMORY. */
 trocar_status slices_create(slices *s, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
 void slices_free(slices *s);
 

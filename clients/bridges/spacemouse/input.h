@@ -37,7 +37,7 @@ trocar_status input_start(const input_driver *driver, void *device, input **crea
 /* Ends the thread and closes the device, with its motors off. NULL is allowed. */
 void input_stop(input *in);
 
-/* The newest state. Of one thread only, which also calls input_render. */
+/* The newest state. Call it from one thread only, which also calls input_render. */
 const input_state *input_newest(input *in);
 
 /* The force (N) to render from now on. Unless it is renewed within 50 ms it is zero. */

@@ -33,16 +33,39 @@ int joystick_button(const struct libevdev *dev, unsigned code) {
     return -1;
 }
 
-void joystick_state(const struct libevdev *dev, input_state *state) {
+static double deflection(const struct input_absinfo *a, double rest) {
+    double d = a->value - rest, span = d > 0 ? a->maximum - rest : rest - a->minimum;
+    return span > 0 ? fmax(-1, fmin(1, d / span)) : 0;
+}
+
+void joystick_state(const joystick *j, input_state *state) {
+    const struct libevdev *dev = j->dev;
     for (int i = 0; i < INPUT_AXES; i++) {
         const struct input_absinfo *a = libevdev_get_abs_info(dev, codes[i]);
-        double middle = a ? 0.5 * ((double)a->minimum + a->maximum) : 0, half = a ? 0.5 * ((double)a->maximum - a->minimum) : 0;
-        state->axes[i] = half > 0 ? fmax(-1, fmin(1, (a->value - middle) / half)) : 0;
+        state->axes[i] = a ? deflection(a, j->rest[i]) : 0;
     }
     memset(state->held, 0, sizeof state->held);
     int number = 0;
     for (unsigned n = 0; n <= KEY_MAX - BTN_MISC && number < INPUT_BUTTONS; n++)
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
+}
+
+/* Triggers rest at an end of their range, sticks in the middle. */
+static void take_rest(joystick *j) {
+    memset(j->moved, 0, sizeof j->moved);
+    for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
+}
+
+/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, where a trigger arrives step by step. */
+static void correct_rest(joystick *j, unsigned code, int value) {
+    for (int i = 0; i < INPUT_AXES; i++) {
+        if (codes[i] != code || j->moved[i]) continue;
+        const struct input_absinfo *a = libevdev_get_abs_info(j->dev, code);
+        double middle = 0.5 * ((double)a->minimum + a->maximum), quarter = 0.25 * ((double)a->maximum - middle);
+        bool at_end = j->rest[i] <= a->minimum || j->rest[i] >= a->maximum;
+        if (at_end && fabs(value - middle) < quarter) j->rest[i] = value;
+        j->moved[i] = true;
+    }
 }
 
 /* After an overflow of the kernel's buffer, libevdev takes over the present values. A button that was pressed meanwhile is lost. */
@@ -61,8 +84,9 @@ static bool read_joystick(void *context, int timeout, input_state *state, char *
     while ((status = next_event(j->dev, &e)) == LIBEVDEV_READ_STATUS_SUCCESS) {
         int button = e.type == EV_KEY && e.value == 1 ? joystick_button(j->dev, e.code) : -1;
         if (button >= 0) state->presses[button]++;
+        if (e.type == EV_ABS) correct_rest(j, e.code, e.value);
     }
-    joystick_state(j->dev, state);
+    joystick_state(j, state);
     if (status == -EAGAIN || status == -EINTR) return true;
     snprintf(text, size, "the joystick is gone (%s): the needle stays where it is; trying again each second", strerror(-status));
     return false;
@@ -124,6 +148,7 @@ static bool open_joystick(void *context, char *text, size_t size) {
     bool motors = libevdev_has_event_code(j->dev, EV_FF, FF_CONSTANT);
     j->has_force = motors && writable;
     j->effect = -1;
+    take_rest(j);
     snprintf(text, size, "device: %s, %s", libevdev_get_name(j->dev), j->has_force ? "with force feedback" :
              motors ? "without force: no permission to write to it" : "which has no constant force");
     return true;

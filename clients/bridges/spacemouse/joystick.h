@@ -21,6 +21,8 @@ typedef struct {
     int fd;
     int effect;              /* number of the uploaded effect, -1: none */
     bool has_force;
+    int rest[INPUT_AXES];    /* values of the axes at rest: those at opening */
+    bool moved[INPUT_AXES];  /* since then */
 } joystick;
 
 extern const input_driver joystick_driver;
@@ -28,8 +30,8 @@ extern const input_driver joystick_driver;
 /* The level of a constant effect, -32767 .. 32767, that renders `push` (N); 0 if it is not finite. */
 int joystick_level(const joystick_force *f, double push);
 
-/* Brings `state` up to date with the values that libevdev has. Buttons are numbered as jstest numbers them. */
-void joystick_state(const struct libevdev *dev, input_state *state);
+/* Brings `state` up to date with the values that libevdev has. Deflections are from rest to the ends of the range. Buttons are numbered as jstest numbers them. */
+void joystick_state(const joystick *j, input_state *state);
 
 /* Number of the button with this key code, -1: it is no button of the device, or one too many. */
 int joystick_button(const struct libevdev *dev, unsigned code);

@@ -20,7 +20,7 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;      /* m/s^2 */
 static const int64_t SILENT = 20000000;  /* ns without a reply of the service: no force; as trocar_client's watchdog */
-static const int64_t DEAD = 1000000000;  /* ns without any message: the connection is renewed */
+static const int64_t DEAD = 1000000000;  /* ns without a reply: the connection is renewed */
 static const int64_t LONG = 500000000;   /* ns without a wrench until it is told */
 static const int64_t INQUIRY = 200000000; /* ns between inquiries for a device */
 static const int64_t PARTING = 200000000; /* ns for the last reply */
@@ -52,8 +52,9 @@ typedef struct {
     const char *key;         /* of the force; NULL: no message yet */
     unsigned told;           /* bit for each problem that was told since the connection was opened */
     int waiting;             /* replies that are to come */
+    bool overdue;            /* they took too long: nothing more is sent until all have come */
     int64_t asked_at;        /* ns: of the first message without a reply */
-    int64_t sent_at, heard_at; /* ns: of the newest messages */
+    int64_t sent_at;         /* ns: of the newest message */
 
     bool answered;           /* the server sends wrenches, as was told */
     int64_t unanswered_since; /* ns; 0: it does, or it is not asked; TOLD: it was told that it does not */
@@ -144,8 +145,10 @@ static void publish(bridge *b) {
 static void on_state(void *context, const char *text, size_t length) {
     bridge *b = context;
     bool had_handle = b->valid && b->state.handle[0] != '\0';
-    b->heard_at = monotonic_ns();
-    if (b->waiting > 0 && --b->waiting == 0) histogram_add(&b->part.reply, b->heard_at - b->asked_at);
+    if (b->waiting > 0 && --b->waiting == 0) {
+        histogram_add(&b->part.reply, monotonic_ns() - b->asked_at);
+        b->overdue = false;
+    }
     haply_problem problem = haply_read(text, length, &b->choice, &b->state);
     b->absent = problem == HAPLY_NO_DEVICE || problem == HAPLY_OTHER_FORMAT;
     if (!b->key) b->key = b->set.force_key ? b->set.force_key : b->state.has_session_id ? "vector" : "values";
@@ -227,7 +230,8 @@ static void on_opened(void *context) {
     b->key = NULL;
     b->told = 0;
     b->waiting = 0;
-    b->heard_at = b->sent_at = monotonic_ns(); /* the service begins */
+    b->overdue = false;
+    b->sent_at = monotonic_ns(); /* the service begins */
 }
 
 static void on_closed(void *context, const char *why) {
@@ -250,10 +254,19 @@ static void part(bridge *b, int64_t now) {
     if (!b->parted) websocket_ask_to_write(&b->service);
 }
 
-/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. */
+/* Replies carry no number, so one that is lost can't be told from one that is late: only a new connection starts the count again. */
+static void renew(bridge *b) {
+    if (!b->lost) say("no reply from the service at %s:%d for 1 s: connecting again, twice a second", b->set.host, b->set.port);
+    b->lost = true;
+    websocket_drop(&b->service);
+}
+
+/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. More than one would keep
+   the bridge behind a service that is slower than the tick. */
 static void await_reply(bridge *b, int64_t now) {
-    if (now - b->heard_at > DEAD) websocket_drop(&b->service);
-    if (now - b->asked_at < SILENT || b->waiting > 1) return;
+    if (now - b->asked_at > DEAD) renew(b);
+    if (now - b->asked_at < SILENT || b->overdue) return;
+    b->overdue = true;
     b->part.late++;
     tell(b, HAPLY_LATE);
     no_state(b);

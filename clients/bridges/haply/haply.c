@@ -290,11 +290,7 @@ static void on_tick(void *context) {
 
 static trocar_status run(bridge *b, report *why) {
     int priority = 0;
-    if (b->set.realtime) {
-        int error = realtime_use_fifo(PRIORITY_DEVICE);
-        if (error == 0) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
-        else say("SCHED_FIFO refused (%s): raise the limit rtprio; running without real time", strerror(error));
-    }
+    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
     if (!b->server) return TROCAR_SYSTEM;

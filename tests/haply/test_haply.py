@@ -276,7 +276,7 @@ def check_options():
             assert done.returncode == 2 and path + place in done.stderr, (text, done)
         for options in (["--max-force", "-1"], ["--scale", "nan"], ["--rotation", "1,1,1,1"], ["--point", "middle"], ["--direction", "0,0,0"],
                         ["--service", ""], ["--service", "localhost:0"], ["--device", "x" * 64], ["--start", "0,0,0", "--offset", "0,0,0"],
-                        ["--force-key", "x"], ["more"], ["--profile", "nowhere.yaml"]):
+                        ["--force-key", "x"], ["more"], ["--profile", "nowhere.yaml"], ["--lcm-url", "nowhere://"]):
             done = subprocess.run([program, *options], capture_output=True, text=True, timeout=20)
             assert done.returncode == 2, (options, done)
 

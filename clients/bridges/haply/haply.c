@@ -293,7 +293,7 @@ static trocar_status run(bridge *b, report *why) {
     if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
-    if (!b->server) return TROCAR_SYSTEM;
+    if (!b->server) return TROCAR_BAD_INPUT; /* the LCM network's URL */
     trocar_status status = network_create(b->set.rate, on_tick, b, &b->net, why);
     if (status == TROCAR_OK) {
         puts("ready");
@@ -320,7 +320,8 @@ int main(int count, char **arguments) {
                             .received = on_state, .write = write_message};
     b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .retry = 10, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
                            .received = on_event, .write = write_nothing};
-    if (run(&b, &why) == TROCAR_OK) return EXIT_SUCCESS;
+    trocar_status status = run(&b, &why);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-haply: %s\n", why.text);
-    return EXIT_FAILURE;
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
 }

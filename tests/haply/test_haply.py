@@ -270,7 +270,8 @@ def check_options():
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/profile.yaml"
         for text, place in (("max_force: 2\nrotation: [1, 0, 0]\n", ":2"), ("speed: 3\n", ":1"), ("scale: {x: 1}\n", ":1"), ("- 1\n", ":1"), ("a: [\n", ":2"),
-                            ("realtime: 3\n", ":1"), ("scale: " + "1" * 2000, ":1"), ("profile: x\n", ":1")):
+                            ("realtime: 3\n", ":1"), ("scale: " + "1" * 2000, ":1"), ("profile: x\n", ":1"), ("max_force: 2\nscale: 1\nmax-force: 3\n", ":3"),
+                            ("max_force: 2\n---\nmax_force: 3\n", ":2")):
             open(path, "w").write(text)
             done = subprocess.run([program, "--profile", path], capture_output=True, text=True, timeout=20)
             assert done.returncode == 2 and path + place in done.stderr, (text, done)
@@ -282,16 +283,16 @@ def check_options():
 
 
 def check_other_version(folder):
-    """Service 3.1 to 3.4 with a wired handle, events, a profile, the tip at the cursor, and another rotation: right is the scene's z."""
+    """Service 3.1 to 3.4 with a wired handle, events, a profile whose greatest force the command line lowers, the tip at the cursor, and another rotation: right is the scene's z."""
     profile = f"{folder}/profile.yaml"
-    open(profile, "w").write("point: tip\nstart: [0.005, 0.003, -0.001]\nrotation: [0.7071068, 0, -0.7071068, 0]\norientation: fixed\nmax_force: 0.2\nscale: 2\n")
+    open(profile, "w").write("point: tip\nstart: [0.005, 0.003, -0.001]\nrotation: [0.7071068, 0, -0.7071068, 0]\norientation: fixed\nmax_force: 0.4\nscale: 2\n")
     rig = Rig(BUILD, SOURCE, folder, realtime=True, version="3.4")
     rig.service.handle, rig.service.position = "verse_grip", HOME
     events = Service()
     events.answer = lambda state: json.dumps({"name": "device-battery-low", "category": "device", "level": "warning", "data": {}, "message": "15 %"})
     try:
         rig.start_server()
-        rig.start_bridge("--profile", profile, "--report", "1", "--realtime", "--events", str(events.port))
+        rig.start_bridge("--max-force", "0.2", "--profile", profile, "--report", "1", "--realtime", "--events", str(events.port))
         begin = time.monotonic()
         rig.service.position = lambda now: (HOME[0] + min(0.02, 0.025 * (now - begin)), *HOME[1:])
         time.sleep(0.8)

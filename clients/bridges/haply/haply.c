@@ -18,14 +18,14 @@
 const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double GRAVITY = 9.81;      /* m/s^2 */
-static const int64_t SILENT = 20000000;  /* ns without a reply of the service: no force; as trocar_client's watchdog */
-static const int64_t DEAD = 1000000000;  /* ns without any message: the connection is renewed */
-static const int64_t LONG = 500000000;   /* ns without a wrench until it is told */
-static const int64_t INQUIRY = 200000000; /* ns between inquiries for a device */
-static const int64_t PARTING = 200000000; /* ns for the last reply */
-static const int64_t TOLD = INT64_MAX;
-static const int64_t EVENT_GAP = 100000000; /* ns between events that are told */
+static const double GRAVITY = 9.81;                   /* m/s^2 */
+static const int64_t REPLY_TIMEOUT = 20000000;        /* ns without a reply of the service: no force; as trocar_client's watchdog */
+static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply: the connection is renewed */
+static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench until it is told */
+static const int64_t INQUIRY = 200000000;             /* ns between inquiries for a device */
+static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns for the last reply */
+static const int64_t REPORTED = INT64_MAX;
+static const int64_t EVENT_GAP = 100000000;           /* ns between events that are told */
 
 /* What is printed now and then, and at the end. */
 typedef struct {
@@ -52,15 +52,16 @@ typedef struct {
     const char *key;         /* of the force; NULL: no message yet */
     unsigned told;           /* bit for each problem that was told since the connection was opened */
     int waiting;             /* replies that are to come */
+    bool overdue;            /* they took too long: nothing more is sent until all have come */
     int64_t asked_at;        /* ns: of the first message without a reply */
-    int64_t sent_at, heard_at; /* ns: of the newest messages */
+    int64_t sent_at;         /* ns: of the newest message */
 
     bool answered;           /* the server sends wrenches, as was told */
-    int64_t unanswered_since; /* ns; 0: it does, or it is not asked; TOLD: it was told that it does not */
+    int64_t unanswered_since; /* ns; 0: it does, or it is not asked; REPORTED: it was told that it does not */
     int64_t event_at;        /* ns: an event was told */
 
-    bool parting, parted;    /* the program ends: the last force is zero */
-    int64_t parting_since;   /* ns */
+    bool shutting_down, last_sent; /* the program ends: the last force is zero */
+    int64_t shut_down_since; /* ns */
     bool ends;
     statistics part, whole;
 } bridge;
@@ -114,7 +115,7 @@ static void tell(bridge *b, haply_problem problem) {
 static void no_state(bridge *b) {
     b->valid = false;
     limiter_cut(&b->limit);
-    if (b->unanswered_since != TOLD) b->unanswered_since = 0;
+    if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
 
 /* The first device and handle stay chosen, whatever else is connected later. */
@@ -144,8 +145,10 @@ static void publish(bridge *b) {
 static void on_state(void *context, const char *text, size_t length) {
     bridge *b = context;
     bool had_handle = b->valid && b->state.handle[0] != '\0';
-    b->heard_at = monotonic_ns();
-    if (b->waiting > 0 && --b->waiting == 0) histogram_add(&b->part.reply, b->heard_at - b->asked_at);
+    if (b->waiting > 0 && --b->waiting == 0) {
+        histogram_add(&b->part.reply, monotonic_ns() - b->asked_at);
+        b->overdue = false;
+    }
     haply_problem problem = haply_read(text, length, &b->choice, &b->state);
     b->absent = problem == HAPLY_NO_DEVICE || problem == HAPLY_OTHER_FORMAT;
     if (!b->key) b->key = b->set.force_key ? b->set.force_key : b->state.has_session_id ? "vector" : "values";
@@ -181,8 +184,8 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
         return;
     }
     if (b->unanswered_since == 0) b->unanswered_since = now;
-    if (b->unanswered_since == TOLD || now - b->unanswered_since < LONG) return;
-    b->unanswered_since = TOLD;
+    if (b->unanswered_since == REPORTED || now - b->unanswered_since < REPORT_AFTER) return;
+    b->unanswered_since = REPORTED;
     b->answered = false;
     say("no wrench from trocar-server, so no force: start it, or see trocar-top why needle %d gets none; waiting", b->set.needle);
 }
@@ -192,7 +195,7 @@ static vec3 next_force(bridge *b, int64_t now) {
     double period = 1e-9 * (double)(now - b->sent_at);
     bool answered = b->valid && trocar_client_newest(b->server, &wrench);
     if (b->valid) heed_server(b, answered, now);
-    if (!answered || b->parting) {
+    if (!answered || b->shutting_down) {
         limiter_cut(&b->limit);
         return b->limit.force;
     }
@@ -210,7 +213,7 @@ static size_t write_message(void *context, char *text, size_t size) {
     bool inquires = !device[0] || !b->key || b->absent;
     size_t length = inquires ? haply_write_inquiry(text, size) : haply_write_force(text, size, device, b->key, force, !b->greeted);
     b->greeted = b->greeted || !inquires;
-    b->parted = b->parting;
+    b->last_sent = b->shutting_down;
     if (b->waiting++ == 0) b->asked_at = now;
     b->sent_at = now;
     b->part.messages++;
@@ -227,14 +230,15 @@ static void on_opened(void *context) {
     b->key = NULL;
     b->told = 0;
     b->waiting = 0;
-    b->heard_at = b->sent_at = monotonic_ns(); /* the service begins */
+    b->overdue = false;
+    b->sent_at = monotonic_ns(); /* the service begins */
 }
 
 static void on_closed(void *context, const char *why) {
     bridge *b = context;
     no_state(b);
     b->waiting = 0;
-    if (!b->lost && !b->parting) say("the service at %s:%d: %s; is it running? Trying again twice a second", b->set.host, b->set.port, why);
+    if (!b->lost && !b->shutting_down) say("the service at %s:%d: %s; is it running? Trying again twice a second", b->set.host, b->set.port, why);
     b->lost = true;
 }
 
@@ -243,17 +247,26 @@ static void ignore_closing(void *context, const char *why) { (void)context, (voi
 static size_t write_nothing(void *context, char *text, size_t size) { return (void)context, (void)text, (void)size, 0; }
 
 /* Sends a force of zero, waits for the reply so that the message is not lost with the connection, and ends. */
-static void part(bridge *b, int64_t now) {
-    if (!b->parting) b->parting_since = now;
-    b->parting = true;
-    b->ends = !b->service.open || (b->parted && b->waiting == 0) || now - b->parting_since > PARTING;
-    if (!b->parted) websocket_ask_to_write(&b->service);
+static void shut_down(bridge *b, int64_t now) {
+    if (!b->shutting_down) b->shut_down_since = now;
+    b->shutting_down = true;
+    b->ends = !b->service.open || (b->last_sent && b->waiting == 0) || now - b->shut_down_since > SHUTDOWN_TIMEOUT;
+    if (!b->last_sent) websocket_ask_to_write(&b->service);
 }
 
-/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. */
+/* Replies carry no number, so one that is lost can't be told from one that is late: only a new connection starts the count again. */
+static void renew(bridge *b) {
+    if (!b->lost) say("no reply from the service at %s:%d for 1 s: connecting again, twice a second", b->set.host, b->set.port);
+    b->lost = true;
+    websocket_drop(&b->service);
+}
+
+/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. More than one would keep
+   the bridge behind a service that is slower than the tick. */
 static void await_reply(bridge *b, int64_t now) {
-    if (now - b->heard_at > DEAD) websocket_drop(&b->service);
-    if (now - b->asked_at < SILENT || b->waiting > 1) return;
+    if (now - b->asked_at > CONNECTION_TIMEOUT) renew(b);
+    if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;
+    b->overdue = true;
     b->part.late++;
     tell(b, HAPLY_LATE);
     no_state(b);
@@ -264,7 +277,7 @@ static void on_tick(void *context) {
     bridge *b = context;
     int64_t now = monotonic_ns();
     if (playing_interrupted()) {
-        part(b, now);
+        shut_down(b, now);
         return;
     }
     websocket_keep(b->net, &b->service);
@@ -277,14 +290,10 @@ static void on_tick(void *context) {
 
 static trocar_status run(bridge *b, report *why) {
     int priority = 0;
-    if (b->set.realtime) {
-        int error = realtime_use_fifo(PRIORITY_DEVICE);
-        if (error == 0) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
-        else say("SCHED_FIFO refused (%s): raise the limit rtprio; running without real time", strerror(error));
-    }
+    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
-    if (!b->server) return TROCAR_SYSTEM;
+    if (!b->server) return TROCAR_BAD_INPUT; /* the LCM network's URL */
     trocar_status status = network_create(b->set.rate, on_tick, b, &b->net, why);
     if (status == TROCAR_OK) {
         puts("ready");
@@ -311,7 +320,8 @@ int main(int count, char **arguments) {
                             .received = on_state, .write = write_message};
     b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .retry = 10, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
                            .received = on_event, .write = write_nothing};
-    if (run(&b, &why) == TROCAR_OK) return EXIT_SUCCESS;
+    trocar_status status = run(&b, &why);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-haply: %s\n", why.text);
-    return EXIT_FAILURE;
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
 }

@@ -65,6 +65,14 @@ static trocar_status read_mapping(reader *r, profile_setter set, void *context) 
     return r->event.type == YAML_MAPPING_END_EVENT ? TROCAR_OK : wrong(r, "expected option: value");
 }
 
+static trocar_status read_end(reader *r) {
+    trocar_status status;
+    do status = next(r);
+    while (status == TROCAR_OK && r->event.type == YAML_DOCUMENT_END_EVENT);
+    if (status != TROCAR_OK) return status;
+    return r->event.type == YAML_STREAM_END_EVENT ? TROCAR_OK : wrong(r, "a second document: a profile is one; remove this line or what is above it");
+}
+
 trocar_status profile_read(const char *path, profile_setter set, void *context, report *why) {
     reader r = {.path = path, .why = why};
     FILE *file = fopen(path, "rb");
@@ -73,6 +81,7 @@ trocar_status profile_read(const char *path, profile_setter set, void *context, 
     if (yaml_parser_initialize(&r.parser)) {
         yaml_parser_set_input_file(&r.parser, file);
         status = read_mapping(&r, set, context);
+        if (status == TROCAR_OK) status = read_end(&r);
         yaml_event_delete(&r.event);
         yaml_parser_delete(&r.parser);
     } else fail(why, status, "%s: no memory", path);

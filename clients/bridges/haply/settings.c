@@ -14,7 +14,7 @@ enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION
        OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY };
 
 static const struct argp_option option_list[] = {
-    {"profile", OPTION_PROFILE, "FILE", 0, "Read options from a YAML file: long names and values", 0},
+    {"profile", OPTION_PROFILE, "FILE", 0, "Read options from a YAML file: long names and values; the command line overrides it", 0},
     {0, 0, 0, 0, "Connection:", 1},
     {"service", OPTION_SERVICE, "HOST[:PORT]", 0, "Haply Inverse Service (default 127.0.0.1:10001)", 1},
     {"events", OPTION_EVENTS, "PORT", 0, "The service's events, whose warnings are printed; 0: none (default 10020)", 1},
@@ -84,13 +84,22 @@ static void parse_service(const struct argp_state *state, haply_settings *o, con
 
 static error_t parse_option(int key, char *text, struct argp_state *state);
 
+typedef struct {
+    struct argp_state *state;
+    unsigned given;          /* bit for each option, from OPTION_SERVICE */
+} profile;
+
 /* Sets an option that a profile gives. Errors name its place. */
 static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
-    struct argp_state *state = context;
+    profile *p = context;
+    struct argp_state *state = p->state;
     const struct argp_option *o = option_list;
     while ((o->name || o->doc) && !(o->name && strcmp(o->name, name) == 0)) o++; /* headings have no name */
     if (!o->name || o->key == OPTION_PROFILE) return fail(why, TROCAR_BAD_INPUT, "%s: no option '%s'; see trocar-haply --help", place, name);
     if (!o->arg && strcmp(value, "true") != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s: expected true", place, name);
+    unsigned bit = 1u << (o->key - OPTION_SERVICE);
+    if (p->given & bit) return fail(why, TROCAR_BAD_INPUT, "%s: %s: given a second time; keep one of them", place, name);
+    p->given |= bit;
     char *program = state->name, where[1100], text[1024];
     snprintf(text, sizeof text, "%s", value);
     snprintf(where, sizeof where, "%s: %s", program, place);
@@ -103,11 +112,8 @@ static trocar_status set_from_profile(void *context, const char *place, const ch
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     haply_settings *o = state->input;
     mapping_settings *m = &o->mapping;
-    report why;
     switch (key) {
-    case OPTION_PROFILE:
-        if (profile_read(text, set_from_profile, state, &why) != TROCAR_OK) argp_error(state, "%s", why.text);
-        break;
+    case OPTION_PROFILE: break; /* read before the other options */
     case OPTION_SERVICE: parse_service(state, o, text); break;
     case OPTION_EVENTS: o->events_port = parse_port(state, "events", text, 0); break;
     case OPTION_DEVICE: parse_text(state, "device", text, sizeof o->choice.device, o->choice.device); break;
@@ -151,10 +157,19 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     return 0;
 }
 
-static const struct argp parser = {
-    option_list, parse_option, NULL,
+/* Takes the profile's options and leaves the others alone. */
+static error_t parse_profile(int key, char *text, struct argp_state *state) {
+    profile p = {.state = state};
+    report why;
+    if (key == OPTION_PROFILE && profile_read(text, set_from_profile, &p, &why) != TROCAR_OK) argp_error(state, "%s", why.text);
+    return 0;
+}
+
+static const char DESCRIPTION[] =
     "Connects a Haply Inverse3 and its handle to trocar-server, through the Haply Inverse Service. Protocol-tested, not yet on hardware: begin with a "
-    "small --max-force.", NULL, NULL, NULL};
+    "small --max-force.";
+static const struct argp profile_parser = {.options = option_list, .parser = parse_profile, .doc = DESCRIPTION};
+static const struct argp parser = {.options = option_list, .parser = parse_option, .doc = DESCRIPTION};
 
 void haply_parse(int count, char **arguments, haply_settings *settings) {
     *settings = (haply_settings){
@@ -162,5 +177,6 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};
+    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first: the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }

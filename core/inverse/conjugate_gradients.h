@@ -6,8 +6,11 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-/* Replaces u, where the search begins, by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. `k`: the lower triangle of a
-   symmetric positive definite matrix, columns with ascending rows. False without enough memory, or where K is not definite. */
+enum { CONJUGATE_GRADIENTS_STEPS = 2000 }; /* at most, of one call */
+
+/* Replaces u by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. The search begins at u, or at zero if that is nearer.
+   `k`: the lower triangle of a symmetric positive definite matrix, columns with ascending rows. False, with u undefined, without enough memory,
+   where K proves not to be positive definite, where f is not finite, or after CONJUGATE_GRADIENTS_STEPS. */
 bool conjugate_gradients(const cholmod_sparse *k, double tolerance, const double *f, double *u);
 
 #endif

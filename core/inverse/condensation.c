@@ -202,6 +202,8 @@ static trocar_status multiply_triangle(const triangle *t, symmetric_blocks *inve
     return status;
 }
 
+double condensation_bytes(int count) { return 72.0 * count * count; }
+
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
     inverse_progress progress = region->progress;
     triangle corner = {0};

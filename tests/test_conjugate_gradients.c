@@ -12,7 +12,7 @@
 #include "check.h"
 
 static const double TOLERANCE = 1e-10;
-enum { N = 3 * (CUBE_NODES - CUBE_SIDE * CUBE_SIDE) };
+enum { STEPS = 2000, N = 3 * (CUBE_NODES - CUBE_SIDE * CUBE_SIDE) };
 static cube body;
 static double force[N], expected[N], largest;
 
@@ -47,7 +47,7 @@ static void the_solution_does_not_depend_on_the_start(void **state) {
             const double starts[5] = {0.0, expected[i] + 1e-3 * largest * cube_random(-1.0, 1.0), 1e20 * cube_random(-1.0, 1.0), 1e6 * expected[i], NAN};
             u[i] = starts[start];
         }
-        assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, force, u));
+        assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, force, u));
         for (int i = 0; i < N; i++) assert_close(u[i], expected[i], 1e-8 * largest);
     }
 }
@@ -56,7 +56,7 @@ static void no_force_gives_no_displacement(void **state) {
     (void)state;
     double nothing[N] = {0.0}, u[N];
     for (int i = 0; i < N; i++) u[i] = expected[i];
-    assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, nothing, u));
+    assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, nothing, u));
     for (int i = 0; i < N; i++) assert_true(u[i] == 0.0);
 }
 
@@ -67,7 +67,7 @@ static void a_force_that_is_not_finite_is_refused(void **state) {
         double f[N], u[N] = {0.0};
         memcpy(f, force, sizeof f);
         f[17] = bad[k];
-        assert_false(conjugate_gradients(body.tissue.stiffness, TOLERANCE, f, u));
+        assert_false(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, f, u));
     }
 }
 
@@ -85,14 +85,14 @@ static void an_indefinite_matrix_is_refused(void **state) {
     for (int k = 0; k < 4; k++) {
         double u[N] = {0.0};
         cholmod_sparse *indefinite = with_diagonal(factors[k]);
-        assert_false(conjugate_gradients(indefinite, TOLERANCE, force, u));
+        assert_false(conjugate_gradients(indefinite, TOLERANCE, STEPS, force, u));
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
     double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* eigenvalues 3 and -1 */
     cholmod_sparse two = {.nrow = 2, .ncol = 2, .nzmax = 3, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                           .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
-    assert_false(conjugate_gradients(&two, TOLERANCE, f, u));
+    assert_false(conjugate_gradients(&two, TOLERANCE, STEPS, f, u));
 }
 
 /* -u'' = 1 between fixed ends: the number of steps grows with that of unknowns. */
@@ -112,7 +112,7 @@ static void steps_are_limited(void **state) {
     start[MANY] = entries;
     cholmod_sparse string = {.nrow = MANY, .ncol = MANY, .nzmax = 2 * MANY, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                              .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
-    assert_false(conjugate_gradients(&string, TOLERANCE, f, u));
+    assert_false(conjugate_gradients(&string, TOLERANCE, STEPS, f, u));
 }
 
 int main(void) {

@@ -82,10 +82,9 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-bool conjugate_gradients(const cholmod_sparse *matrix, double tolerance, const double *f, double *u) {
+bool conjugate_gradients(const cholmod_sparse *matrix, double tolerance, int steps, const double *f, double *u) {
     const split k = {(int)matrix->ncol, matrix->p, matrix->i, matrix->x};
     size_t n = (size_t)k.n;
-    int steps = CONJUGATE_GRADIENTS_STEPS;
     double size = cblas_dnrm2(k.n, f, 1), wanted = tolerance * size, before = INFINITY;
     double *numbers = has_positive_diagonal(&k) ? malloc(4 * n * sizeof *numbers) : NULL;
     if (!numbers) return false;

@@ -6,11 +6,9 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-enum { CONJUGATE_GRADIENTS_STEPS = 2000 }; /* at most, of one call */
-
 /* Replaces u by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. The search begins at u, or at zero if that is nearer.
    `k`: the lower triangle of a symmetric positive definite matrix, columns with ascending rows. False, with u undefined, without enough memory,
-   where K proves not to be positive definite, where f is not finite, or after CONJUGATE_GRADIENTS_STEPS. */
-bool conjugate_gradients(const cholmod_sparse *k, double tolerance, const double *f, double *u);
+   where K proves not to be positive definite, where f is not finite, or after so many steps. */
+bool conjugate_gradients(const cholmod_sparse *k, double tolerance, int steps, const double *f, double *u);
 
 #endif

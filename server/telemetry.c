@@ -190,12 +190,12 @@ static void publish_seeds(telemetry *t, int64_t tick) {
     trocar_seeds_t_publish(t->lcm, "TROCAR_SEEDS", &m->seeds);
 }
 
-/* Sends the needles first, because a viewer's picture is complete with the deformation. Skips the picture if out of memory. */
+/* Sends the needles first: a viewer's picture is complete with the deformation, which takes seconds on a large mesh with a condensed inverse,
+   and displaces the seeds. Without memory for it, those two are skipped. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
     viewer_messages *m = &t->messages;
     trocar_picture_copy(view->picture, m->picture);
-    if (viewer_messages_make_tissue(m, view->tick, &ignored) != TROCAR_OK) return;
     for (int i = 0; i < t->needle_count; i++) {
         if (!view->needles[i].engaged) continue;
         publish_tracks(t, i, view->tick);
@@ -204,6 +204,7 @@ static void publish_picture(telemetry *t, const view_sample *view) {
         m->contacts.server = t->given.server;
         trocar_contacts_t_publish(t->lcm, "TROCAR_CONTACTS", &m->contacts);
     }
+    if (viewer_messages_make_tissue(m, view->tick, &ignored) != TROCAR_OK) return;
     publish_seeds(t, view->tick);
     m->deformation.utime = wall_us();
     m->deformation.server = t->given.server;

@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -58,6 +59,33 @@ static void least_recently_used_files_are_removed_first(void **state) {
     }
 }
 
+/* A process in another container may have the same process id and be writing the same inverse. */
+static void another_writers_file_is_left_alone(void **state) {
+    (void)state;
+    double numbers[9] = {2, 0, 0, 0, 2, 0, 0, 0, 2};
+    symmetric_blocks matrix = {.count = 1, .numbers = numbers}, mapped = {.count = 1};
+    condensed_cache cache = {.key = 7};
+    char other[1300];
+    int order = 5, found = -1;
+    file_mapping mapping = {0};
+    report why;
+    struct stat s;
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    snprintf(other, sizeof other, "%s.%ld", cache.path, (long)getpid());
+    FILE *file = fopen(other, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite("half", 1, 4, file), 4);
+    fclose(file);
+    assert_int_equal(condensed_cache_write(&cache, &order, &matrix, &why), TROCAR_OK);
+    assert_int_equal(stat(other, &s), 0);
+    assert_int_equal(s.st_size, 4);
+    assert_int_equal(condensed_cache_map(&cache, &found, &mapped, &mapping), CACHE_READ);
+    assert_int_equal(found, 5);
+    munmap(mapping.at, mapping.bytes);
+    assert_int_equal(unlink(other), 0);
+    assert_int_equal(unlink(cache.path), 0); /* destroy finds no other file */
+}
+
 static int create(void **state) {
     (void)state;
     return mkdtemp(directory) ? 0 : -1;
@@ -74,6 +102,6 @@ static int destroy(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(least_recently_used_files_are_removed_first)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(least_recently_used_files_are_removed_first), cmocka_unit_test(another_writers_file_is_left_alone)};
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -151,6 +151,28 @@ static void single_precision_takes_half_the_room(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
+/* In single precision, the factor of a very stiff body is infinite, and its inverse zero. That is neither used nor cached. */
+static void overflow_is_an_error(void **state) {
+    (void)state;
+    static const double factors[] = {1e70, 1e-70};
+    for (int i = 0; i < 2; i++) {
+        region_material materials[2];
+        tissue t;
+        inverse *created;
+        report notice, why;
+        memcpy(materials, body.materials, sizeof materials);
+        for (int k = 0; k < 2; k++) materials[k].youngs_modulus *= factors[i];
+        assert_int_equal(tissue_assemble(&body.mesh, materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+        condensed_region single = {.count = REGION, .nodes = region, .directory = directory, .single = true};
+        assert_int_equal(inverse_create_condensed(&t, &single, &created, &notice, &why), TROCAR_BAD_INPUT);
+        assert_non_null(strstr(why.text, "inverse_precision: double"));
+        assert_null(created);
+        assert_null(t.factor);
+        assert_int_equal(access(condensed_cache_find(directory, &t, REGION, region, true).path, F_OK), -1);
+        tissue_free(&t);
+    }
+}
+
 /* Read from the file without factorising; nodes outside need a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
@@ -313,6 +335,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(blocks_match_the_dense_inverse),
         cmocka_unit_test(reading_a_file_updates_its_time_of_use),
+        cmocka_unit_test(overflow_is_an_error),
         cmocka_unit_test(second_start_needs_no_factorisation),
         cmocka_unit_test(fields_need_no_factorisation),
         cmocka_unit_test(single_precision_takes_half_the_room),

@@ -2,6 +2,7 @@
 
 #include <cblas.h>
 #include <lapacke.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -74,7 +75,8 @@ static void keep_region(tissue *t, const int *index) {
     f->x = cholmod_realloc((size_t)kept, sizeof *x, x, &f->xsize, &t->common);
 }
 
-/* L_RR. The region is eliminated last, so that its columns of L have no other rows, and K^-1_RR = (L_RR L_RR^T)^-1. The factor is freed. */
+/* L_RR. The region is eliminated last, so that its columns of L have no other rows, and K^-1_RR = (L_RR L_RR^T)^-1. The factor
+   is of no use afterwards. */
 static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner) {
     cholmod_factor *f = t->factor;
     const int *super = f->super, *pi = f->pi, *px = f->px, *rows = f->s;
@@ -95,7 +97,6 @@ static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner
             for (int r = skipped; r < row_count; r++) into[index[rows[pi[s] + r]] - p->first] = values[r];
         }
     free(index);
-    cholmod_free_factor(&t->factor, &t->common);
     return created;
 }
 
@@ -127,9 +128,8 @@ static void multiply(bool single, const product_of *p, const void *a, int lda, c
     else cblas_dgemm(CblasColMajor, p->transposed, CblasNoTrans, p->rows, p->columns, p->depth, p->alpha, a, lda, b, ldb, p->beta, c, ldc);
 }
 
-static void invert_corner(bool single, int n, void *a, int lda) {
-    if (single) LAPACKE_strtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda);
-    else LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda);
+static bool invert_corner(bool single, int n, void *a, int lda) {
+    return (single ? LAPACKE_strtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda) : LAPACKE_dtrtri_work(LAPACK_COL_MAJOR, 'L', 'N', n, a, lda)) == 0;
 }
 
 static void multiply_by_corner(bool single, int rows, int n, const void *a, int lda, void *b, int ldb) {
@@ -139,11 +139,12 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
 
 /* Replaces L by T = L^-1, from the last panel to the first. With the corner L_JJ of panel J and the rows L_BJ below it:
    T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ. */
-static bool invert_triangle(triangle *l, bool single, inverse_progress progress) {
+static trocar_status invert_triangle(triangle *l, bool single, inverse_progress progress) {
     int n = l->panels[0].rows;
     size_t number = single ? sizeof(float) : sizeof(double);
     char *product = malloc((size_t)n * WIDTH * number);
-    for (int j = l->count - 1; j >= 0 && product; j--) {
+    trocar_status status = product ? TROCAR_OK : TROCAR_NO_MEMORY;
+    for (int j = l->count - 1; j >= 0 && status == TROCAR_OK; j--) {
         panel *p = &l->panels[j];
         char *values = p->values;
         int below = p->rows - p->width;
@@ -153,7 +154,7 @@ static bool invert_triangle(triangle *l, bool single, inverse_progress progress)
             multiply(single, &(product_of){q->rows, p->width, q->width, CblasNoTrans, -1.0, 1.0}, q->values, q->rows,
                      values + (size_t)(q->first - p->first) * number, p->rows, product + (size_t)(below - q->rows) * number, below);
         }
-        invert_corner(single, p->width, values, p->rows);
+        if (!invert_corner(single, p->width, values, p->rows)) status = TROCAR_BAD_INPUT;
         if (below > 0) multiply_by_corner(single, below, p->width, values, p->rows, product, below);
         for (size_t c = 0; c < (size_t)p->width; c++)
             memcpy(values + (c * (size_t)p->rows + (size_t)p->width) * number, product + c * (size_t)below * number, (size_t)below * number);
@@ -161,14 +162,21 @@ static bool invert_triangle(triangle *l, bool single, inverse_progress progress)
         show(progress, 0.5 * done * done * done);
     }
     free(product);
-    return product != NULL;
+    return status;
 }
 
-/* K^-1 = T^T T */
-static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inverse_progress progress) {
+static bool is_positive(const double block[9]) {
+    for (int a = 0; a < 3; a++)
+        if (!(block[4 * a] > 0.0 && isfinite(block[4 * a]))) return false;
+    return true;
+}
+
+/* K^-1 = T^T T. Its diagonal shows an overflow, or an underflow, in single precision. */
+static trocar_status multiply_triangle(const triangle *t, symmetric_blocks *inverse, inverse_progress progress) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     void *tile = malloc((size_t)WIDTH * WIDTH * number);
-    for (int i = 0; i < t->count && tile; i++)
+    trocar_status status = tile ? TROCAR_OK : TROCAR_NO_MEMORY;
+    for (int i = 0; i < t->count && status == TROCAR_OK; i++)
         for (int j = 0; j <= i; j++) {
             const panel *p = &t->panels[i], *q = &t->panels[j];
             multiply(inverse->single, &(product_of){p->width, q->width, p->rows, CblasTrans, 1.0, 0.0}, p->values, p->rows,
@@ -182,6 +190,7 @@ static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inve
                         int at = (c + (swapped ? row : column)) * WIDTH + r + (swapped ? column : row);
                         block[k] = inverse->single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
                     }
+                    if (diagonal && !is_positive(block)) status = TROCAR_BAD_INPUT;
                     symmetric_blocks_set(inverse, (p->first + r) / 3, (q->first + c) / 3, block);
                 }
             if (j == i) {
@@ -190,20 +199,28 @@ static bool multiply_triangle(const triangle *t, symmetric_blocks *inverse, inve
             }
         }
     free(tile);
-    return tile != NULL;
+    return status;
 }
+
+double condensation_bytes(int count) { return 72.0 * count * count; }
 
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
     inverse_progress progress = region->progress;
     triangle corner = {0};
     trocar_status status = inverse_factor(t, region->count, region->nodes, progress, why);
     if (status != TROCAR_OK) return status;
-    bool done = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner);
-    for (int k = 0; k < corner.count && inverse->single && done; k++) make_single(&corner.panels[k]);
-    done = done && invert_triangle(&corner, inverse->single, progress);
-    inverse->numbers = done ? malloc(symmetric_blocks_bytes(inverse->count, inverse->single)) : NULL;
-    done = inverse->numbers && multiply_triangle(&corner, inverse, progress);
+    bool taken = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner);
+    cholmod_free_factor(&t->factor, &t->common);
+    for (int k = 0; k < corner.count && inverse->single && taken; k++) make_single(&corner.panels[k]);
+    status = taken ? invert_triangle(&corner, inverse->single, progress) : TROCAR_NO_MEMORY;
+    if (status == TROCAR_OK && !(inverse->numbers = malloc(symmetric_blocks_bytes(inverse->count, inverse->single)))) status = TROCAR_NO_MEMORY;
+    if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, progress);
     triangle_free(&corner);
-    return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller "
-                                   "region_of_interest", 1e-9 * (double)symmetric_blocks_bytes(inverse->count, inverse->single), inverse->count);
+    if (status == TROCAR_NO_MEMORY)
+        return fail(why, status, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller region_of_interest",
+                    1e-9 * (double)symmetric_blocks_bytes(inverse->count, inverse->single), inverse->count);
+    if (status != TROCAR_OK)
+        return fail(why, status, "the condensed inverse cannot be represented in %s precision: check that the mesh is in metres and the Young's "
+                    "moduli in Pa%s", inverse->single ? "single" : "double", inverse->single ? ", or set inverse_precision: double" : "");
+    return TROCAR_OK;
 }

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -156,7 +157,7 @@ static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
 static bool write_file(const char *path, uint64_t key, const int *order, const symmetric_blocks *matrix) {
     hid_t access = H5Pcreate(H5P_FILE_ACCESS);
     H5Pset_alignment(access, 0, ALIGNMENT);
-    hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access);
+    hid_t file = H5Fcreate(path, H5F_ACC_EXCL, H5P_DEFAULT, access);
     H5Pclose(access);
     if (file < 0) return false;
     uint64_t checksum = hash(BASIS, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
@@ -204,13 +205,16 @@ void condensed_cache_trim(const condensed_cache *kept, double bytes) {
 
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
+    uint64_t number; /* random: containers that share the directory may share process ids, too */
     silence();
-    snprintf(beside, sizeof beside, "%s.%ld", cache->path, (long)getpid());
-    if (make_folders(cache->path) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {
-        condensed_cache_trim(cache, CONDENSED_CACHE_ROOM);
-        return TROCAR_OK;
+    if (getrandom(&number, sizeof number, 0) == sizeof number) {
+        snprintf(beside, sizeof beside, "%s.%016llx", cache->path, (unsigned long long)number);
+        if (make_folders(cache->path) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {
+            condensed_cache_trim(cache, CONDENSED_CACHE_ROOM);
+            return TROCAR_OK;
+        }
+        unlink(beside);
     }
-    unlink(beside);
     return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; is there room, and may one write there?",
                 cache->path);
 }

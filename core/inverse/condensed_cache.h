@@ -1,5 +1,6 @@
 /* A condensed inverse on disk: HDF5, one file for each stiffness matrix, region of interest and precision. It is mapped into memory
-   rather than read, so that processes with the same scene share it. */
+   rather than read, so that processes with the same scene share it: replace it by renaming, never in place, because truncating a mapped
+   file ends the processes that use it (SIGBUS). */
 #ifndef TROCAR_CONDENSED_CACHE_H
 #define TROCAR_CONDENSED_CACHE_H
 
@@ -23,7 +24,7 @@ typedef struct { void *at; size_t bytes; } file_mapping; /* for munmap */
    truncated, fails its checksums or belongs to something else. One that was read counts as used now. */
 cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping);
 
-/* Written beside and renamed: there is never half a file. Then trims to CONDENSED_CACHE_ROOM. SYSTEM when it can't be written. */
+/* Written beside, under a name of its own, and renamed: there is never half a file. Then trims to CONDENSED_CACHE_ROOM. SYSTEM when it can't be written. */
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why);
 
 /* Removes the least recently used files beside this one, but never this one, until all take no more than so many bytes. */

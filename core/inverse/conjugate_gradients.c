@@ -1,6 +1,7 @@
 #include "inverse/conjugate_gradients.h"
 
 #include <cblas.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -47,44 +48,62 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *direction, *upper, *product; } workspace;
 
-/* From u on, until the residual of the transformed system has fallen by so much. The system: K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1,
-   which is applied by two triangular solutions: K' p = z + (D + L)^-1 (p - D z), z = (D + L^T)^-1 p; preconditioned by D. */
-static void search(const split *k, double fall, workspace *w, double *u) {
+/* From u on, until the residual of the transformed system has fallen by so much, but no more than `steps`, which counts down. False if K proves
+   not to be positive definite. The system: K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1, which is applied by two triangular solutions:
+   K' p = z + (D + L)^-1 (p - D z), z = (D + L^T)^-1 p; preconditioned by D. */
+static bool search(const split *k, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *p = w->direction, *z = w->upper, *q = w->product, first = 0.0, last = 0.0;
     solve_lower(k, r);
-    for (int step = 0; step < 10 * n; step++) {
+    for (int step = 0; *steps > 0; step++, --*steps) {
         double size = 0.0;
         for (int i = 0; i < n; i++) size += r[i] * diagonal(k, i) * r[i];
         if (step == 0) first = size;
-        if (size <= fall * fall * first) break;
+        if (size <= fall * fall * first) return true;
         for (int i = 0; i < n; i++) p[i] = diagonal(k, i) * r[i] + (step == 0 ? 0.0 : size / last * p[i]);
         memcpy(z, p, (size_t)n * sizeof *z);
         solve_upper(k, z);
         for (int i = 0; i < n; i++) q[i] = p[i] - diagonal(k, i) * z[i];
         solve_lower(k, q);
         cblas_daxpy(n, 1.0, z, 1, q, 1);
-        double way = size / cblas_ddot(n, p, 1, q, 1);
+        double bend = cblas_ddot(n, p, 1, q, 1);
+        if (!(bend > 0.0)) return false;
+        double way = size / bend;
         cblas_daxpy(n, way, z, 1, u, 1); /* u = (D + L^T)^-1 u' */
         cblas_daxpy(n, -way, q, 1, r, 1);
         last = size;
     }
+    return true;
 }
 
-bool conjugate_gradients(const cholmod_sparse *matrix, double tolerance, const double *f, double *u) {
+static bool has_positive_diagonal(const split *k) {
+    for (int i = 0; i < k->n; i++)
+        if (!(diagonal(k, i) > 0.0)) return false;
+    return true;
+}
+
+bool conjugate_gradients(const cholmod_sparse *matrix, double tolerance, int steps, const double *f, double *u) {
     const split k = {(int)matrix->ncol, matrix->p, matrix->i, matrix->x};
     size_t n = (size_t)k.n;
-    double *numbers = malloc(4 * n * sizeof *numbers), wanted = tolerance * cblas_dnrm2(k.n, f, 1), before = INFINITY;
+    double size = cblas_dnrm2(k.n, f, 1), wanted = tolerance * size, before = INFINITY;
+    double *numbers = has_positive_diagonal(&k) ? malloc(4 * n * sizeof *numbers) : NULL;
     if (!numbers) return false;
     workspace w = {numbers, numbers + n, numbers + 2 * n, numbers + 3 * n};
     find_residual(&k, f, u, w.residual);
     double left = cblas_dnrm2(k.n, w.residual, 1);
-    while (left > wanted && left < before) { /* again where the residual has fallen less than that of the transformed system */
+    if (!(left <= size)) { /* zero is a better start */
+        memset(u, 0, n * sizeof *u);
+        memcpy(w.residual, f, n * sizeof *f);
+        left = size;
+    }
+    bool definite = true;
+    while (definite && steps > 0 && left > wanted && left < before) { /* again where the residual has fallen less than that of the transformed system */
         before = 0.9 * left;
-        search(&k, 0.5 * wanted / left, &w, u);
+        definite = search(&k, fmax(0.5 * wanted / left, DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    return isfinite(left);
+    bool stagnated = steps > 0 && left >= before; /* as near as rounding allows */
+    return definite && isfinite(left) && (left <= wanted || stagnated);
 }

@@ -6,8 +6,9 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-/* Replaces u, where the search begins, by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. `k`: the lower triangle of a
-   symmetric positive definite matrix, columns with ascending rows. False without enough memory, or where K is not definite. */
-bool conjugate_gradients(const cholmod_sparse *k, double tolerance, const double *f, double *u);
+/* Replaces u by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. The search begins at u, or at zero if that is nearer.
+   `k`: the lower triangle of a symmetric positive definite matrix, columns with ascending rows. False, with u undefined, without enough memory,
+   where K proves not to be positive definite, where f is not finite, or after so many steps. */
+bool conjugate_gradients(const cholmod_sparse *k, double tolerance, int steps, const double *f, double *u);
 
 #endif

@@ -58,7 +58,7 @@ bool inverse_holds(const inverse *inv, int node);
 trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
 
 /* u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. With a condensed inverse K u differs from f by 1e-10 of f.
-   Zero if there is not enough memory. Thread-safe; calls are serialised. */
+   Zero if there is not enough memory, or f is not finite. Thread-safe; calls are serialised. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
 /* The dense matrix (dof_count square, column-major, full), NULL for the other implementations. */

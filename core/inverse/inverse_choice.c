@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "inverse/condensation.h"
 #include "inverse/symmetric_blocks.h"
 
 static const char *const names[INVERSE_CHOICES] = {"auto", "dense", "sparse", "condensed"};
@@ -29,7 +30,7 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
 }
 
 inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
-    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25; /* GB; fraction of the machine's memory */
+    static const double LITTLE = 1.0, MUCH = 4.0, SHARE = 0.25, BRIEF_SHARE = 0.5; /* GB; fractions of the machine's memory */
     int nodes = facts->node_count, roi = facts->roi_count;
     double dense = 8e-9 * facts->dof_count * facts->dof_count, share = SHARE * 1e-9 * facts->memory;
     double condensed = 1e-9 * (double)symmetric_blocks_bytes(roi, inverse_is_single(facts->precision, roi));
@@ -38,6 +39,10 @@ inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
     if (dense <= fmin(LITTLE, share)) return choose(about, INVERSE_DENSE, "%d nodes: %.3g GB", nodes, dense);
     if (!facts->roi_given)
         return choose(about, INVERSE_SPARSE, "%d nodes: dense would take %.3g GB, and there is no region_of_interest", nodes, dense);
+    double making = 1e-9 * condensation_bytes(roi), half = BRIEF_SHARE * 1e-9 * facts->memory;
+    if (condensed <= fmin(MUCH, share) && making > half)
+        return choose(about, INVERSE_SPARSE, "region of %d nodes: condensed would take %.3g GB while it is made, more than %.3g GB; dense %.3g GB", roi,
+                      making, half, dense);
     if (condensed <= fmin(MUCH, share))
         return choose(about, INVERSE_CONDENSED, "region of %d nodes: %.3g GB; dense would take %.3g GB", roi, condensed, dense);
     return choose(about, INVERSE_SPARSE, "region of %d nodes: condensed would take %.3g GB, more than %.3g GB; dense %.3g GB", roi,

@@ -41,7 +41,8 @@ typedef struct {
 } inverse_facts;
 
 /* The scene's choice. If that is auto: dense if remeshing requires it or it is small; else condensed if the scene defines a region of
-   interest and it fits into memory; else sparse. `about` receives the name and the reason. Never returns AUTO. */
+   interest and it fits into memory, also while it is made (even if it is cached, so that the choice is always the same); else sparse. `about`
+   receives the name and the reason. Never returns AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, report *about);
 
 #endif

@@ -29,10 +29,10 @@ grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat aske
 rm asked && setup --view
 ! grep -qE 'cjson|igtlink|spnav|evdev' asked || fail "more than the view needs: $(cat asked)"
 rm asked && setup --package
-for package in libwebsockets-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+for package in libwebsockets-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 ! grep -qE 'matplotlib|numpy|cmocka' asked || fail "more than the package needs: $(cat asked)"
 rm asked && setup
-for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016
 for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"

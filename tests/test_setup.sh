@@ -29,8 +29,8 @@ grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat aske
 rm asked && setup --view
 ! grep -qE 'cjson|igtlink|spnav|evdev' asked || fail "more than the view needs: $(cat asked)"
 rm asked && setup --package
-for package in libwebsockets-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
-! grep -qE 'matplotlib|numpy|cmocka' asked || fail "more than the package needs: $(cat asked)"
+for package in libwebsockets-dev libncurses-dev help2man python3-numpy libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+! grep -qE 'matplotlib|cmocka' asked || fail "more than the package needs: $(cat asked)"
 rm asked && setup
 for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016

@@ -60,17 +60,13 @@ static void parse_counts(const struct argp_state *state, const char *text, optio
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
-    double position[3];
     switch (key) {
     case 's': o->scene_path = text; break;
     case 'c': parse_counts(state, text, o); break;
     case OPTION_TICKS: o->ticks = (int)parse_number(state, "ticks", text, 1, 1e6); break;
     case OPTION_JSON: o->json_path = text; break;
     case OPTION_SPACING: o->spacing = parse_number(state, "spacing", text, 1e-5, 1); break;
-    case OPTION_START:
-        parse_numbers(state, "start", text, 3, position);
-        o->start = v3(position[0], position[1], position[2]);
-        break;
+    case OPTION_START: o->start = parse_vector(state, "start", text); break;
     case OPTION_PATIENT: o->patient = true; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:

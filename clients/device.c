@@ -70,12 +70,6 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-static vec3 parse_vector(const struct argp_state *state, const char *option, const char *text) {
-    double n[3];
-    parse_numbers(state, option, text, 3, n);
-    return v3(n[0], n[1], n[2]);
-}
-
 /* The option that only a script has, NULL: it goes with --plan. */
 static const char *script_option(int key) {
     switch (key) {

@@ -36,17 +36,14 @@ void json_text(json *j, const char *name, const char *text) {
     string(text, j->out);
 }
 
-void json_number(json *j, const char *name, double value) {
+static void number(json *j, const char *name, int digits, double value) {
     begin(j, name);
-    if (isfinite(value)) fprintf(j->out, "%.12g", value);
+    if (isfinite(value)) fprintf(j->out, "%.*g", digits, value);
     else fputs("null", j->out);
 }
 
-void json_exact(json *j, const char *name, double value) {
-    begin(j, name);
-    if (isfinite(value)) fprintf(j->out, "%.17g", value);
-    else fputs("null", j->out);
-}
+void json_number(json *j, const char *name, double value) { number(j, name, 12, value); }
+void json_exact(json *j, const char *name, double value) { number(j, name, 17, value); }
 
 void json_xyz(json *j, const char *name, vec3 v) {
     json_open(j, name, '{');

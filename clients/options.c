@@ -38,6 +38,16 @@ int whole_number(const struct argp_state *state, const char *option, double numb
     return (int)number;
 }
 
+int parse_whole(const struct argp_state *state, const char *option, const char *text, int least, int greatest) {
+    return whole_number(state, option, parse_number(state, option, text, least, greatest), least, greatest);
+}
+
+vec3 parse_vector(const struct argp_state *state, const char *option, const char *text) {
+    double n[3];
+    parse_numbers(state, option, text, 3, n);
+    return v3(n[0], n[1], n[2]);
+}
+
 bool split_host_port(const char *text, const char *standard_port, char host[256], char port[6]) {
     bool brackets = text[0] == '[';
     const char *begin = text + brackets, *end = begin + strcspn(begin, brackets ? "]" : ":");

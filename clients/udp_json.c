@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "json.h"
+#include "messages.h"
 #include "options.h"
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
@@ -92,8 +93,6 @@ static void finish(udp_json *u, datagram *d) {
     note(u, send(u->socket, d->text, (size_t)size, MSG_DONTWAIT | MSG_NOSIGNAL) < 0 ? errno : 0);
 }
 
-static vec3 vector(const double v[3]) { return v3(v[0], v[1], v[2]); }
-
 static bool exists(int needle) { return needle >= 0 && needle < TROCAR_MAX_NEEDLES; }
 
 void udp_json_pose(udp_json *u, const trocar_needle_pose_t *m) {
@@ -114,15 +113,15 @@ void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *m) {
     if ((since >= 0 && since < u->period - 100) || !begin(&d, m->utime)) return;
     begin_needle(&d, m->needle);
     json_integer(&d.j, "tick", m->tick);
-    json_xyz(&d.j, "force_N", vector(m->force));
-    json_xyz(&d.j, "torque_Nm", vector(m->torque));
-    json_xyz(&d.j, "raw_force_N", vector(m->raw_force));
+    json_xyz(&d.j, "force_N", load_vec3(m->force));
+    json_xyz(&d.j, "torque_Nm", load_vec3(m->torque));
+    json_xyz(&d.j, "raw_force_N", load_vec3(m->raw_force));
     json_exact(&d.j, "depth_m", m->depth);
     json_integer(&d.j, "contacts", m->contacts);
     json_integer(&d.j, "events", n->events);
     json_integer(&d.j, "membrane", n->membrane);
     json_integer(&d.j, "flags", m->flags);
-    if (m->session != 0 && m->session == n->session) json_xyz(&d.j, "base_m", vector(n->position));
+    if (m->session != 0 && m->session == n->session) json_xyz(&d.j, "base_m", load_vec3(n->position));
     finish(u, &d);
     n->sent = m->utime;
     n->events = 0;

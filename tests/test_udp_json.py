@@ -16,6 +16,9 @@ import sys
 import threading
 import time
 
+sys.dont_write_bytecode = True
+from in_namespace import in_namespace
+
 BUILD, SOURCE = sys.argv[1:3]
 TOP = f"{BUILD}/clients/trocar-top"
 
@@ -197,11 +200,7 @@ def refuses(*arguments, why):
 
 
 def main():
-    if "--inside" not in sys.argv:
-        namespace = f"{SOURCE}/scripts/netns"
-        if subprocess.run([namespace, "true"]).returncode != 0:
-            return 77
-        return subprocess.run([namespace, sys.executable, *sys.argv, "--inside"]).returncode
+    in_namespace(SOURCE)
     for to in ("localhost", "localhost:", "localhost:0", "localhost:65536", "localhost:9870x", ":9870", "::1:9870", "[]:1", "x" * 300 + ":1", ""):
         refuses("--udp-json", to, why="expected HOST:PORT")
     refuses("--udp-json", "host.invalid:9870", why="the host is not known")

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "json.h"
+#include "model_faces.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs and arrays are sent without conversion");
 
@@ -206,10 +207,9 @@ static void append_tets(byte_buffer *b, const trocar_model *m) {
 /* Appends three nodes (counter-clockwise as seen from outside `tet`), the region groups behind and in front, and the bits of named
    surfaces. */
 static void append_triangle(byte_buffer *b, const trocar_model *m, int tet, int face, int neighbour) {
-    static const int corners[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
     const int32_t *regions = trocar_model_tet_regions(m);
     uint32_t triangle[6];
-    for (int i = 0; i < 3; i++) triangle[i] = (uint32_t)trocar_model_tets(m)[4 * tet + corners[face][i]];
+    for (int i = 0; i < 3; i++) triangle[i] = (uint32_t)trocar_model_tets(m)[4 * tet + FACE_CORNERS[face][i]];
     triangle[3] = (uint32_t)regions[tet];
     triangle[4] = neighbour < 0 ? UINT32_MAX : (uint32_t)regions[neighbour];
     triangle[5] = trocar_model_face_surfaces(m)[4 * tet + face];
@@ -217,11 +217,10 @@ static void append_triangle(byte_buffer *b, const trocar_model *m, int tet, int 
 }
 
 static void append_triangles(byte_buffer *b, const trocar_model *m) {
-    const int32_t *regions = trocar_model_tet_regions(m);
     for (int t = 0; t < trocar_model_tet_count(m); t++)
         for (int f = 0; f < 4; f++) {
             int n = trocar_model_neighbours(m)[4 * t + f];
-            bool shown = n < 0 || regions[n] != regions[t] || trocar_model_face_surfaces(m)[4 * t + f] != 0;
+            bool shown = face_bounds_region(m, t, f) || trocar_model_face_surfaces(m)[4 * t + f] != 0;
             if (shown && n < t) append_triangle(b, m, t, f, n);   /* an interior triangle is sent once, with the later tet */
         }
 }

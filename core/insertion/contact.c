@@ -37,8 +37,7 @@ static void eliminate_sideways(contact_problem *p, principal axes[MAX_POINTS]) {
     elimination_panel panel;
     elimination_begin(&s);
     for (int i = 0; i < s.order; i++) p->compliance[i][s.order] = p->gap[i];
-    for (panel.begin = 0; panel.begin < 2 * p->count; panel.begin = panel.end) {
-        panel.end = panel.begin + PANEL_ROWS < 2 * p->count ? panel.begin + PANEL_ROWS : 2 * p->count;
+    for (panel.end = 0; next_panel(&panel, 2 * p->count);) {
         for (int i = panel.begin; i < panel.end; i += 2) {
             const double *row = &p->compliance[i][i];
             principal *own = &axes[i / 2];
@@ -73,8 +72,7 @@ static void find_slips(const contact_problem *p, double slip[MAX_AXIAL]) {
 static bool solve_definite(const symmetric_system *s, double *x) {
     elimination_panel panel;
     elimination_begin(s);
-    for (panel.begin = 0; panel.begin < s->order; panel.begin = panel.end) {
-        panel.end = panel.begin + PANEL_ROWS < s->order ? panel.begin + PANEL_ROWS : s->order;
+    for (panel.end = 0; next_panel(&panel, s->order);) {
         for (int i = panel.begin; i < panel.end; i++) {
             double pivot = s->a[i * s->ld + i], inverse = 1.0 / pivot;
             if (!(pivot > 0.0)) return false;

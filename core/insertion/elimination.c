@@ -8,6 +8,12 @@ void elimination_begin(const symmetric_system *s) {
         for (int j = s->order + 1; j < end; j++) s->a[i * s->ld + j] = 0.0;
 }
 
+bool next_panel(elimination_panel *panel, int end) {
+    panel->begin = panel->end;
+    panel->end = panel->begin + PANEL_ROWS < end ? panel->begin + PANEL_ROWS : end;
+    return panel->begin < end;
+}
+
 void turn_rows(const symmetric_system *s, int i, double cosine, double sine) {
     double *x = s->a + i * s->ld, *y = x + s->ld;
     lanes c = lanes_all(cosine), n = lanes_all(sine);

@@ -5,6 +5,8 @@
 #ifndef TROCAR_ELIMINATION_H
 #define TROCAR_ELIMINATION_H
 
+#include <stdbool.h>
+
 #include "base/lanes.h"
 
 enum { PANEL_ROWS = 8, TILE_ROWS = 4, TILE_COLUMNS = 2 * LANES, MOST_COLUMNS = 252 };
@@ -25,6 +27,9 @@ typedef struct {
 
 /* Makes the columns after the right-hand side zero, which are computed with, too: to be called first. RT */
 void elimination_begin(const symmetric_system *s);
+
+/* Goes on to the next rows before `end`, from panel->end on; false: there are none. RT */
+bool next_panel(elimination_panel *panel, int end);
 
 /* Turns rows i and i + 1 by an angle, right of their block on the diagonal, which is lost. RT */
 void turn_rows(const symmetric_system *s, int i, double cosine, double sine);

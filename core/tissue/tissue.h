@@ -49,7 +49,7 @@ trocar_status tissue_define(const mesh *m, const region_material *materials, con
 /* Assembles K, unless it is there. */
 trocar_status tissue_stiffness(tissue *t, report *why);
 
-/* Both. */
+/* tissue_define and tissue_stiffness. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 

@@ -3,7 +3,6 @@ import bisect
 import collections
 import gc
 import math
-import os
 import re
 import signal
 import socket
@@ -14,20 +13,10 @@ import threading
 import time
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from standin import Service, use_realtime
 
 gc.disable()    # its pauses would look like the bridge's
-
-
-def in_namespace(script, arguments, source):
-    """Runs this script again inside a private network namespace; exits with status 77 where that is not permitted."""
-    if os.environ.get("TROCAR_HAPLY_INSIDE"):
-        return
-    netns = f"{source}/scripts/netns"
-    if subprocess.run([netns, "true"]).returncode != 0:
-        sys.exit(77)
-    os.environ["TROCAR_HAPLY_INSIDE"] = "1"
-    os.execv(netns, [netns, sys.executable, script, *arguments])
 
 
 def wait_for(condition, what, seconds=5.0):

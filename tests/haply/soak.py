@@ -16,7 +16,8 @@ import time
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.dont_write_bytecode = True
-from rig import Rig, in_namespace
+from rig import Rig
+from in_namespace import in_namespace
 from standin import Disconnect, use_realtime
 
 HOME, LIMIT = (0.0, 0.1, 0.1), 0.4
@@ -230,7 +231,7 @@ def main():
     parser.add_argument("--minutes", type=float, default=10)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    in_namespace(__file__, sys.argv[1:], arguments.source)
+    in_namespace(arguments.source)
     use_realtime()
     random.seed(arguments.seed)
     with tempfile.TemporaryDirectory() as folder:

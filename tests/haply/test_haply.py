@@ -23,10 +23,11 @@ DEPTH = 0.04       # m, of the insertion
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.dont_write_bytecode = True
-from rig import Rig, in_namespace, wait_for
+from rig import Rig, wait_for
+from in_namespace import in_namespace
 from standin import Service, use_realtime
 
-in_namespace(__file__, sys.argv[1:], SOURCE)
+in_namespace(SOURCE)
 
 
 def push(rig, distance=DEPTH, speed=0.05, start=HOME):

@@ -16,6 +16,11 @@ import sys
 import tempfile
 import threading
 import time
+from pathlib import Path
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from in_namespace import in_namespace
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
@@ -340,11 +345,7 @@ def refuses(*arguments, why):
 
 
 def main():
-    if "--inside" not in sys.argv:
-        namespace = f"{SOURCE}/scripts/netns"
-        if subprocess.run([namespace, "true"]).returncode != 0:
-            return 77
-        return subprocess.run([namespace, sys.executable, *sys.argv, "--inside"]).returncode
+    in_namespace(SOURCE)
     if "events" in sys.argv:
         check_options()
     with tempfile.TemporaryDirectory() as folder:

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "limiter.h"
+#include "messages.h"
 #include "network.h"
 #include "options.h"
 #include "playing.h"
@@ -136,10 +137,8 @@ static void heed_handle(bridge *b, bool had_handle) {
 
 static void publish(bridge *b) {
     const haply_state *s = &b->state;
-    pose base = mapping_pose(&b->map, s->position, s->handle[0] ? &s->orientation : NULL, s->clutch);
-    vec3 p = base.position;
-    quat q = base.orientation;
-    trocar_client_publish(b->server, (double[]){p.x, p.y, p.z}, (double[]){q.w, q.x, q.y, q.z});
+    trocar_pose base = library_pose(mapping_pose(&b->map, s->position, s->handle[0] ? &s->orientation : NULL, s->clutch));
+    trocar_client_publish(b->server, base.position, base.orientation);
 }
 
 static void on_state(void *context, const char *text, size_t length) {
@@ -200,7 +199,7 @@ static vec3 next_force(bridge *b, int64_t now) {
         return b->limit.force;
     }
     if (b->map.clutched) limiter_let_go(&b->limit);
-    vec3 felt = mapping_force(&b->map, v3(wrench.force[0], wrench.force[1], wrench.force[2]));
+    vec3 felt = mapping_force(&b->map, load_vec3(wrench.force));
     vec3 weight = v3(0, 0, GRAVITY * b->set.tool_mass);
     return limiter_next(&b->limit, v3_scale(b->map.clutched ? 0 : b->set.force_scale, felt), weight, period);
 }

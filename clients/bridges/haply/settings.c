@@ -46,12 +46,6 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-static vec3 parse_vector(const struct argp_state *state, const char *option, const char *text) {
-    double n[3];
-    parse_numbers(state, option, text, 3, n);
-    return v3(n[0], n[1], n[2]);
-}
-
 static quat parse_rotation(const struct argp_state *state, const char *option, const char *text) {
     double n[4];
     parse_numbers(state, option, text, 4, n);
@@ -69,10 +63,6 @@ static bool parse_word(const struct argp_state *state, const char *option, const
 static void parse_text(const struct argp_state *state, const char *option, const char *text, size_t size, char *copy) {
     if (strlen(text) >= size || strlen(text) == 0) argp_error(state, "--%s: '%s': expected 1 to %zu characters", option, text, size - 1);
     else strcpy(copy, text);
-}
-
-static int parse_port(const struct argp_state *state, const char *option, const char *text, int least) {
-    return whole_number(state, option, parse_number(state, option, text, least, 65535), least, 65535);
 }
 
 static void parse_service(const struct argp_state *state, haply_settings *o, const char *text) {
@@ -115,7 +105,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     switch (key) {
     case OPTION_PROFILE: break; /* read before the other options */
     case OPTION_SERVICE: parse_service(state, o, text); break;
-    case OPTION_EVENTS: o->events_port = parse_port(state, "events", text, 0); break;
+    case OPTION_EVENTS: o->events_port = parse_whole(state, "events", text, 0, 65535); break;
     case OPTION_DEVICE: parse_text(state, "device", text, sizeof o->choice.device, o->choice.device); break;
     case OPTION_HANDLE: parse_text(state, "handle", text, sizeof o->choice.handle, o->choice.handle); break;
     case OPTION_URL: parse_text(state, "lcm-url", text, sizeof o->lcm_url, o->lcm_url); break;

@@ -3,14 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Corners of the faces opposite to each corner of a tetrahedron, counter-clockwise as seen from outside. */
-static const int FACES[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-
-static bool is_on_surface(const trocar_model *model, int tet, int face) {
-    const int32_t *regions = trocar_model_tet_regions(model);
-    int other = trocar_model_neighbours(model)[4 * tet + face];
-    return other < 0 || regions[other] != regions[tet];
-}
+#include "messages.h"
+#include "model_faces.h"
 
 int organs_count(const trocar_model *model) {
     int count = 0;
@@ -23,17 +17,17 @@ static bool make_organ(const trocar_model *model, int region, organ *o, int32_t 
     const int32_t *tets = trocar_model_tets(model), *regions = trocar_model_tet_regions(model);
     int tet_count = trocar_model_tet_count(model), triangles = 0, next = 0;
     for (int t = 0; t < tet_count; t++)
-        for (int f = 0; f < 4 && regions[t] == region; f++) triangles += is_on_surface(model, t, f);
+        for (int f = 0; f < 4 && regions[t] == region; f++) triangles += face_bounds_region(model, t, f);
     uint32_t *polygons = malloc((4 * (size_t)triangles + 1) * sizeof *polygons);
     o->nodes = malloc((3 * (size_t)triangles + 1) * sizeof *o->nodes);
     o->points = malloc((9 * (size_t)triangles + 1) * sizeof *o->points);
     bool made = polygons && o->nodes && o->points;
     for (int t = 0; t < tet_count && made; t++)
         for (int f = 0; f < 4 && regions[t] == region; f++) {
-            if (!is_on_surface(model, t, f)) continue;
+            if (!face_bounds_region(model, t, f)) continue;
             polygons[next++] = 3;
             for (int c = 0; c < 3; c++) {
-                int32_t node = tets[4 * t + FACES[f][c]];
+                int32_t node = tets[4 * t + FACE_CORNERS[f][c]];
                 if (place[node] < 0) o->nodes[place[node] = o->count++] = node;
                 polygons[next++] = (uint32_t)place[node];
             }
@@ -75,8 +69,7 @@ void organs_free(organ *organs, int count) {
 
 void organ_move(organ *o, int64_t utime, const patient_frame *frame, const double *nodes) {
     for (int i = 0; i < o->count; i++) {
-        const double *x = nodes + 3 * (size_t)o->nodes[i];
-        vec3 place = mesh_to_patient(frame, v3(x[0], x[1], x[2]));
+        vec3 place = mesh_to_patient(frame, load_vec3(nodes + 3 * (size_t)o->nodes[i]));
         o->points[3 * i] = (float)place.x;
         o->points[3 * i + 1] = (float)place.y;
         o->points[3 * i + 2] = (float)place.z;

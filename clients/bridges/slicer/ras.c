@@ -1,5 +1,7 @@
 #include "ras.h"
 
+#include "messages.h"
+
 static const double TOLERANCE = 1e-3; /* of a rotation's columns, which come in single precision */
 static const double FAR = 1e4;        /* mm */
 
@@ -22,7 +24,7 @@ ras_matrix ras_of_pose(const patient_frame *frame, pose p) {
 }
 
 ras_matrix ras_of_vector(const patient_frame *frame, const double v[3]) {
-    vec3 turned = axes_to_patient(frame, v3(v[0], v[1], v[2]));
+    vec3 turned = axes_to_patient(frame, load_vec3(v));
     return (ras_matrix){{1, 0, 0, 0, 1, 0, 0, 0, 1, (float)turned.x, (float)turned.y, (float)turned.z}};
 }
 

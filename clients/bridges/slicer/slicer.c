@@ -92,7 +92,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
     switch (key) {
     case 's': o->scene_path = text; break;
-    case 'p': o->peers.port = whole_number(state, "port", parse_number(state, "port", text, 0, 65535), 0, 65535); break;
+    case 'p': o->peers.port = parse_whole(state, "port", text, 0, 65535); break;
     case 'r': o->rate = parse_number(state, "rate", text, 1, 60); break;
     case OPTION_URL: o->lcm_url = text; break;
     case OPTION_BIND: o->peers.address = text; break;

@@ -2,10 +2,10 @@
 
 #include <errno.h>
 #include <string.h>
-#include <sys/random.h>
 #include <time.h>
 
 #include "messages.h"
+#include "session.h"
 #include "timing.h"
 #include "trocar_client.h"
 #include "trocar_probe_pose_t.h"
@@ -103,9 +103,7 @@ void tracked_needle_close(tracked_needle *t) {
 }
 
 void tracked_probe_open(tracked_probe *p, lcm_t *lcm) {
-    *p = (tracked_probe){.lcm = lcm};
-    if (getrandom(&p->session, sizeof p->session, 0) < 0) p->session = wall_us();
-    p->session = (p->session & INT64_MAX) | 1; /* 0 means nobody */
+    *p = (tracked_probe){.lcm = lcm, .session = session_new()};
 }
 
 void tracked_probe_move(tracked_probe *p, pose base) {

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "messages.h"
+
 static const char *const move_names[MOVES] = {"right", "up", "forward", "pitch", "yaw", "roll"};
 static const char *const action_names[ACTIONS] = {"clutch", "reset", "leave", "seed", "undo"};
 
@@ -86,4 +88,4 @@ rate_control_command mapping_command(const mapping *m, const input_state *state)
                                   .pitch = -share(m, state, MOVE_PITCH), .yaw = share(m, state, MOVE_YAW), .roll = share(m, state, MOVE_ROLL)};
 }
 
-double axial_push(const double force[3], quat orientation) { return -v3_dot(v3(force[0], force[1], force[2]), q_axis(orientation)); }
+double axial_push(const double force[3], quat orientation) { return -v3_dot(load_vec3(force), q_axis(orientation)); }

@@ -80,7 +80,6 @@ static void parse_lists(options *o, const struct argp_state *state) {
 
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
-    double start[3];
     switch (key) {
     case 'j':
         o->use_joystick = true;
@@ -95,8 +94,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_TURN: o->max_turn = parse_number(state, "max-turn", text, 1e-3, 6); break;
     case OPTION_SCENE: o->scene_path = text; break;
     case OPTION_START:
-        parse_numbers(state, "start", text, 3, start);
-        o->start = load_vec3(start);
+        o->start = parse_vector(state, "start", text);
         o->start_given = true;
         break;
     case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;

@@ -1,0 +1,17 @@
+"""Runs a test inside a private network namespace."""
+import os
+import subprocess
+import sys
+
+INSIDE = "TROCAR_TEST_INSIDE"
+
+
+def in_namespace(source):
+    """Runs this program again inside such a namespace; exits with status 77 where that is not permitted."""
+    if os.environ.get(INSIDE):
+        return
+    netns = f"{source}/scripts/netns"
+    if subprocess.run([netns, "true"]).returncode != 0:
+        sys.exit(77)
+    os.environ[INSIDE] = "1"
+    os.execv(netns, [netns, sys.executable, *sys.argv])

@@ -138,6 +138,7 @@ void leave_contact(const tick_context *tick) {
         if (tip->resolved_known) {
             state->contacts[slot].log_axial = local_logarithm(tick->model, &tip->resolved).axial;
             state->contacts[slot].log_lateral = local_logarithm_across(tick->model, &tip->resolved, tip->direction);
+            state->contacts[slot].end = tip->resolved.end;
         }
     }
     tip->next_contact = INFINITY;

@@ -239,11 +239,11 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
     const needle_tip *tip = &state->tip;
     double sum = state->base_turn + state->tip_lead + tip->roll.turned + tip->roll.torque + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
                + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness + tip->shaft_stiffening + tip->end_force
-               + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point;
+               + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point + line_end_total(&tip->resolved.end);
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
-        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + plane_total(c->log_lateral) + c->log_axial
+        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + plane_total(c->log_lateral) + c->log_axial + line_end_total(&c->end)
              + c->softness + c->stiffening + c->traction + c->roll.turned + c->roll.torque;
     }
     sum += creep_sum(&state->memory);

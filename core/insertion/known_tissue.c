@@ -40,6 +40,7 @@ static void activate_contact(const tick_context *tick, int k) {
     if (contact->log_axial == 0.0) { /* the tip that left it did not know it yet */
         contact->log_axial = local_logarithm(model, resolved).axial;
         contact->log_lateral = local_logarithm_across(model, resolved, contact->direction);
+        contact->end = resolved->end;
     }
     double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
@@ -83,6 +84,14 @@ bool follow_known_point(const tick_context *tick, int handles[4]) {
    moves on by about a diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
+static void fade_end(line_end *now, const line_end *then, const line_end *used, double fading) {
+    now->reach = faded(now->reach, then->reach, used->reach, fading);
+    for (int k = 0; k < LINE_ENDS; k++) {
+        now->more[k].lateral = faded(now->more[k].lateral, then->more[k].lateral, used->more[k].lateral, fading);
+        now->more[k].axial = faded(now->more[k].axial, then->more[k].axial, used->more[k].axial, fading);
+    }
+}
+
 bool follow_resolution(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     const line_piece *piece = snapshot_piece(tick->snapshot, tip->tet);
@@ -96,6 +105,7 @@ bool follow_resolution(const tick_context *tick) {
         used.uneven = m3_scaled(1.0, now.uneven);
         m3_add_scaled(&used.uneven, fading, &tip->resolved.uneven);
         m3_add_scaled(&used.uneven, -fading, &then.uneven);
+        fade_end(&used.end, &then.end, &tip->resolved.end, fading);
         used.point = faded(now.point, then.point, tip->resolved.point, fading);
     }
     tip->resolved = used;

@@ -18,6 +18,9 @@ typedef struct {
 /* Of all components: finite if they are. RT */
 static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 
+/* Over all directions. RT */
+static inline double plane_mean(plane_tensor t) { return 0.5 * (t.xx + t.yy); }
+
 /* The part of a symmetric tensor that lies across. RT */
 plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 

@@ -4,7 +4,9 @@
 
 vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 * M_PI)); }
 
-double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
+double line_axial_logarithm(double u) { return -2.0 * M_PI * u; }
+
+double line_axial_radius(double u) { return exp(line_axial_logarithm(u)); }
 
 /* -1/2: the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
@@ -28,6 +30,64 @@ vec3 line_traction(int axis, vec3 at, vec3 area, double poisson_ratio) {
 double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_PI * (1.0 - poisson_ratio) * u / (3.0 - 4.0 * poisson_ratio); }
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
+
+/* Integrals over a segment, with z counted from its points to x, r the distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of their gradients. */
+typedef struct {
+    double value[4];
+    vec3 gradient[4];
+} segment_integrals;
+
+static segment_integrals integrate(const line_segment *line, vec3 x) {
+    double square = fmax(x.x * x.x + x.y * x.y, 1e-24), rho = sqrt(square), a = x.z - line->to, b = x.z - line->from;
+    double ra = hypot(rho, a), rb = hypot(rho, b), cosines = b / rb - a / ra, cubes = b / (rb * rb * rb) - a / (ra * ra * ra);
+    segment_integrals s;
+    s.value[0] = asinh(b / rho) - asinh(a / rho);
+    s.value[1] = cosines / square;
+    s.value[2] = 1.0 / ra - 1.0 / rb;
+    s.value[3] = s.value[0] - cosines;
+    double outward[] = {-s.value[1], -(2.0 * s.value[1] + cubes) / square, 1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra), cubes - s.value[1]}; /* over rho */
+    double along[] = {1.0 / rb - 1.0 / ra, 1.0 / (rb * rb * rb) - 1.0 / (ra * ra * ra), cubes, b * b / (rb * rb * rb) - a * a / (ra * ra * ra)};
+    for (int i = 0; i < 4; i++) s.gradient[i] = v3(outward[i] * x.x, outward[i] * x.y, along[i]);
+    return s;
+}
+
+vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio) {
+    segment_integrals s = integrate(line, x);
+    double c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio)), k = 3.0 - 4.0 * poisson_ratio, *i = s.value;
+    switch (line->axis) {
+    case 0: return v3(c * (k * i[0] + x.x * x.x * i[1]), c * x.x * x.y * i[1], c * x.x * i[2]);
+    case 1: return v3(c * x.x * x.y * i[1], c * (k * i[0] + x.y * x.y * i[1]), c * x.y * i[2]);
+    default: return v3(c * x.x * i[2], c * x.y * i[2], c * (k * i[0] + i[3]));
+    }
+}
+
+/* Hooke's law for the gradient of segment_displacement(). */
+vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio) {
+    segment_integrals s = integrate(line, x);
+    double c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio)), k = 3.0 - 4.0 * poisson_ratio;
+    vec3 ex = v3(1, 0, 0), ey = v3(0, 1, 0), e = line->axis == 0 ? ex : ey, row[3]; /* gradients of the components */
+    const vec3 *g = s.gradient;
+    double aside = line->axis == 0 ? x.x : x.y;
+    vec3 even = v3_axpy(k, g[0], v3_axpy(aside * aside, g[1], v3_scale(2.0 * aside * s.value[1], e)));
+    vec3 mixed = v3_axpy(x.x * x.y, g[1], v3_axpy(x.y * s.value[1], ex, v3_scale(x.x * s.value[1], ey)));
+    vec3 lift_x = v3_axpy(x.x, g[2], v3_scale(s.value[2], ex)), lift_y = v3_axpy(x.y, g[2], v3_scale(s.value[2], ey));
+    switch (line->axis) {
+    case 0: row[0] = even; row[1] = mixed; row[2] = lift_x; break;
+    case 1: row[0] = mixed; row[1] = even; row[2] = lift_y; break;
+    default: row[0] = lift_x; row[1] = lift_y; row[2] = v3_axpy(k, g[0], g[3]); break;
+    }
+    double pressure = 2.0 * poisson_ratio / (1.0 - 2.0 * poisson_ratio) * (row[0].x + row[1].y + row[2].z);
+    vec3 t = v3_scale(pressure, area), turned = v3_axpy(area.x, row[0], v3_axpy(area.y, row[1], v3_scale(area.z, row[2])));
+    return v3_scale(c, v3_add(v3_add(t, turned), v3(v3_dot(row[0], area), v3_dot(row[1], area), v3_dot(row[2], area))));
+}
+
+/* The mean over the cylinder's circumference: x^2 and y^2 are half of rho^2 there. */
+double segment_logarithm(bool along, double from, double to, double radius, double poisson_ratio) {
+    double logarithm = asinh(to / radius) - asinh(from / radius), cosines = to / hypot(to, radius) - from / hypot(from, radius);
+    double k = 3.0 - 4.0 * poisson_ratio, c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio));
+    double u = c * (along ? (k + 1.0) * logarithm - cosines : k * logarithm + 0.5 * cosines);
+    return along ? line_axial_logarithm(u) : line_lateral_logarithm(u, poisson_ratio);
+}
 
 vec3 kelvin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio) {
     vec3 d = v3_sub(x, source);

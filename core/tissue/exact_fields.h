@@ -3,6 +3,8 @@
 #ifndef TROCAR_EXACT_FIELDS_H
 #define TROCAR_EXACT_FIELDS_H
 
+#include <stdbool.h>
+
 #include "base/vec.h"
 
 /* At (x, y), by a force per length along an infinite line, the z axis. The additive constants are such that a rigid cylinder of
@@ -14,12 +16,26 @@ vec3 line_axial(double x, double y);
 /* Traction of the same fields on a surface of this area vector, N per N/m of the line; axis 0, 1: the line is pushed along x, y; 2: along z. */
 vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 
+/* By a force per length between two places of the z axis, pushed along `axis`: Kelvin's solution for a point force, integrated; and its
+   traction. */
+typedef struct {
+    int axis;
+    double from, to;
+} line_segment;
+vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio);
+vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio);
+
+/* By how much a cylinder of this radius moves, in the logarithm of a radius, due to the part of an endless line between `from` and `to` ahead;
+   `along` or across. */
+double segment_logarithm(bool along, double from, double to, double radius, double poisson_ratio);
+
 /* The radius of the cylinder that moves by `u` under the same force. */
 double line_lateral_radius(double u, double poisson_ratio);
 double line_axial_radius(double u);
 
-/* The logarithm of a radius that displacements across differ by. */
+/* The logarithm of a radius that displacements differ by, across and along. */
 double line_lateral_logarithm(double u, double poisson_ratio);
+double line_axial_logarithm(double u);
 
 /* At `x`, by a unit force at `source`, in a body whose free surface is the plane z = 0; source.z >= 0, x.z >= 0.
    Mindlin, Physics 7, 195 (1936). Far below the surface it is Kelvin's. m^-1 */

@@ -13,9 +13,15 @@
    the line, the exact solution has no meaning for a mesh. */
 static const double RADIUS = 1.6, HALF_LENGTH = 1.2, FREE = 0.45;
 
+/* On the displacement of one point along one axis. */
+typedef struct {
+    double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
+} influence;
+
 struct resolver {
     neighbourhood around;
     double reduced[AROUND_DOFS * AROUND_DOFS], load[AROUND_DOFS], moved[AROUND_DOFS];
+    influence on[MAX_RESOLVED][2]; /* each of the points */
     int unknowns, unknown[AROUND_DOFS];
 };
 
@@ -45,35 +51,60 @@ static trocar_status factor(resolver *r, report *why) {
     return failed ? fail(why, TROCAR_NUMERIC, "the elements around a contact have no stiffness: check them for degenerate ones") : TROCAR_OK;
 }
 
-/* Solves for the free components; `moved` holds the others. */
-static void solve(resolver *r) {
-    double right[AROUND_DOFS];
-    int n = 3 * r->around.node_count;
-    for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = 0.0;
-    for (int i = 0; i < r->unknowns; i++) {
-        const double *row = r->around.stiffness + (size_t)r->unknown[i] * AROUND_DOFS;
-        right[i] = r->load[r->unknown[i]] - cblas_ddot(n, row, 1, r->moved, 1);
-    }
-    LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'U', r->unknowns, 1, r->reduced, r->unknowns, right, r->unknowns);
-    for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] = right[i];
-}
-
 static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double weights[4]) {
     mesh_barycentric(r->around.tissue->mesh, tet, x, weights);
     for (int c = 0; c < 4; c++) nodes[c] = r->around.local[r->around.tissue->mesh->tets[tet][c]];
 }
 
-static double moved_at(const resolver *r, int tet, vec3 x, int axis) {
-    int nodes[4];
-    double weights[4], sum = 0.0;
+/* How far one point moves along one axis, per load on each component and per displacement of each that is held. One solution gives it
+   for every line. */
+static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on) {
+    double right[AROUND_DOFS], weights[4];
+    int n = 3 * r->around.node_count, nodes[4];
     weights_at(r, tet, x, nodes, weights);
-    for (int c = 0; c < 4; c++) sum += weights[c] * r->moved[3 * nodes[c] + axis];
-    return sum;
+    memset(on->of_moved, 0, (size_t)n * sizeof *on->of_moved);
+    memset(on->of_load, 0, (size_t)n * sizeof *on->of_load);
+    for (int c = 0; c < 4; c++) on->of_moved[3 * nodes[c] + axis] = weights[c];
+    for (int i = 0; i < r->unknowns; i++) right[i] = on->of_moved[r->unknown[i]];
+    LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'U', r->unknowns, 1, r->reduced, r->unknowns, right, r->unknowns);
+    for (int i = 0; i < r->unknowns; i++) {
+        on->of_load[r->unknown[i]] = right[i];
+        cblas_daxpy(n, -right[i], r->around.stiffness + (size_t)r->unknown[i] * AROUND_DOFS, 1, on->of_moved, 1);
+    }
+    for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
+}
+
+/* Displacement under the load and what the held components are moved by. */
+static double moved_by(const resolver *r, const influence *on) {
+    int n = 3 * r->around.node_count;
+    return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
+}
+
+static void put(resolver *r, int node, vec3 u) {
+    r->moved[3 * node] = u.x;
+    r->moved[3 * node + 1] = u.y;
+    r->moved[3 * node + 2] = u.z;
+}
+
+/* ---- a line force -------------------------------------------------------------------------------------------------- */
+
+static bool is_endless(const line_segment *line) { return isinf(line->to); }
+
+static vec3 traction_of(const resolver *r, const line_segment *line, vec3 x, vec3 area) {
+    return is_endless(line) ? line_traction(line->axis, x, area, r->around.poisson_ratio) : segment_traction(line, x, area, r->around.poisson_ratio);
+}
+
+static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x) {
+    if (!is_endless(line)) return segment_displacement(line, x, r->around.poisson_ratio);
+    if (line->axis == 2) return line_axial(x.x, x.y);
+    if (line->axis == 0) return line_lateral(x.x, x.y, r->around.poisson_ratio);
+    vec3 turned = line_lateral(x.y, -x.x, r->around.poisson_ratio);
+    return v3(-turned.y, turned.x, 0);
 }
 
 /* The body goes on behind its free surface: what it would bear there, by quadrature over parts of each face. Left out, the surface's
    own yielding would count as the mesh's. */
-static void load_surface(resolver *r, int axis) {
+static void load_surface(resolver *r, const line_segment *line) {
     enum { PARTS = 6 };
     const mesh *m = r->around.tissue->mesh;
     for (int i = 0; i < r->around.tet_count; i++)
@@ -87,7 +118,7 @@ static void load_surface(resolver *r, int axis) {
             for (int p = 0; p < PARTS; p++)
                 for (int q = 0; q < 2 * (PARTS - p) - 1; q++) { /* triangles in row p, upright and upside down */
                     double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS;
-                    vec3 x = v3_axpy(t, c, v3_axpy(s, b, a)), traction = line_traction(axis, x, outward, r->around.poisson_ratio);
+                    vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
                     const double weights[] = {1.0 - s - t, s, t};
                     for (int k = 0; k < 3; k++) {
                         r->load[3 * nodes[k]] += weights[k] * traction.x;
@@ -98,51 +129,40 @@ static void load_surface(resolver *r, int axis) {
         }
 }
 
-static void load_line(resolver *r, int axis) {
+static void load_line(resolver *r, const line_segment *line) {
     vec3 along = neighbourhood_direction(&r->around);
     memset(r->load, 0, 3 * (size_t)r->around.node_count * sizeof *r->load);
     for (int i = 0; i < r->around.chord_count; i++) {
+        double from = fmax(r->around.chords[i].from, line->from), to = fmin(r->around.chords[i].to, line->to), weights[4];
         int nodes[4];
-        double weights[4], length = r->around.chords[i].to - r->around.chords[i].from;
-        weights_at(r, r->around.chords[i].tet, v3_axpy(0.5 * (r->around.chords[i].from + r->around.chords[i].to), along, r->around.origin), nodes, weights);
-        for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + axis] += length * weights[c];
+        if (from >= to) continue;
+        weights_at(r, r->around.chords[i].tet, v3_axpy(0.5 * (from + to), along, r->around.origin), nodes, weights);
+        for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + line->axis] += (to - from) * weights[c];
     }
-    load_surface(r, axis);
+    load_surface(r, line);
 }
 
-static void put(resolver *r, int node, vec3 u) {
-    r->moved[3 * node] = u.x;
-    r->moved[3 * node + 1] = u.y;
-    r->moved[3 * node + 2] = u.z;
+static bool is_near_line(const resolver *r, int node) {
+    return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
-
-/* ---- a line force -------------------------------------------------------------------------------------------------- */
 
 /* The boundary moves as by the line force; near the line it is free across the needle, or along it. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
-    for (int i = 0; i < r->around.node_count; i++) {
-        bool boundary = r->around.cut[i], near = hypot(r->around.position[i].x, r->around.position[i].y) < FREE * r->around.size;
+    for (int i = 0; i < r->around.node_count; i++)
         for (int a = 0; a < 3; a++)
-            if (!boundary || (near && (a == 2) == along)) r->unknown[r->unknowns++] = 3 * i + a;
-    }
+            if (!r->around.cut[i] || (is_near_line(r, i) && (a == 2) == along)) r->unknown[r->unknowns++] = 3 * i + a;
 }
 
-static void push_line(resolver *r, int axis) {
+static void push(resolver *r, const line_segment *line) {
     for (int i = 0; i < r->around.node_count; i++) {
-        vec3 p = r->around.position[i];
-        bool near = hypot(p.x, p.y) < FREE * r->around.size;
-        if (near) put(r, i, v3(0, 0, 0));
-        else if (axis == 2) put(r, i, line_axial(p.x, p.y));
-        else if (axis == 0) put(r, i, line_lateral(p.x, p.y, r->around.poisson_ratio));
-        else {
-            vec3 turned = line_lateral(p.y, -p.x, r->around.poisson_ratio);
-            put(r, i, v3(-turned.y, turned.x, 0));
-        }
+        bool held = r->around.cut[i] && !(is_endless(line) && is_near_line(r, i));
+        put(r, i, held ? displacement_of(r, line, r->around.position[i]) : v3(0, 0, 0));
     }
-    load_line(r, axis);
-    solve(r);
+    load_line(r, line);
 }
+
+static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
 /* From displacements across, by forces along the frame's x and y: their mean, and how far they are from it. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
@@ -154,22 +174,67 @@ static void set_lateral(const resolver *r, double moved[2][2], resolved_field *r
     resolved->uneven = m3_multiply(&r->around.frame, &uneven);
 }
 
-static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
-    free_for_line(r, true);
-    trocar_status status = factor(r, why);
-    if (status != TROCAR_OK) return status;
-    push_line(r, 2);
-    for (int k = 0; k < count; k++) resolved[k].axial = line_axial_radius(moved_at(r, tet, x[k], 2));
-    free_for_line(r, false);
-    status = factor(r, why);
-    if (status != TROCAR_OK) return status;
-    double moved[MAX_RESOLVED][2][2];
-    for (int axis = 0; axis < 2; axis++) {
-        push_line(r, axis);
-        for (int k = 0; k < count; k++)
-            for (int a = 0; a < 2; a++) moved[k][axis][a] = moved_at(r, tet, x[k], a);
+static double place_on_line(const resolver *r, vec3 x) { return v3_dot(v3_sub(x, r->around.origin), neighbourhood_direction(&r->around)); }
+
+/* To where the line leaves the patch, or the body. */
+static double reach_of(const resolver *r, double place) {
+    static const double GAP = 1e-9;
+    double end = place;
+    for (int i = 0; i < r->around.chord_count; i++)
+        if (r->around.chords[i].from <= end + GAP) end = fmax(end, r->around.chords[i].to);
+    return end - place;
+}
+
+/* Closer together near the tip, where it matters most. */
+static double end_place(const line_end *end, int k) {
+    double part = (double)k / LINE_ENDS;
+    return part * part * end->reach;
+}
+
+/* What a cylinder of the resolved radius moves by, less the mesh, when the part of the line from there on is taken away. */
+static double more_at_end(resolver *r, double place, double from, double reach, double radius, bool along, const influence *on) {
+    double moved = 0.0;
+    for (int axis = along ? 2 : 0; axis < (along ? 3 : 2); axis++) {
+        push(r, &(line_segment){axis, place + from, place + reach});
+        moved += (along ? 1.0 : 0.5) * moved_by(r, &on[along ? 0 : axis]);
     }
-    for (int k = 0; k < count; k++) set_lateral(r, moved[k], &resolved[k]);
+    double mesh = along ? line_axial_logarithm(moved) : line_lateral_logarithm(moved, r->around.poisson_ratio);
+    return segment_logarithm(along, from, reach, radius, r->around.poisson_ratio) - mesh;
+}
+
+/* Influences on each point: of its displacement along the line, or of both across. */
+static void find_influences(resolver *r, int tet, int count, const vec3 *x, bool along) {
+    for (int k = 0; k < count; k++)
+        for (int i = 0; i < (along ? 1 : 2); i++) find_influence(r, tet, x[k], along ? 2 : i, &r->on[k][i]);
+}
+
+static void measure_end(resolver *r, bool along, vec3 x, const influence *on, resolved_field *resolved) {
+    double place = place_on_line(r, x), reach = reach_of(r, place);
+    resolved->end.reach = reach;
+    for (int k = 0; k < LINE_ENDS && reach > 0.0; k++) {
+        double radius = along ? resolved->axial : resolved->lateral, more = more_at_end(r, place, end_place(&resolved->end, k), reach, radius, along, on);
+        if (along) resolved->end.more[k].axial = more;
+        else resolved->end.more[k].lateral = more;
+    }
+}
+
+static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    for (int along = 1; along >= 0; along--) {
+        free_for_line(r, along);
+        trocar_status status = factor(r, why);
+        if (status != TROCAR_OK) return status;
+        find_influences(r, tet, count, x, along);
+        double moved[MAX_RESOLVED][2][2];
+        for (int axis = along ? 2 : 0; axis < (along ? 3 : 2); axis++) {
+            push_endless(r, axis);
+            for (int k = 0; k < count && along; k++) resolved[k].axial = line_axial_radius(moved_by(r, &r->on[k][0]));
+            for (int k = 0; k < count && !along; k++)
+                for (int a = 0; a < 2; a++) moved[k][axis][a] = moved_by(r, &r->on[k][a]);
+        }
+        for (int k = 0; k < count && !along; k++) set_lateral(r, moved[k], &resolved[k]);
+        for (int k = 0; k < count && along; k++) resolved[k].end = (line_end){0};
+        for (int k = 0; k < count; k++) measure_end(r, along, x[k], r->on[k], &resolved[k]);
+    }
     return TROCAR_OK;
 }
 
@@ -234,13 +299,28 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
         memset(r->load, 0, 3 * (size_t)r->around.node_count * sizeof *r->load);
         for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + 2] = weights[c];
         for (int i = 0; i < r->around.node_count; i++) put(r, i, r->around.cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
-        solve(r);
-        resolved[k].point = moved_at(r, tet, x[k], 2);
+        find_influence(r, tet, x[k], 2, &r->on[0][0]);
+        resolved[k].point = moved_by(r, &r->on[0][0]);
     }
     return status;
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
+
+lateral_axial line_end_at(const line_end *end, double ahead) {
+    if (!(ahead < end->reach)) return (lateral_axial){0};
+    int k = (int)(sqrt(fmax(ahead, 0.0) / end->reach) * LINE_ENDS);
+    if (k >= LINE_ENDS) return (lateral_axial){0};
+    double from = end_place(end, k), to = end_place(end, k + 1), t = (fmax(ahead, 0.0) - from) / (to - from);
+    lateral_axial here = end->more[k], next = k + 1 < LINE_ENDS ? end->more[k + 1] : (lateral_axial){0};
+    return (lateral_axial){here.lateral + t * (next.lateral - here.lateral), here.axial + t * (next.axial - here.axial)};
+}
+
+double line_end_total(const line_end *end) {
+    double sum = end->reach;
+    for (int k = 0; k < LINE_ENDS; k++) sum += end->more[k].lateral + end->more[k].axial;
+    return sum;
+}
 
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
     patch_reach reach = {.radius = RADIUS, .half_length = HALF_LENGTH, .least = HALF_LENGTH * v3_norm(v3_sub(x[count - 1], x[0]))};

@@ -1,4 +1,4 @@
-/* What the mesh resolves of a needle's field at a place, measured: a line force, and a point force, act on a small patch of its
+/* What the mesh resolves of a needle's field at a place, measured: a line force, endless or not, and a point force act on a small patch of its
    elements whose boundary moves as in the exact solution; how far the mesh yields to them is compared with that solution.
    No constant is fitted. See README.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
@@ -6,10 +6,30 @@
 
 #include "tissue/tissue.h"
 
+/* A quantity for forces across a needle, and for those along it. */
+typedef struct {
+    double lateral, axial;
+} lateral_axial;
+
+/* The needle's tip ends the line. Near its end the mesh yields less than a cylinder of the resolved radius that ends there, as a rule: by how
+   much, as a logarithm that is to be added to the radius's. A mean over the directions across. */
+enum { LINE_ENDS = 4 };
+typedef struct {
+    double reach;            /* m ahead of the point, within the body: a line that goes on as far makes no difference */
+    lateral_axial more[LINE_ENDS]; /* of a line that ends at (k / LINE_ENDS)^2 of the reach ahead of the point */
+} line_end;
+
+/* Of a line that ends so far ahead (m). RT */
+lateral_axial line_end_at(const line_end *end, double ahead);
+
+/* Of all that it holds: finite if they are. RT */
+double line_end_total(const line_end *end);
+
 /* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */
 typedef struct {
     double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does; across, a geometric mean */
     mat3 uneven;             /* symmetric: of a push along unit vector e across the line, the radius's logarithm is e.uneven e larger */
+    line_end end;            /* ahead: in the line's direction */
     double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
 } resolved_field;
 

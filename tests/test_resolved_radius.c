@@ -80,6 +80,46 @@ static void line_forces_are_in_equilibrium_and_of_unit_size(void **state) {
     assert_close(line_axial_radius(line_axial(0.0, 2.0).z), 2.0, 1e-12);
 }
 
+/* ---- segments of a line ---- */
+
+static const line_segment whole_line[] = {{0, -0.3, 0.5}, {1, -0.3, 0.5}, {2, -0.3, 0.5}};
+static const line_segment *pushed;
+static vec3 segment(vec3 x) { return segment_displacement(pushed, x, NU); }
+
+static void segments_are_kelvins_solution_integrated(void **state) {
+    (void)state;
+    vec3 x = v3(0.3, -0.4, 0.2), area = v3(0.2, 0.5, -0.7);
+    for (int axis = 0; axis < 3; axis++) {
+        pushed = &whole_line[axis];
+        vec3 unit = v3(axis == 0, axis == 1, axis == 2), sum = {0}, leaving = {0};
+        enum { PARTS = 1000, RINGS = 200 };
+        for (int i = 0; i < PARTS; i++) sum = v3_axpy(0.8 / PARTS, kelvin_displacement(v3(0, 0, -0.3 + 0.8 * (i + 0.5) / PARTS), unit, x, NU), sum);
+        assert_close_vector(segment(x), sum, 1e-6 * v3_norm(sum));
+        mat3 s = stress(segment, x);
+        assert_close_vector(segment_traction(pushed, x, area, NU), m3_apply(&s, area), 1e-8);
+        for (int i = 0; i < RINGS; i++) /* over a sphere around it */
+            for (int j = 0; j < RINGS; j++) {
+                double z = -1.0 + 2.0 * (i + 0.5) / RINGS, turn = 2.0 * M_PI * j / RINGS, rho = sqrt(1.0 - z * z);
+                vec3 outward = v3(rho * cos(turn), rho * sin(turn), z);
+                leaving = v3_add(leaving, segment_traction(pushed, outward, v3_scale(4.0 * M_PI / (RINGS * RINGS), outward), NU));
+            }
+        assert_close_vector(leaving, v3_scale(-0.8, unit), 1e-4);
+    }
+}
+
+/* Far ahead it goes on as an endless line: what both directions add up to, less the logarithm of the radius, does not depend on it. */
+static void half_a_line_moves_its_end_half_as_far(void **state) {
+    (void)state;
+    double near = segment_logarithm(0.0, 1e3, 0.5, NU), far = segment_logarithm(0.0, 1e3, 2.0, NU);
+    assert_close(2.0 * (far - near), log(4.0), 1e-5);
+    assert_close(segment_logarithm(0.0, 0.7, 0.5, NU) + segment_logarithm(0.7, 1e3, 0.5, NU), near, 1e-12);
+    double sum = 0.0;
+    enum { DIRECTIONS = 12 };
+    pushed = &whole_line[0];
+    for (int i = 0; i < DIRECTIONS; i++) sum += segment(v3(0.2 * cos(2 * M_PI * i / DIRECTIONS), 0.2 * sin(2 * M_PI * i / DIRECTIONS), -0.3)).x / DIRECTIONS;
+    assert_close(segment_logarithm(0.0, 0.8, 0.2, NU), line_lateral_logarithm(sum, NU), 1e-12);
+}
+
 /* ---- the patch ------------------------------------------------------------------------------------------------------- */
 
 enum { NX = 10, NZ = 8 };
@@ -164,6 +204,29 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
+/* Where the line ends, within 3 mm and 6 mm of it: by another program, on the whole mesh, with Kelvin's solution on its boundary summed up. */
+static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
+    (void)state;
+    static const struct { double x, y, ahead, more; } whole[] = {
+        {0, 0, 0.0, -0.027}, {0, 0, 0.003, 0.351}, {0, 0, 0.006, 0.340},
+        {0.0031, -0.0027, 0.0, -0.018}, {0.0031, -0.0027, 0.003, 0.044}, {0.0031, -0.0027, 0.006, 0.063}};
+    enum { POINTS = 10 };
+    block b;
+    create(&b, 1.0, 20e3);
+    for (size_t i = 0; i < sizeof whole / sizeof *whole; i++) {
+        double mean = 0.0;
+        for (int k = 0; k < POINTS; k++) {
+            resolved_field f = measure(&b, v3(whole[i].x, whole[i].y, 0.0375 + 0.0125 * (k + 0.5) / POINTS), v3(0, 0, -1));
+            mean += line_end_at(&f.end, whole[i].ahead) / POINTS;
+        }
+        assert_close(mean, whole[i].more, 0.11);
+    }
+    resolved_field f = measure(&b, v3(0, 0, 0.05), v3(0, 0, -1));
+    assert_true(line_end_at(&f.end, f.end.reach) == 0.0 && line_end_at(&f.end, INFINITY) == 0.0);
+    assert_true(line_end_at(&f.end, 0.0) == f.end.more[0] && line_end_at(&f.end, -1.0) == f.end.more[0]);
+    destroy(&b);
+}
+
 /* In a face of the mesh, the plane y = 0, pushed along it and across it. */
 static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     (void)state;
@@ -203,7 +266,10 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(mindlins_solution_is_in_equilibrium_below_a_free_surface),
         cmocka_unit_test(line_forces_are_in_equilibrium_and_of_unit_size),
+        cmocka_unit_test(segments_are_kelvins_solution_integrated),
+        cmocka_unit_test(half_a_line_moves_its_end_half_as_far),
         cmocka_unit_test(patches_measure_what_the_whole_mesh_resolves),
+        cmocka_unit_test(patches_measure_where_a_line_ends_what_the_whole_mesh_does),
         cmocka_unit_test(directions_across_differ_as_on_the_whole_mesh),
         cmocka_unit_test(radii_scale_with_the_mesh),
     };

@@ -93,23 +93,10 @@ static void loosen(insertion_workspace *w, int i, double hold, double compliance
     w->tightening[i] = hold < 1.0 ? compliance / (fmax(hold * hold, 1e-12) * TIP_FADE) : 0.0;
 }
 
-/* How far the middle of a share is behind the tip; INFINITY without one in the tissue. */
-static double behind_tip(const tick_context *tick, shaft_share share) {
+/* How far the middle of a point's share is behind the tip; INFINITY without a tip in the tissue. */
+static double behind_tip(const tick_context *tick, int i) {
+    shaft_share share = tick->scratch->points[i].share;
     return tick->scratch->tip ? tick->state->tip.depth - 0.5 * (share.from + share.to) : INFINITY;
-}
-
-static shaft_logarithm contact_logarithm(const tick_context *tick, int i) {
-    const contact_point *p = &tick->scratch->points[i];
-    const shaft_contact *contact = &tick->state->contacts[p->handle];
-    return local_logarithm_behind(contact->log_axial, contact->log_lateral, &contact->end, behind_tip(tick, p->share));
-}
-
-/* Of the shaft next to the tip. */
-static shaft_logarithm tip_logarithm(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    const needle_tip *tip = &tick->state->tip;
-    return local_logarithm_behind(local_logarithm(tick->model, &tip->resolved).axial, local_logarithm_across(tick->model, &tip->resolved, tip->direction),
-                                  &tip->resolved.end, behind_tip(tick, w->points[w->point_count - 1].share));
 }
 
 void find_local_compliance(const tick_context *tick) {
@@ -122,10 +109,10 @@ void find_local_compliance(const tick_context *tick) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
-        shaft_logarithm logarithm = contact_logarithm(tick, i);
-        loosen(w, i, here ? hold : 1.0, plane_mean(logarithm.lateral) / shaft.lateral);
-        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft.lateral, logarithm.lateral), contact->direction);
-        w->axial[i] = logarithm.axial / shaft.axial;
+        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->end, behind_tip(tick, i));
+        loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft.lateral);
+        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft.lateral, lateral), contact->direction);
+        w->axial[i] = contact->log_axial / shaft.axial;
         w->stiffening.stiffness[i] = shaft.axial;
         w->stiffening.mean[i] = shaft.stiffening;
     }
@@ -133,16 +120,17 @@ void find_local_compliance(const tick_context *tick) {
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
-    shaft_logarithm logarithm = tip_logarithm(tick);
+    double axial = local_logarithm(model, &tip->resolved).axial;
+    plane_tensor lateral = local_logarithm_behind_tip(local_logarithm_across(model, &tip->resolved, tip->direction), &tip->resolved.end, behind_tip(tick, t));
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
     double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
-    w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, logarithm.lateral), tip->direction);
-    w->held_axial = logarithm.axial / (shaft.axial + radius / line.axial);
-    loosen(w, t, hold, plane_mean(logarithm.lateral) / stiffness);
+    w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, lateral), tip->direction);
+    w->held_axial = axial / (shaft.axial + radius / line.axial);
+    loosen(w, t, hold, plane_mean(lateral) / stiffness);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
     w->stiffening.stiffness[t] = shaft.axial;
     w->stiffening.mean[t] = shaft.stiffening;
-    w->axial[t + 1] = logarithm.axial / fmax(shaft.axial, LEAST_STIFFNESS);
+    w->axial[t + 1] = axial / fmax(shaft.axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
@@ -166,12 +154,13 @@ void keep_shear(const tick_context *tick) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
         double traction = contact->traction + creep_traction(tick, contact->depth);
-        p->arc = contact->arc += lead_gained(model, state, p->share, contact_logarithm(tick, i).axial, traction, &contact->softness, &contact->stiffening);
+        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness, &contact->stiffening);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
+    double logarithm = local_logarithm(model, &tip->resolved).axial;
     double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
-    tip->stretch += lead_gained(model, state, w->points[t].share, tip_logarithm(tick).axial, traction, &tip->shaft_softness, &tip->shaft_stiffening);
+    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */

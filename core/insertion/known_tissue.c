@@ -86,10 +86,7 @@ static double faded(double now, double then, double used, double fading) { retur
 
 static void fade_end(line_end *now, const line_end *then, const line_end *used, double fading) {
     now->reach = faded(now->reach, then->reach, used->reach, fading);
-    for (int k = 0; k < LINE_ENDS; k++) {
-        now->more[k].lateral = faded(now->more[k].lateral, then->more[k].lateral, used->more[k].lateral, fading);
-        now->more[k].axial = faded(now->more[k].axial, then->more[k].axial, used->more[k].axial, fading);
-    }
+    for (int k = 0; k < LINE_ENDS; k++) now->more[k] = faded(now->more[k], then->more[k], used->more[k], fading);
 }
 
 bool follow_resolution(const tick_context *tick) {

@@ -105,11 +105,9 @@ plane_tensor local_logarithm_across(const insertion_model *model, const resolved
     return plane_at_least((plane_tensor){mean + uneven.xx, uneven.xy, mean + uneven.yy}, LEAST_LOGARITHM);
 }
 
-shaft_logarithm local_logarithm_behind(double axial, plane_tensor lateral, const line_end *end, double ahead) {
-    lateral_axial more = line_end_at(end, ahead);
-    lateral.xx += more.lateral;
-    lateral.yy += more.lateral;
-    return (shaft_logarithm){fmax(axial + more.axial, LEAST_LOGARITHM), plane_at_least(lateral, LEAST_LOGARITHM)};
+plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead) {
+    double more = line_end_at(end, ahead);
+    return plane_at_least((plane_tensor){endless.xx + more, endless.xy, endless.yy + more}, LEAST_LOGARITHM);
 }
 
 /* 1 / mu */

@@ -7,6 +7,11 @@
 #include "insertion/plane_tensor.h"
 #include "tissue/resolved_radius.h"
 
+/* A quantity for forces across the needle, and for those along it. */
+typedef struct {
+    double lateral, axial;
+} lateral_axial;
+
 /* The local compliance of a line force, m^2/N (divide by the length that it stands for), has two factors: that of its material
    per logarithm, m^2/N, */
 lateral_axial local_line_compliance(const region_material *material); /* RT */
@@ -20,12 +25,8 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 /* or for each direction across. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
-/* Both, of those, for shaft whose tip is `ahead` (m) of it, or INFINITY. RT */
-typedef struct {
-    double axial;
-    plane_tensor lateral;
-} shaft_logarithm;
-shaft_logarithm local_logarithm_behind(double axial, plane_tensor lateral, const line_end *end, double ahead);
+/* That for shaft whose tip is `ahead` (m) of it. RT */
+plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
 
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
 typedef struct {

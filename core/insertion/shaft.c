@@ -59,12 +59,10 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     const shaft_contact *contact = &state->contacts[slot];
     const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[slot].tet]];
     double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
-    bool tip = state->tip.phase == TIP_INSIDE;
-    shaft_share part = shaft_share_of(state, k, tip);
+    shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
     double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
     double traction = creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered;
-    double ahead = tip ? state->tip.depth - 0.5 * (part.from + part.to) : INFINITY;
-    double local = local_logarithm_behind(contact->log_axial, contact->log_lateral, &contact->end, ahead).axial / stiffness, linear = local * length * traction;
+    double local = contact->log_axial / stiffness, linear = local * length * traction;
     if (material->stiffening == 0.0) return linear;
     stiffening_law law = stiffening_of_shaft(material->stiffening, model->needle->radius, stiffness, local);
     return linear + stiffening_at(&law, length * traction).shift;

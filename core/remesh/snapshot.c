@@ -57,8 +57,7 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
 
 static line_end end_between(const line_end *a, const line_end *b, double t) {
     line_end end = {.reach = (1.0 - t) * a->reach + t * b->reach};
-    for (int k = 0; k < LINE_ENDS; k++)
-        end.more[k] = (lateral_axial){(1.0 - t) * a->more[k].lateral + t * b->more[k].lateral, (1.0 - t) * a->more[k].axial + t * b->more[k].axial};
+    for (int k = 0; k < LINE_ENDS; k++) end.more[k] = (1.0 - t) * a->more[k] + t * b->more[k];
     return end;
 }
 

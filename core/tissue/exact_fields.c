@@ -4,9 +4,7 @@
 
 vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 * M_PI)); }
 
-double line_axial_logarithm(double u) { return -2.0 * M_PI * u; }
-
-double line_axial_radius(double u) { return exp(line_axial_logarithm(u)); }
+double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
 
 /* -1/2: the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
@@ -81,12 +79,10 @@ vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisso
     return v3_scale(c, v3_add(v3_add(t, turned), v3(v3_dot(row[0], area), v3_dot(row[1], area), v3_dot(row[2], area))));
 }
 
-/* The mean over the cylinder's circumference: x^2 and y^2 are half of rho^2 there. */
-double segment_logarithm(bool along, double from, double to, double radius, double poisson_ratio) {
+/* On the circumference, x^2 is half of rho^2 in the mean. */
+double segment_logarithm(double from, double to, double radius, double poisson_ratio) {
     double logarithm = asinh(to / radius) - asinh(from / radius), cosines = to / hypot(to, radius) - from / hypot(from, radius);
-    double k = 3.0 - 4.0 * poisson_ratio, c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio));
-    double u = c * (along ? (k + 1.0) * logarithm - cosines : k * logarithm + 0.5 * cosines);
-    return along ? line_axial_logarithm(u) : line_lateral_logarithm(u, poisson_ratio);
+    return line_lateral_logarithm(((3.0 - 4.0 * poisson_ratio) * logarithm + 0.5 * cosines) / (16.0 * M_PI * (1.0 - poisson_ratio)), poisson_ratio);
 }
 
 vec3 kelvin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio) {

@@ -3,8 +3,6 @@
 #ifndef TROCAR_EXACT_FIELDS_H
 #define TROCAR_EXACT_FIELDS_H
 
-#include <stdbool.h>
-
 #include "base/vec.h"
 
 /* At (x, y), by a force per length along an infinite line, the z axis. The additive constants are such that a rigid cylinder of
@@ -25,17 +23,16 @@ typedef struct {
 vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio);
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio);
 
-/* By how much a cylinder of this radius moves, in the logarithm of a radius, due to the part of an endless line between `from` and `to` ahead;
-   `along` or across. */
-double segment_logarithm(bool along, double from, double to, double radius, double poisson_ratio);
+/* By how much a cylinder of this radius around the line moves, pushed across by the part of the line between `from` and `to` ahead: a mean over its
+   circumference, as the logarithm of a radius. */
+double segment_logarithm(double from, double to, double radius, double poisson_ratio);
 
 /* The radius of the cylinder that moves by `u` under the same force. */
 double line_lateral_radius(double u, double poisson_ratio);
 double line_axial_radius(double u);
 
-/* The logarithm of a radius that displacements differ by, across and along. */
+/* The logarithm of a radius that displacements across differ by. */
 double line_lateral_logarithm(double u, double poisson_ratio);
-double line_axial_logarithm(double u);
 
 /* At `x`, by a unit force at `source`, in a body whose free surface is the plane z = 0; source.z >= 0, x.z >= 0.
    Mindlin, Physics 7, 195 (1936). Far below the surface it is Kelvin's. m^-1 */

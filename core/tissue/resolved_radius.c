@@ -191,49 +191,50 @@ static double end_place(const line_end *end, int k) {
     return part * part * end->reach;
 }
 
-/* What a cylinder of the resolved radius moves by, less the mesh, when the part of the line from there on is taken away. */
-static double more_at_end(resolver *r, double place, double from, double reach, double radius, bool along, const influence *on) {
-    double moved = 0.0;
-    for (int axis = along ? 2 : 0; axis < (along ? 3 : 2); axis++) {
-        push(r, &(line_segment){axis, place + from, place + reach});
-        moved += (along ? 1.0 : 0.5) * moved_by(r, &on[along ? 0 : axis]);
+/* What the part of the line from `from` to `to` beyond the point moves a cylinder of the resolved radius by, less what it moves the mesh by. */
+static double less_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
+    double moved = 0.0, nu = r->around.poisson_ratio;
+    for (int axis = 0; axis < 2; axis++) {
+        push(r, &(line_segment){axis, place + from, place + to});
+        moved += 0.5 * moved_by(r, &on[axis]);
     }
-    double mesh = along ? line_axial_logarithm(moved) : line_lateral_logarithm(moved, r->around.poisson_ratio);
-    return segment_logarithm(along, from, reach, radius, r->around.poisson_ratio) - mesh;
+    return segment_logarithm(from, to, radius, nu) - line_lateral_logarithm(moved, nu);
 }
 
-/* Influences on each point: of its displacement along the line, or of both across. */
-static void find_influences(resolver *r, int tet, int count, const vec3 *x, bool along) {
+static void measure_end(resolver *r, vec3 x, const influence *on, resolved_field *resolved) {
+    double place = place_on_line(r, x);
+    line_end *end = &resolved->end;
+    *end = (line_end){.reach = reach_of(r, place)};
+    for (int k = 0; k < LINE_ENDS && end->reach > 0.0; k++) end->more[k] = less_beyond(r, place, end_place(end, k), end->reach, resolved->lateral, on);
+}
+
+static trocar_status measure_along(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    free_for_line(r, true);
+    trocar_status status = factor(r, why);
+    if (status != TROCAR_OK) return status;
+    push_endless(r, 2);
+    for (int k = 0; k < count; k++) {
+        find_influence(r, tet, x[k], 2, &r->on[k][0]);
+        resolved[k].axial = line_axial_radius(moved_by(r, &r->on[k][0]));
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status measure_across(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
+    free_for_line(r, false);
+    trocar_status status = factor(r, why);
+    if (status != TROCAR_OK) return status;
+    double moved[MAX_RESOLVED][2][2];
     for (int k = 0; k < count; k++)
-        for (int i = 0; i < (along ? 1 : 2); i++) find_influence(r, tet, x[k], along ? 2 : i, &r->on[k][i]);
-}
-
-static void measure_end(resolver *r, bool along, vec3 x, const influence *on, resolved_field *resolved) {
-    double place = place_on_line(r, x), reach = reach_of(r, place);
-    resolved->end.reach = reach;
-    for (int k = 0; k < LINE_ENDS && reach > 0.0; k++) {
-        double radius = along ? resolved->axial : resolved->lateral, more = more_at_end(r, place, end_place(&resolved->end, k), reach, radius, along, on);
-        if (along) resolved->end.more[k].axial = more;
-        else resolved->end.more[k].lateral = more;
+        for (int a = 0; a < 2; a++) find_influence(r, tet, x[k], a, &r->on[k][a]);
+    for (int axis = 0; axis < 2; axis++) {
+        push_endless(r, axis);
+        for (int k = 0; k < count; k++)
+            for (int a = 0; a < 2; a++) moved[k][axis][a] = moved_by(r, &r->on[k][a]);
     }
-}
-
-static trocar_status measure_line(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
-    for (int along = 1; along >= 0; along--) {
-        free_for_line(r, along);
-        trocar_status status = factor(r, why);
-        if (status != TROCAR_OK) return status;
-        find_influences(r, tet, count, x, along);
-        double moved[MAX_RESOLVED][2][2];
-        for (int axis = along ? 2 : 0; axis < (along ? 3 : 2); axis++) {
-            push_endless(r, axis);
-            for (int k = 0; k < count && along; k++) resolved[k].axial = line_axial_radius(moved_by(r, &r->on[k][0]));
-            for (int k = 0; k < count && !along; k++)
-                for (int a = 0; a < 2; a++) moved[k][axis][a] = moved_by(r, &r->on[k][a]);
-        }
-        for (int k = 0; k < count && !along; k++) set_lateral(r, moved[k], &resolved[k]);
-        for (int k = 0; k < count && along; k++) resolved[k].end = (line_end){0};
-        for (int k = 0; k < count; k++) measure_end(r, along, x[k], r->on[k], &resolved[k]);
+    for (int k = 0; k < count; k++) {
+        set_lateral(r, moved[k], &resolved[k]);
+        measure_end(r, x[k], r->on[k], &resolved[k]);
     }
     return TROCAR_OK;
 }
@@ -307,25 +308,26 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
 
-lateral_axial line_end_at(const line_end *end, double ahead) {
-    if (!(ahead < end->reach)) return (lateral_axial){0};
-    int k = (int)(sqrt(fmax(ahead, 0.0) / end->reach) * LINE_ENDS);
-    if (k >= LINE_ENDS) return (lateral_axial){0};
-    double from = end_place(end, k), to = end_place(end, k + 1), t = (fmax(ahead, 0.0) - from) / (to - from);
-    lateral_axial here = end->more[k], next = k + 1 < LINE_ENDS ? end->more[k + 1] : (lateral_axial){0};
-    return (lateral_axial){here.lateral + t * (next.lateral - here.lateral), here.axial + t * (next.axial - here.axial)};
+double line_end_at(const line_end *end, double ahead) {
+    if (!(ahead < end->reach)) return 0.0;
+    ahead = fmax(ahead, 0.0);
+    int k = (int)(sqrt(ahead / end->reach) * LINE_ENDS);
+    if (k >= LINE_ENDS) return 0.0;
+    double from = end_place(end, k), t = (ahead - from) / (end_place(end, k + 1) - from);
+    return (1.0 - t) * end->more[k] + t * (k + 1 < LINE_ENDS ? end->more[k + 1] : 0.0);
 }
 
 double line_end_total(const line_end *end) {
     double sum = end->reach;
-    for (int k = 0; k < LINE_ENDS; k++) sum += end->more[k].lateral + end->more[k].axial;
+    for (int k = 0; k < LINE_ENDS; k++) sum += end->more[k];
     return sum;
 }
 
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why) {
     patch_reach reach = {.radius = RADIUS, .half_length = HALF_LENGTH, .least = HALF_LENGTH * v3_norm(v3_sub(x[count - 1], x[0]))};
     neighbourhood_take(&r->around, tet, x[count / 2], direction, reach);
-    trocar_status status = measure_line(r, tet, count, x, resolved, why);
+    trocar_status status = measure_along(r, tet, count, x, resolved, why);
+    if (status == TROCAR_OK) status = measure_across(r, tet, count, x, resolved, why);
     if (status == TROCAR_OK) status = measure_point(r, tet, count, x, resolved, why);
     return status;
 }

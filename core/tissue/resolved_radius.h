@@ -6,21 +6,17 @@
 
 #include "tissue/tissue.h"
 
-/* A quantity for forces across a needle, and for those along it. */
-typedef struct {
-    double lateral, axial;
-} lateral_axial;
-
-/* The needle's tip ends the line. Near its end the mesh yields less than a cylinder of the resolved radius that ends there, as a rule: by how
-   much, as a logarithm that is to be added to the radius's. A mean over the directions across. */
+/* The needle's tip ends the line. Pushed across near its end, the mesh yields less or more than a cylinder of the resolved radius that ends
+   there: how much less, as a logarithm to be added to the radius's; a mean over the directions. Along the line it makes no difference to
+   speak of. */
 enum { LINE_ENDS = 4 };
 typedef struct {
     double reach;            /* m ahead of the point, within the body: a line that goes on as far makes no difference */
-    lateral_axial more[LINE_ENDS]; /* of a line that ends at (k / LINE_ENDS)^2 of the reach ahead of the point */
+    double more[LINE_ENDS];  /* for a line that ends at (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
-/* Of a line that ends so far ahead (m). RT */
-lateral_axial line_end_at(const line_end *end, double ahead);
+/* For a line that ends so far ahead (m). RT */
+double line_end_at(const line_end *end, double ahead);
 
 /* Of all that it holds: finite if they are. RT */
 double line_end_total(const line_end *end);

@@ -1,0 +1,89 @@
+#!/usr/bin/python3
+"""What the resolved radius of an endless line leaves out where the line ends, on the whole of a mesh: the numbers in test_resolved_radius.c.
+
+Kuhn's mesh of the block, cubes of 12 x 12 x 12.5 mm, volumetric strain averaged at nodes. The part of a line force that lies beyond a distance
+ahead of a point acts on it, up to 30 mm ahead; its boundary moves by Kelvin's solution summed over steps of the line. Printed: what the point
+moves by, less what a cylinder of the resolved radius moves by, as the logarithm of a radius; a mean over a period of the mesh and both
+directions across. No code of the simulator takes part. Needs python3-scipy; takes a minute.
+"""
+import math
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+import needle_meshes as nm
+
+CUBES, CUBE = (10, 10, 8), (0.012, 0.012, 0.0125)
+POISSON, LAME = 0.45, 9.0               # for a shear modulus of 1
+LINE = (3 - 4 * POISSON) / (8 * math.pi * (1 - POISSON))
+STEP, REACH = 0.00025, 0.030            # m
+SIZE = (math.sqrt(2) * math.prod(CUBE)) ** (1 / 3)
+PLACES = (((0, 0), 0.150), ((0.0031, -0.0027), 0.464))  # x and y, and the line's resolved radius over SIZE
+
+
+class Block:
+    def __init__(self):
+        self.nodes, self.tets = nm.structured("Kuhn", CUBES)
+        corners = self.nodes[self.tets]
+        self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
+        self.stiffness = self.assembled(self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets)))
+        self.outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
+        self.free = np.repeat(~self.outer, 3)
+        self.factor = splu(self.stiffness[self.free][:, self.free])
+
+    def assembled(self, gradient, volume):
+        dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
+        blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
+        blocks = volume[:, None, None] * (blocks + np.einsum("taj,tbi->taibj", gradient, gradient)).reshape(-1, 12, 12)
+        deviatoric = sparse.coo_matrix((blocks.ravel(), (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, (1, 12)).ravel())), (size, size))
+        quarters = np.repeat((0.25 * gradient * volume[:, None, None]).reshape(-1, 1, 12), 4, axis=1)  # an element's flux, to each of its nodes
+        places = np.repeat(self.tets[:, :, None], 12, axis=2), np.repeat(dofs[:, None, :], 4, axis=1)
+        flux = sparse.coo_matrix((quarters.ravel(), (places[0].ravel(), places[1].ravel())), (len(self.nodes), size)).tocsr()
+        at_nodes = np.bincount(self.tets.ravel(), np.repeat(volume / 4, 4))
+        return (deviatoric.tocsr() + LAME * flux.T @ sparse.diags(1 / at_nodes) @ flux).tocsc()
+
+    def interpolation(self, points):
+        rows = sparse.lil_matrix((len(points), len(self.nodes)))
+        for i, point in enumerate(points):
+            weights = self.inverse.transpose(0, 2, 1) @ np.append(1.0, point)
+            inside = np.argmax(weights.min(axis=1))
+            rows[i, self.tets[inside]] = weights[inside]
+        return rows.tocsr()
+
+    def moved(self, at, line, axis):
+        """The displacement along an axis at a point, by a unit force per length along it at the points of the line."""
+        force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
+        moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
+        moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))
+        load[axis::3] = self.interpolation(line).T @ np.full(len(line), STEP)
+        moved[self.free] = self.factor.solve((load - self.stiffness @ moved)[self.free])
+        return (self.interpolation(at[None]) @ moved[axis::3])[0]
+
+
+def kelvin(source, force, at):
+    apart = at - source
+    distance = np.linalg.norm(apart, axis=-1, keepdims=True)
+    return ((3 - 4 * POISSON) * force + apart * (apart @ force)[..., None] / distance ** 2) / (16 * math.pi * (1 - POISSON) * distance)
+
+
+def cylinder_moved(ahead, radius):
+    angle, step = np.arange(8) * math.pi / 4, 1e-5
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
+    return step * sum(kelvin(np.array([0, 0, z]), np.eye(3)[0], ring)[:, 0].mean() for z in np.arange(ahead + step / 2, REACH, step))
+
+
+def main():
+    block = Block()
+    for (x, y), radius in PLACES:
+        for ahead in (0.0, 0.003, 0.006):
+            more = []
+            for height in 0.0375 + CUBE[2] * (np.arange(10) + 0.5) / 10:
+                at, way = np.array([x, y, height]), np.arange(ahead + STEP / 2, REACH, STEP)
+                line = at - way[:, None] * np.array([0, 0, 1])
+                more += [(block.moved(at, line, axis) - cylinder_moved(ahead, radius * SIZE)) / LINE for axis in (0, 1)]
+            print(f"({1e3 * x:g}, {1e3 * y:g}) mm, ending {1e3 * ahead:g} mm ahead: {np.mean(more):.3f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Why a needle along edges of a mesh comes out too stiff sideways: the resolved radius is measured with an endless line.
+"""Why a needle along edges of a mesh comes out too stiff sideways if the resolved radius is measured with an endless line alone.
 usage: needle_end.py [CUBES_PER_10_MM]
 
 A rigid needle, 60 mm at 45 degrees in Kuhn's mesh of the block, as segments of 1 mm on linear tetrahedra (volumetric strain averaged

@@ -291,16 +291,6 @@ static bool springs_back(const tick_context *tick) {
     return true;
 }
 
-/* Passes for a tip that nothing stops. */
-static pass_result run_unstopped(const tick_context *tick, int most) {
-    insertion_workspace *w = tick->scratch;
-    w->tip_law = TIP_CUTS;
-    w->tip_way = 0.0;
-    pass_result r = run_passes(tick, most);
-    if (r.found && w->tip && springs_back(tick)) r = run_passes(tick, tick->model->settings.max_passes);
-    return r;
-}
-
 /* Would the tip come to a membrane, or bone, that it does not overcome? That resists in this step already: a slip cut off there in the next one
    would be missing, and tissue that has sprung back by it would be pushed forward again. */
 static bool is_stopped(const tick_context *tick) {
@@ -320,10 +310,13 @@ static bool is_stopped(const tick_context *tick) {
 /* A needle that buckles there, or for which the passes do not converge, gets there first, and is solved for in the next step. */
 static pass_result run_to_stop(const tick_context *tick) {
     int most = tick->model->settings.max_passes;
+    insertion_workspace *w = tick->scratch;
     pass_result r = run_passes(tick, most);
-    if (r.found && r.converged && !r.diverging && !is_saddle(tick->scratch)) return r;
+    if (r.found && r.converged && !r.diverging && !is_saddle(w)) return r;
+    w->tip_law = TIP_CUTS;
+    w->tip_way = 0.0;
     recall(tick);
-    return run_unstopped(tick, most);
+    return run_passes(tick, most);
 }
 
 void equilibrium_find(const tick_context *tick, const int handles[4]) {
@@ -336,15 +329,16 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     prepare(tick, handles);
     remember_forces(tick);
     int most = tick->model->settings.max_passes;
-    pass_result r = run_unstopped(tick, guessed && most > GUESS_PASSES ? GUESS_PASSES : most);
+    pass_result r = run_passes(tick, guessed && most > GUESS_PASSES ? GUESS_PASSES : most);
     if (guessed && (!r.found || r.diverging || !r.converged)) { /* the guess may be to blame */
         recall(tick);
-        r = run_unstopped(tick, most);
+        r = run_passes(tick, most);
     }
     for (int i = 0; i < MOST_ENDS && r.found && w->tip && old_tracks_overrun(&state->tip); i++) { /* what is beyond the end resists in this step already: a slip cut off there would be missing in the next one */
         old_tracks_end(tick);
-        r = run_unstopped(tick, most);
+        r = run_passes(tick, most);
     }
+    if (r.found && w->tip && springs_back(tick)) r = run_passes(tick, most);
     if (r.found && w->tip && is_stopped(tick)) r = run_to_stop(tick);
     bool suspect = !r.found || r.diverging || is_saddle(w);
     state->motion.time = 0.0;

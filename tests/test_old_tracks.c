@@ -1,4 +1,5 @@
-/* The end of an old track: what is beyond it resists at once. Beside a puncture, a membrane is torn. */
+/* The end of an old track: what is beyond it resists at once. Beside a puncture, a membrane is torn. Tissue springs back into a track no faster
+   than elsewhere. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -81,11 +82,56 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
     }
 }
 
+/* A needle pressed against hard tissue and held there, with 50 mm of track ahead. */
+static lockstep *pressed_before_a_track(double whole, double left, bool track) {
+    simulation_config config = lockstep_config();
+    lockstep *l = lockstep_create(&config, lockstep_start());
+    lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = whole;
+    lockstep_move(l, v3(0, 0, 0.003), 0.003 / SPEED, DT);
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT);
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = left;
+    const needle_tip *tip = &l->state.tip;
+    l->state.tracks.count = l->state.tracks.point_count = 0;
+    vec3 end = v3_axpy(0.05, l->simulation.workspace->aim, tip->nominal);
+    if (track) tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
+    return l;
+}
+
+/* Where nothing is cut, tissue springs back over a needle at rest as fast in a track as in tissue without resistance. A needle that goes on in
+   the track meets no viscosity. */
+static void tissue_springs_back_into_a_track(void **state) {
+    (void)state;
+    lockstep *track = pressed_before_a_track(2.0, 2.0, true), *soft = pressed_before_a_track(2.0, 0.0, false);
+    double before = v3_norm(track->wrench.force), largest = 0.0;
+    for (int k = 0; k < 60; k++) {
+        double last = v3_norm(track->wrench.force);
+        lockstep_tick(track, track->base, DT);
+        lockstep_tick(soft, soft->base, DT);
+        double f = v3_norm(track->wrench.force), g = v3_norm(soft->wrench.force);
+        if (k > 1) largest = fmax(largest, last - f); /* at first, what is cut no longer resists, and the shaft follows */
+        assert_true(track->state.tip.open == 1.0);
+        assert_true(fabs(f - g) < 1e-3 * before);
+    }
+    print_message("%.3f N before, %.3f N 60 ms after; largest fall in a tick after the first two %.3f N\n", before, v3_norm(track->wrench.force), largest);
+    assert_true(v3_norm(track->wrench.force) < 0.7 * before && largest < 0.07 * before);
+    double viscosity = track->simulation.materials[track->simulation.mesh.region[track->state.tip.tet]].cutting_viscosity, most = 0.0;
+    for (int k = 0; k < 30; k++) {
+        lockstep_move(track, v3(0, 0, 0.05 * DT), DT, DT);
+        if (k >= 15) most = fmax(most, track->state.tip.end_force);
+    }
+    print_message("at 50 mm/s in the track: %.4f N, in whole tissue viscosity alone is %.2f N\n", most, 0.05 * viscosity);
+    assert_true(track->state.tip.open == 1.0 && most < 0.1 * 0.05 * viscosity);
+    lockstep_free(track);
+    lockstep_free(soft);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_short_track_is_passed_without_a_jump),
         cmocka_unit_test(a_tip_rests_at_the_end),
         cmocka_unit_test(a_membrane_is_torn_beside_a_puncture),
+        cmocka_unit_test(tissue_springs_back_into_a_track),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

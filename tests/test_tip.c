@@ -141,12 +141,80 @@ static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     lockstep_free(l);
 }
 
+/* A needle pressed against hard tissue, `before` metres from the capsule, then released: tissue springs back over its tip, and brings it to
+   the capsule, at some 0.5 m/s. The hand goes on at 20 mm/s. */
+static lockstep *released_before_the_capsule(double before, double puncture_force) {
+    simulation_config config = lockstep_config();
+    config.membranes[1].puncture_force = puncture_force;
+    lockstep *l = lockstep_create(&config, lockstep_start());
+    const needle_tip *tip = &l->state.tip;
+    double chord = INFINITY;
+    for (bool ahead = false; !ahead || chord > before;) {
+        lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
+        int face = tip->phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->tet, tip->nominal, tip->direction, &chord) : -1;
+        ahead = face >= 0 && l->simulation.mesh.face_groups[tip->tet][face] >> l->simulation.membranes[1].group & 1;
+    }
+    region_material *around = &l->simulation.materials[l->simulation.mesh.region[tip->tet]];
+    double cutting = around->cutting_force;
+    around->cutting_force = 1.0;
+    lockstep_move(l, v3(0, 0, 0.004), 0.2, 1e-3);
+    around->cutting_force = cutting;
+    return l;
+}
+
+/* The tip stops at the capsule within the step in which it gets there: tissue that has sprung back is not pushed forward again, by more than
+   the hand goes on. */
+static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
+    (void)unused;
+    double jumps = 0.0;
+    for (int i = 0; i < 12; i++) {
+        lockstep *l = released_before_the_capsule(2e-4 + 1e-4 * i, 5.0);
+        double dent = l->state.tip.dent, rise = 0.0;
+        for (int k = 0; k < 20; k++) {
+            lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
+            rise = fmax(rise, l->state.tip.dent - dent);
+            dent = l->state.tip.dent;
+        }
+        assert_int_equal(l->state.tip.blocked_by, 1);
+        jumps = fmax(jumps, rise);
+        lockstep_free(l);
+    }
+    print_message("the dent grows by %.1f um in a tick at most\n", 1e6 * jumps);
+    assert_true(jumps < 2.5e-5);
+}
+
+/* One that resists less than what the tip cuts anyway does not hold it up. */
+static void a_weak_membrane_is_pierced_in_passing(void **unused) {
+    (void)unused;
+    for (int i = 0; i < 6; i++) {
+        lockstep *l = released_before_the_capsule(2e-4 + 2e-4 * i, 0.3);
+        unsigned seen = 0;
+        double dent = l->state.tip.dent;
+        for (int k = 0; k < 20; k++) {
+            vec3 last = l->wrench.force;
+            lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
+            if (l->wrench.events & EVENT_PUNCTURED) {
+                assert_int_equal(l->wrench.membrane, 1);
+                assert_int_equal(l->state.tip.blocked_by, NOT_BLOCKED);
+                assert_true(v3_norm(v3_sub(l->wrench.force, last)) < 0.05);
+            }
+            assert_true(l->state.tip.dent < dent + 1e-7);
+            seen |= l->wrench.events;
+            dent = l->state.tip.dent;
+        }
+        assert_true(seen & EVENT_PUNCTURED);
+        lockstep_free(l);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(skin_stops_it_until_punctured), cmocka_unit_test(capsule_stops_the_tip_at_its_surface),
         cmocka_unit_test(full_membrane_list_is_reported),
         cmocka_unit_test(tip_never_enters_bone),         cmocka_unit_test(insertion_and_retraction),
         cmocka_unit_test(bevel_deflects_the_cut_away_from_its_face),
+        cmocka_unit_test(a_tip_that_springs_forward_stops_at_a_membrane),
+        cmocka_unit_test(a_weak_membrane_is_pierced_in_passing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -195,14 +195,20 @@ static double work_of_hold(const tick_context *tick) {
 static void bound_tip(const tick_context *tick) {
     const insertion_model *model = tick->model;
     contact_problem *p = &tick->scratch->problem;
+    const insertion_workspace *w = tick->scratch;
     const needle_tip *tip = &tick->state->tip;
     int t = p->count - 1;
-    bool blocked = tip->blocked_by != NOT_BLOCKED;
-    double resistance = tip_resistance(model, tip), viscosity = (1.0 - tip->open) * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
-    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&tick->scratch->points[t].at), resistance) + work_of_hold(tick);
+    bool stops = w->tip_law == TIP_STOPS, blocked = stops || tip->blocked_by != NOT_BLOCKED;
+    double resistance = stops ? w->stop_resistance : tip_resistance(model, tip);
+    double whole = model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt, viscosity = (1.0 - tip->open) * whole;
+    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&w->points[t].at), resistance) + work_of_hold(tick);
+    if (w->tip_law == TIP_SPRINGS) { /* up to tip_way as always, beyond it as in tissue that is not open */
+        p->upper[t] += viscosity * w->tip_way;
+        viscosity = whole;
+    }
     p->lower[t] = 0.0;
     p->viscosity[t][0] = 0.0;
-    p->viscosity[t][1] = blocked ? 0.0 : viscosity / tick->dt;
+    p->viscosity[t][1] = blocked ? 0.0 : viscosity;
     p->state[t] = tip->friction;
     bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }
@@ -272,7 +278,10 @@ void assemble_gaps(const tick_context *tick) {
     }
     for (int i = 0; i < w->guided; i++) guides_close_gap(tick, i);
     int shaft = unknown(p->count, p->count, 2);
-    if (w->tip) p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
+    if (w->tip) {
+        p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
+        p->gap[shaft - 1] -= w->tip_way;
+    }
     creep_shift_gaps(tick);
     stiffening_shift_gaps(tick);
 }

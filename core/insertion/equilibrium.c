@@ -9,9 +9,11 @@
 #include "insertion/roll.h"
 #include "insertion/stiffening.h"
 #include "insertion/tip_damper.h"
+#include "insertion/tip_path.h"
 
 static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
 static const double NEW_PUSH = 0.05;     /* of Euler's load: if the push has grown by more since the needle was linearised, it is linearised again */
+static const double LEAST_LOST = 1e-4;   /* N that a track takes off the viscosity, from which on tissue counts as springing back */
 enum { GUESS_PASSES = 2 };               /* from a guessed shape, before it is given up */
 enum { MOST_ENDS = 4 };                  /* of old tracks that the tip may come to in one tick */
 static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
@@ -45,7 +47,7 @@ static void take_forces(const tick_context *tick) {
         } else if (at_tip) {
             state->tip.end_force = p->force[2 * p->count + i];
             state->tip.shaft_traction = p->force[2 * p->count + i + 1] / length;
-            state->tip.slip = p->slip[i];
+            state->tip.slip = p->slip[i] + w->tip_way;
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
             state->tip.shaft_friction = p->state[i + 1];
@@ -67,6 +69,8 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     w->problem.axial_count = w->point_count + w->tip;
     creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
+    w->tip_law = TIP_CUTS;
+    w->tip_way = 0.0;
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
     find_local_compliance(tick);
@@ -273,6 +277,48 @@ static pass_result approach(const tick_context *tick) {
     return (pass_result){.found = true, .buckling = true};
 }
 
+/* Does tissue along an open track spring back over the tip, which then goes farther than the hand carries it? It meets the viscosity of tissue that is
+   not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
+static bool springs_back(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    insertion_workspace *w = tick->scratch;
+    const needle_tip *tip = &tick->state->tip;
+    if (tip->blocked_by != NOT_BLOCKED || tip->open == 0.0 || !(tip->slip > w->tip_carried)) return false;
+    double viscosity = tip->open * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
+    if (viscosity * (tip->slip - w->tip_carried) < LEAST_LOST * tick->dt) return false;
+    w->tip_law = TIP_SPRINGS;
+    w->tip_way = w->tip_carried;
+    return true;
+}
+
+/* Would the tip come to a membrane, or bone, that it does not overcome? That resists in this step already: a slip cut off there in the next one
+   would be missing, and tissue that has sprung back by it would be pushed forward again. */
+static bool is_stopped(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    insertion_workspace *w = tick->scratch;
+    if (tip->blocked_by != NOT_BLOCKED || !(tip->slip > 0.0)) return false;
+    double distance = tip->open > 0.0 ? fmin(tip->slip, tip->open_left) : tip->slip;
+    stop_ahead stop = find_stop(tick, old_tracks_lead(tip, w->aim), distance);
+    if (isinf(stop.way)) return false;
+    w->tip_law = TIP_STOPS;
+    w->tip_way = stop.way + FACE_CLEARANCE; /* so that it gets there */
+    w->stop_resistance = stop.resistance;
+    tick->state->tip.friction = STICK;
+    return true;
+}
+
+/* A needle that buckles there, or for which the passes do not converge, gets there first, and is solved for in the next step. */
+static pass_result run_to_stop(const tick_context *tick) {
+    int most = tick->model->settings.max_passes;
+    insertion_workspace *w = tick->scratch;
+    pass_result r = run_passes(tick, most);
+    if (r.found && r.converged && !r.diverging && !is_saddle(w)) return r;
+    w->tip_law = TIP_CUTS;
+    w->tip_way = 0.0;
+    recall(tick);
+    return run_passes(tick, most);
+}
+
 void equilibrium_find(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
@@ -292,6 +338,8 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
         old_tracks_end(tick);
         r = run_passes(tick, most);
     }
+    if (r.found && w->tip && springs_back(tick)) r = run_passes(tick, most);
+    if (r.found && w->tip && is_stopped(tick)) r = run_to_stop(tick);
     bool suspect = !r.found || r.diverging || is_saddle(w);
     state->motion.time = 0.0;
     if (suspect && !state->saddle) r = approach(tick);

@@ -60,6 +60,16 @@ static void hold_base(const tick_context *tick) {
     needle_hold(tick->model->needle, base, &tick->state->needle);
 }
 
+static vec3 needle_end(const tick_context *tick) { return tick->state->needle.joints[tick->model->needle->given.segments]; }
+
+/* How far the hand has carried the needle's end forward, from where it was `before`. */
+static void note_carried(const tick_context *tick, vec3 before) {
+    const vec3 *joints = tick->state->needle.joints;
+    int end = tick->model->needle->given.segments;
+    vec3 along = v3_unit(v3_sub(joints[end], joints[end - 1]));
+    tick->scratch->tip_carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], before)));
+}
+
 /* Displacement of the surface ahead of a free needle's end, or just behind it, by whatever else deforms the tissue. */
 static vec3 free_at_surface(const tick_context *tick, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
@@ -80,10 +90,11 @@ static void move_freely(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     int n = model->needle->given.segments;
-    vec3 before = state->needle.joints[n];
+    vec3 before = needle_end(tick);
     if (guides_hold(model, state)) hold_base(tick);
     else needle_rest(model->needle, tick->base.pose, &state->needle);
     vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
+    note_carried(tick, before);
     vec3 surface = free_at_surface(tick, now, axis); /* the mesh is the tissue at rest */
     before = v3_sub(before, surface);
     now = v3_sub(now, surface);
@@ -107,8 +118,9 @@ static bool has_returned(const tick_context *tick) {
 static vec3 move(const tick_context *tick) {
     insertion_state *state = tick->state;
     slide_shaft(state, tick->model->needle->radius);
-    vec3 gradient = track_gradient(tick);
+    vec3 gradient = track_gradient(tick), before = needle_end(tick);
     hold_base(tick);
+    note_carried(tick, before);
     return gradient;
 }
 
@@ -172,6 +184,7 @@ static void answer(const tick_context *tick) {
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
     vec3 gradient = v3(0, 0, 0);
+    tick->scratch->tip_carried = INFINITY;
     creep_begin(tick);
     guides_slide(tick->model, state);
     if (state->buckled) {

@@ -49,6 +49,8 @@ int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind,
     return found >= 0 && membrane_open(tick, found, x) == 1.0 ? NOT_BLOCKED : found;
 }
 
+double old_tracks_torn(const tick_context *tick, int blocked_by, vec3 x) { return blocked_by >= 0 ? membrane_open(tick, blocked_by, x) : 0.0; }
+
 /* A track that the tip may follow. */
 typedef struct {
     double open, distance, left;
@@ -92,7 +94,7 @@ static void choose(const tick_context *tick) {
 void old_tracks_find(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     if (tip->friction != STICK) tip->ended = 0.0;
-    tip->torn = tip->phase == TIP_INSIDE && tip->blocked_by >= 0 ? membrane_open(tick, tip->blocked_by, tip->nominal) : 0.0;
+    tip->torn = tip->phase == TIP_INSIDE ? old_tracks_torn(tick, tip->blocked_by, tip->nominal) : 0.0;
     choose(tick);
 }
 

@@ -26,6 +26,9 @@ void old_tracks_cut(const tick_context *tick, int tet, vec3 from);
 /* Records that the tip has punctured a membrane where it is. RT */
 void old_tracks_puncture(const tick_context *tick, int membrane);
 
+/* How far a membrane has been torn at this nominal point by punctures beside it, 0 to 1; 0 for what is no membrane. RT */
+double old_tracks_torn(const tick_context *tick, int blocked_by, vec3 x);
+
 /* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that is open there. RT */
 int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x);
 

@@ -114,6 +114,10 @@ typedef struct {
     double error;            /* m, how far from here the needle would be with the edge's force in place of the last pass's */
 } hole_edge;
 
+/* What the tip meets in a step: what it cuts or is blocked by; tissue along an open track that springs back over it; or something that stops it
+   on its way. */
+typedef enum { TIP_CUTS, TIP_SPRINGS, TIP_STOPS } tip_law;
+
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
     int point_count, guided;                 /* of these, the first `guided` are at guides */
@@ -140,6 +144,10 @@ typedef struct {
     creep_step creep;
     stiffening_step stiffening;
     double start_end_force;                  /* N, on the tip's end face before the first pass */
+    double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
+    tip_law tip_law;
+    double tip_way;                          /* m, the slip from which that in the problem counts */
+    double stop_resistance;                  /* N, of what stops it */
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;
 } insertion_workspace;

@@ -74,27 +74,11 @@ void tip_glide_on_surface(const tick_context *tick) {
 
 /* ---- in the tissue ----------------------------------------------------------------------------------------------------- */
 
-/* The membrane in front of the tip gives way. */
-static void give_way(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
-    vec3 direction = v3_unit(needle_direction(tick));
-    tick->output->events |= EVENT_PUNCTURED;
-    tick->output->membrane = tip->blocked_by;
-    old_tracks_puncture(tick, tip->blocked_by);
-    tip->blocked_by = NOT_BLOCKED;
-    if (!tip->entering) {
-        cross_face(tick, tip->face, direction);
-    } else { /* the tip is on the inner side already */
-        tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
-        tip->depth += FACE_CLEARANCE;
-    }
-}
-
 void tip_puncture(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
     tip->slip = 0.0;
-    give_way(tick);
+    give_way(tick, v3_unit(needle_direction(tick)));
     if (tip->phase == TIP_BEYOND) enter_what_touches(tick, v3_unit(needle_direction(tick)));
 }
 
@@ -151,7 +135,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
-        if (state->tip.blocked_by != NOT_BLOCKED) give_way(tick); /* the needle is already in it */
+        if (state->tip.blocked_by != NOT_BLOCKED) give_way(tick, v3_unit(needle_direction(tick))); /* the needle is already in it */
         cut_forward(tick, direction, whole - state->tip.depth);
         if (state->tip.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.nominal;

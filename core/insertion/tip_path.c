@@ -1,6 +1,7 @@
 #include "insertion/tip_path.h"
 
 #include "insertion/contact_nodes.h"
+#include "insertion/obstacle.h"
 #include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 
@@ -111,7 +112,8 @@ static void leave_contact_on_face(const tick_context *tick) {
     if (tick->state->tip.depth >= last_contact_depth(tick->state) + tick->model->settings.contact_spacing) leave_contact(tick);
 }
 
-void cross_face(const tick_context *tick, int face, vec3 direction) {
+/* Into the element behind a face, or out of the tissue. */
+static void cross_face(const tick_context *tick, int face, vec3 direction) {
     needle_tip *tip = &tick->state->tip;
     int next = tick->model->mesh->neighbours[tip->tet][face];
     if (next < 0) {
@@ -123,6 +125,20 @@ void cross_face(const tick_context *tick, int face, vec3 direction) {
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
     enter_stratum(tick);
     plan_contact(tick, direction);
+}
+
+void give_way(const tick_context *tick, vec3 direction) {
+    needle_tip *tip = &tick->state->tip;
+    tick->output->events |= EVENT_PUNCTURED;
+    tick->output->membrane = tip->blocked_by;
+    old_tracks_puncture(tick, tip->blocked_by);
+    tip->blocked_by = NOT_BLOCKED;
+    if (!tip->entering) {
+        cross_face(tick, tip->face, direction);
+    } else { /* the tip is on the inner side already */
+        tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
+        tip->depth += FACE_CLEARANCE;
+    }
 }
 
 /* How far the tip is from going out of the tissue, if that is in the element that it is in, else INFINITY, m. */
@@ -137,7 +153,43 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
     return outer && v3_dot(direction, mesh_face_normal(model->mesh, tip->tet, face)) < -GRAZING ? to_face : INFINITY;
 }
 
-static void advance(const tick_context *tick, vec3 direction, double distance) {
+/* Resistance at a face of element `tet`, N. */
+static double resistance_at(const tick_context *tick, int tet, int blocked_by, vec3 x) {
+    needle_tip there = tick->state->tip;
+    there.tet = tet;
+    there.blocked_by = blocked_by;
+    there.torn = old_tracks_torn(tick, blocked_by, x);
+    return tip_resistance(tick->model, &there);
+}
+
+/* Does the tip cut with more force than it takes to get through this? */
+static bool overcomes(const needle_tip *tip, double resistance) {
+    const double rounding = 1e-6;
+    return resistance <= (1.0 + rounding) * tip->end_force;
+}
+
+stop_ahead find_stop(const tick_context *tick, vec3 direction, double distance) {
+    const mesh *m = tick->model->mesh;
+    const needle_tip *tip = &tick->state->tip;
+    vec3 x = tip->nominal;
+    double way = 0.0, chord;
+    bool grazing = v3_norm(tip->outward) > 0.0;
+    for (int step = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0 && !grazing; step++) {
+        int face = mesh_exit(m, tet, x, direction, &chord), next = face >= 0 ? m->neighbours[tet][face] : -1;
+        if (face < 0 || way + chord > distance) break;
+        way += chord;
+        x = v3_axpy(chord, direction, x);
+        int blocked_by = old_tracks_obstacle(tick, tet, face, next, x);
+        double resistance = blocked_by != NOT_BLOCKED ? resistance_at(tick, tet, blocked_by, x) : 0.0;
+        if (!overcomes(tip, resistance)) return (stop_ahead){way, resistance};
+        x = v3_axpy(FACE_CLEARANCE, direction, x);
+        tet = next;
+    }
+    return (stop_ahead){INFINITY, 0.0};
+}
+
+/* Returns what is left of the distance where something stops the tip, m. */
+static double advance(const tick_context *tick, vec3 direction, double distance) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &tick->state->tip;
     if (isnan(tip->next_contact)) plan_contact(tick, direction);
@@ -145,14 +197,14 @@ static void advance(const tick_context *tick, vec3 direction, double distance) {
         double to_face, to_contact = tip->next_contact - tip->depth;
         vec3 way = tip_way(tip, direction);
         int face = mesh_exit(model->mesh, tip->tet, tip->nominal, way, &to_face);
-        if (face < 0) return;
+        if (face < 0) return 0.0;
         double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact)));
         tip->nominal = v3_axpy(part, way, tip->nominal);
         tip->depth += part;
         distance -= part;
         bool grazing = v3_norm(tip->outward) > 0.0;
         if (grazing) graze_on(tick, direction, part);
-        if (tip->phase != TIP_INSIDE) return;
+        if (tip->phase != TIP_INSIDE) return 0.0;
         if (grazing && v3_norm(tip->outward) == 0.0) continue; /* back in the tissue: another element, perhaps */
         if (to_contact <= part) {
             leave_contact(tick);
@@ -166,14 +218,21 @@ static void advance(const tick_context *tick, vec3 direction, double distance) {
             if (tip->blocked_by == NOT_BLOCKED) cross_face(tick, face, way);
         }
     }
+    return distance;
 }
 
 void cut_forward(const tick_context *tick, vec3 direction, double distance) {
     const needle_tip *tip = &tick->state->tip;
-    vec3 from = tip->nominal;
-    int tet = tip->tet;
-    advance(tick, direction, distance);
-    old_tracks_cut(tick, tet, from);
+    bool pierces = true;
+    for (int membranes = 0; membranes < MAX_STEPS && pierces; membranes++) {
+        vec3 from = tip->nominal;
+        int tet = tip->tet;
+        distance = advance(tick, direction, distance);
+        old_tracks_cut(tick, tet, from);
+        bool stopped = tip->phase == TIP_INSIDE && tip->blocked_by != NOT_BLOCKED;
+        pierces = stopped && overcomes(tip, resistance_at(tick, tip->tet, tip->blocked_by, tip->nominal));
+        if (pierces) give_way(tick, direction);
+    }
     if (tip->phase != TIP_INSIDE) return;
     double left = distance_to_exit(tick->model, tip, direction);
     if (isfinite(left)) plan_exit(tick, tip_way(tip, direction), left);

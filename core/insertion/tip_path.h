@@ -7,14 +7,25 @@
 enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
 static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
 
-/* Cuts forward by `distance` along the unit nominal direction: leaves contacts where they are due; membranes stop it. RT */
+/* Cuts forward by `distance` along the unit nominal direction: leaves contacts where they are due. Membranes stop the tip, if they resist
+   more than what it cuts. RT */
 void cut_forward(const tick_context *tick, vec3 direction, double distance);
 
 /* Draws back by `distance` along the track, taking up contact nodes on the way. RT */
 void draw_back(const tick_context *tick, double distance);
 
-/* Into the element behind a face, or out of the tissue. RT */
-void cross_face(const tick_context *tick, int face, vec3 direction);
+/* What would stop the tip on a straight way. */
+typedef struct {
+    double way;              /* m to it; INFINITY: nothing does */
+    double resistance;       /* N */
+} stop_ahead;
+
+/* The first membrane or bone that a tip in the tissue would come to on its way by `distance` along this unit nominal direction, and that resists
+   more than what it cuts. RT */
+stop_ahead find_stop(const tick_context *tick, vec3 direction, double distance);
+
+/* The membrane in front of the tip gives way: the tip is behind it. RT */
+void give_way(const tick_context *tick, vec3 direction);
 
 /* The needle is out of the tissue. RT */
 void leave_tissue(const tick_context *tick);

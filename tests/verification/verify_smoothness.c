@@ -128,8 +128,8 @@ static void check_mesh(rows *r, const char *name, const char *path, double stiff
 
 /* Of the insertions in stiffening tissue, some that need what keeps forces continuous near old tracks. In turn: the direction of cutting
    before the first contact; the work of the hold near the surface; a last contact that lets go there; a membrane beside its puncture; a
-   short track beside a long one. */
-static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38};
+   short track beside a long one; tissue that springs back into a track, beside the skin's puncture and beside the capsule's. */
+static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 
 /* ---- monotone ----------------------------------------------------------------------------------------------------------------
 

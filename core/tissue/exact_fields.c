@@ -35,11 +35,14 @@ typedef struct {
     vec3 gradient[4];
 } segment_integrals;
 
+/* r + z, without cancellation. */
+static double reached(double z, double r, double square) { return z > 0.0 ? r + z : square / (r - z); }
+
 static segment_integrals integrate(const line_segment *line, vec3 x) {
-    double square = fmax(x.x * x.x + x.y * x.y, 1e-24), rho = sqrt(square), a = x.z - line->to, b = x.z - line->from;
-    double ra = hypot(rho, a), rb = hypot(rho, b), cosines = b / rb - a / ra, cubes = b / (rb * rb * rb) - a / (ra * ra * ra);
+    double square = fmax(x.x * x.x + x.y * x.y, 1e-24), a = x.z - line->to, b = x.z - line->from;
+    double ra = sqrt(square + a * a), rb = sqrt(square + b * b), cosines = b / rb - a / ra, cubes = b / (rb * rb * rb) - a / (ra * ra * ra);
     segment_integrals s;
-    s.value[0] = asinh(b / rho) - asinh(a / rho);
+    s.value[0] = log(reached(b, rb, square) / reached(a, ra, square));
     s.value[1] = cosines / square;
     s.value[2] = 1.0 / ra - 1.0 / rb;
     s.value[3] = s.value[0] - cosines;

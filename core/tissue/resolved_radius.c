@@ -102,10 +102,17 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
     return v3(-turned.y, turned.x, 0);
 }
 
+/* In how many parts to divide the edges of a face for the traction of a line: fewer far away from the line's end. */
+static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
+    enum { NEAR = 6, FAR = 2 };
+    vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
+    double z = fmin(fmax(middle.z, line->from), line->to), size = fmax(v3_norm(b), v3_norm(c));
+    return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
+}
+
 /* The body goes on behind its free surface: what it would bear there, by quadrature over parts of each face. Left out, the surface's
    own yielding would count as the mesh's. */
 static void load_surface(resolver *r, const line_segment *line) {
-    enum { PARTS = 6 };
     const mesh *m = r->around.tissue->mesh;
     for (int i = 0; i < r->around.tet_count; i++)
         for (int f = 0; f < 4; f++) {
@@ -113,11 +120,12 @@ static void load_surface(resolver *r, const line_segment *line) {
             int nodes[3];
             for (int k = 0; k < 3; k++) nodes[k] = r->around.local[m->tets[r->around.tets[i]][(f + k + 1) % 4]];
             vec3 a = r->around.position[nodes[0]], b = v3_sub(r->around.position[nodes[1]], a), c = v3_sub(r->around.position[nodes[2]], a);
-            vec3 outward = v3_scale(0.5 / (PARTS * PARTS), v3_cross(b, c));
+            int parts = parts_of_face(line, a, b, c);
+            vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
             if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[r->around.tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
-            for (int p = 0; p < PARTS; p++)
-                for (int q = 0; q < 2 * (PARTS - p) - 1; q++) { /* triangles in row p, upright and upside down */
-                    double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / PARTS;
+            for (int p = 0; p < parts; p++)
+                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* triangles in row p, upright and upside down */
+                    double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
                     vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
                     const double weights[] = {1.0 - s - t, s, t};
                     for (int k = 0; k < 3; k++) {
@@ -234,7 +242,7 @@ static trocar_status measure_across(resolver *r, int tet, int count, const vec3 
     }
     for (int k = 0; k < count; k++) {
         set_lateral(r, moved[k], &resolved[k]);
-        measure_end(r, x[k], r->on[k], &resolved[k]);
+        if (k == 0 || k == count - 1) measure_end(r, x[k], r->on[k], &resolved[k]);
     }
     return TROCAR_OK;
 }

@@ -44,7 +44,7 @@ void resolver_free(resolver *r);
 enum { MAX_RESOLVED = 3 };
 
 /* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about
-   a millisecond. NUMERIC if the patch has no stiffness. */
+   a millisecond. Of `end`, only the first and the last are measured. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
 
 #endif

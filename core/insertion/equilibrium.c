@@ -277,8 +277,8 @@ static pass_result approach(const tick_context *tick) {
     return (pass_result){.found = true, .buckling = true};
 }
 
-/* Does tissue along an open track spring back over the tip, which then goes farther than the hand carries it? It meets the viscosity of tissue that is
-   not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
+/* Does tissue along an open track spring back over the tip, which then goes farther than the hand carries it? It meets the viscosity of tissue
+   that is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
 static bool springs_back(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_workspace *w = tick->scratch;
@@ -316,7 +316,8 @@ static pass_result run_to_stop(const tick_context *tick) {
     w->tip_law = TIP_CUTS;
     w->tip_way = 0.0;
     recall(tick);
-    return run_passes(tick, most);
+    r = run_passes(tick, most);
+    return r.found && springs_back(tick) ? run_passes(tick, most) : r;
 }
 
 void equilibrium_find(const tick_context *tick, const int handles[4]) {

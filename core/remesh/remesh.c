@@ -80,7 +80,7 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
-    for (int i = 0; i <= refined->count; i++) {
+    for (int i = 0; i <= refined->count && !r->operations->finds_between_contacts; i++) {
         int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
         r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
     }

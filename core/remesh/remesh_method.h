@@ -29,6 +29,7 @@ typedef struct {
     trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills rows of nodes new in the window; NULL: not needed */
     trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL: they are kept up to date */
     void (*release)(remesher *);                            /* all but the shared part */
+    bool finds_between_contacts; /* `add` fills the new node's part of between_contacts */
 } remesh_operations;
 
 /* First member of every method's struct. */

@@ -100,20 +100,22 @@ static void remove_node(remesher *r, int position) {
 /* Nodes that are still wanted keep their places; new ones take the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
-    for (int k = 0; k < MAX_WINDOW; k++) {
-        bool wanted = false;
-        for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];
-        if (!wanted) r->window[k] = -1;
-    }
+    bool wanted[MAX_WINDOW] = {false};
     for (int i = 0; i < request->window_count; i++) {
+        int place = window_place(r, request->window[i]);
+        if (place >= 0) wanted[place] = true;
+    }
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (!wanted[k]) window_put(r, k, -1);
+    for (int i = 0, place = 0; i < request->window_count; i++) {
         int node = request->window[i];
-        if (window_place(r->window, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
-        int place = window_place(r->window, -1);
-        r->window[place] = node;
+        if (window_place(r, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
+        while (r->window[place] >= 0) place++;
+        window_put(r, place, node);
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) r->window[fresh[i] - MAX_CONTACTS] = -1; /* their rows are not there */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows are not there */
     return status;
 }
 
@@ -276,7 +278,7 @@ trocar_status remesher_answer(remesher *r, const remesh_request *request, compli
 
 trocar_status remesher_forget(remesher *r, report *why) {
     static const refinement nothing = {.count = 0};
-    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
+    for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, -1);
     return update_nodes(r, &nothing, why);
 }
 
@@ -285,7 +287,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     trocar_status status = remesher_forget(r, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
-    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
+    for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, answered ? snapshot->window[k] : -1);
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);

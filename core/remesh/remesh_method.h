@@ -38,7 +38,8 @@ struct remesher {
     inverse *inverse;
     const tissue *tissue;
     refinement refined;              /* what is in the inverse now; in the order in which it came there */
-    int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
+    int window[MAX_WINDOW];          /* nominal node of each place, or -1; only window_put changes it */
+    int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
     double *handles;                 /* as compliance_snapshot.compliance */
     vec3 line_tip, line_direction;   /* of the last request */
     bool line_new;                   /* not followed yet */
@@ -71,8 +72,9 @@ trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, repo
 /* The handles in use: contact nodes in order, then the window. Returns how many. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
 
-/* Place of a nominal node (or of -1: a free one) in the window, or -1. */
-int window_place(const int *window, int node);
+/* Place of a nominal node in the window, or -1; puts a node (-1: none) in the place of what is there. */
+int window_place(const remesher *r, int node);
+void window_put(remesher *r, int place, int node);
 
 /* The node of a handle in use, coded as a leaf corner: the nominal node of a moved one. */
 int handle_node(const remesher *r, int handle);

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/cache_line.h"
 #include "remesh/refined_field.h"
 
 static const double ROUNDING = 1e-12;     /* a weight below this is that of a node on the opposite face */
@@ -251,7 +252,7 @@ static void nested_release(remesher *shared) { (void)shared; }
 static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why) {
-    nested_remesher *r = calloc(1, sizeof *r);
+    nested_remesher *r = allocate_on_cache_lines(sizeof *r);
     *created = r ? &r->shared : NULL;
     return r ? remesher_init(*created, &nested, inv, why) : fail(why, TROCAR_NO_MEMORY, "no memory");
 }

@@ -29,21 +29,43 @@ static void lay_out_frames(const insertion_workspace *w, layout *to) {
             for (int b = 0; b < 3; b++) to->frame[a][b][k] = w->points[to->order[k]].at.frame.m[a][b];
 }
 
-/* Compliance of the tissue and the mount between the point in place k and those from there on. */
-static void lay_out_tissue(const tick_context *tick, int k, layout *to) {
+/* Are the slots of the contacts in the order of their places, without gaps? */
+static bool slots_in_order(const insertion_workspace *w) {
+    for (int k = 1; k < w->point_count - w->tip; k++)
+        if (w->points[k].handle != w->points[0].handle + k) return false;
+    return w->guided == 0;
+}
+
+static void put_tissue(layout *to, int l, const mat3 *block, double mount, bool transposed) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) to->tissue[a][b][l] = (transposed ? block->m[b][a] : block->m[a][b]) + (a == b ? mount : 0.0);
+}
+
+/* Between two points of which none is at the tip. */
+static mat3 between_contacts(const tick_context *tick, int i, int j) {
     const insertion_workspace *w = tick->scratch;
-    int i = to->order[k];
-    for (int l = k; l < w->point_count; l++) {
-        int j = to->order[l], from = w->points[i].handle, other = w->points[j].handle;
-        bool at_tip = w->points[i].kind == POINT_TIP, none = i < w->guided || j < w->guided;
-        bool to_tip = !at_tip && w->points[j].kind == POINT_TIP, between = !at_tip && !to_tip;
-        static const mat3 nothing = {{{0}}};
-        const mat3 *block = at_tip ? &w->tip_row[j] : to_tip ? &w->tip_row[i] : none ? &nothing : &tick->snapshot->between_contacts[contact_pair(from, other)];
-        bool transposed = to_tip || (between && from > other); /* as in compliance_between, without copies */
-        double yield = between ? w->creep.yield : 1.0;
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                to->tissue[a][b][l] = yield * (transposed ? block->m[b][a] : block->m[a][b]) + (a == b ? tick->base.compliance : 0.0);
+    if (i < w->guided || j < w->guided) return (mat3){{{0}}};
+    return m3_scaled(w->creep.yield, compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle));
+}
+
+/* Compliance of the tissue and the mount between the point in place k and those from there on; `in_order`: see slots_in_order. */
+static void lay_out_tissue(const tick_context *tick, int k, bool in_order, layout *to) {
+    const insertion_workspace *w = tick->scratch;
+    int i = to->order[k], slot = w->points[i].handle, contacts = w->point_count - w->tip;
+    double mount = tick->base.compliance;
+    for (int a = 0; a < 9 && in_order && k < contacts; a++) {
+        const double *from = tick->snapshot->between_contacts[slot].at[a / 3][a % 3] + (slot - k);
+        for (int l = k; l < contacts; l += LANES)
+            lanes_store(&to->tissue[a / 3][a % 3][l], w->creep.yield * lanes_load(from + l) + lanes_all(a % 4 == 0 ? mount : 0.0));
+    }
+    for (int l = in_order ? (k > contacts ? k : contacts) : k; l < w->point_count; l++) {
+        int j = to->order[l];
+        if (w->points[i].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[j], mount, false);
+        else if (w->points[j].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[i], mount, true);
+        else {
+            mat3 block = between_contacts(tick, i, j);
+            put_tissue(to, l, &block, mount, false);
+        }
     }
 }
 
@@ -132,11 +154,12 @@ void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     layout points;
     int count = w->point_count;
+    bool in_order = slots_in_order(w);
     sort_points(w, points.order);
     lay_out_frames(w, &points);
     interpolate_columns(w, &points);
     for (int k = 0; k < count; k++) {
-        lay_out_tissue(tick, k, &points);
+        lay_out_tissue(tick, k, in_order, &points);
         for (int first = k; first < count; first += LANES) {
             int l = first + LANES <= count || count < LANES ? first : count - LANES; /* the last four overlap */
             lanes block[3][3];

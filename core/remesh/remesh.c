@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/lanes.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -82,7 +83,8 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     if (status != TROCAR_OK) return status;
     for (int i = 0; i <= refined->count && !r->operations->finds_between_contacts; i++) {
         int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
-        r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
+        mat3 between = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
+        for (int a = 0; a < 9; a++) r->between_contacts[lower].at[a / 3][a % 3][higher] = between.m[a / 3][a % 3];
     }
     status = confirm(r, why);
     if (status == TROCAR_OK) refined->count++;
@@ -168,8 +170,12 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     }
 }
 
-static void copy_pairs(const remesher *r, const mat3 *from, mat3 *to) {
-    memcpy(to, from, (size_t)contact_pair(refinement_span(&r->refined), 0) * sizeof *to);
+/* Of the slots in use, in whole lanes. */
+static void copy_contact_rows(const remesher *r, const contact_rows *from, contact_rows *to) {
+    int span = refinement_span(&r->refined);
+    for (int i = 0; i < span; i++)
+        for (int a = 0; a < 9; a++)
+            for (int j = lanes_below(i); j < span; j += LANES) lanes_store(&to[i].at[a / 3][a % 3][j], lanes_load(&from[i].at[a / 3][a % 3][j]));
 }
 
 /* ---- looking ahead --------------------------------------------------------------------------------------------------- */
@@ -235,7 +241,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     memcpy(snapshot->resolved, r->resolved, sizeof snapshot->resolved);
-    copy_pairs(r, r->between_contacts, snapshot->between_contacts);
+    copy_contact_rows(r, r->between_contacts, snapshot->between_contacts);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
@@ -293,7 +299,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
-    copy_pairs(r, snapshot->between_contacts, r->between_contacts);
+    copy_contact_rows(r, snapshot->between_contacts, r->between_contacts);
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

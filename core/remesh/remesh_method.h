@@ -48,7 +48,7 @@ struct remesher {
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
-    mat3 between_contacts[CONTACT_PAIRS]; /* as in compliance_snapshot */
+    contact_rows between_contacts[MAX_CONTACTS]; /* as in compliance_snapshot */
     left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */

@@ -191,8 +191,7 @@ static void find_between_contacts(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     for (int k = 0; k <= refined->count; k++) {
         int other = refined->order[k], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
-        mat3 *pair = &r->shared.between_contacts[contact_pair(slot, other)];
-        for (int a = 0; a < 3; a++) memcpy(pair->m[a], &r->nominal[3 * lower + a][3 * higher], sizeof pair->m[a]);
+        for (int a = 0; a < 9; a++) r->shared.between_contacts[lower].at[a / 3][a % 3][higher] = r->nominal[3 * lower + a / 3][3 * higher + a % 3];
     }
 }
 

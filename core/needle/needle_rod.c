@@ -159,25 +159,34 @@ static void carry_back(const mat3 *own, const mat3 *m, joint_rows from, joint_ro
         }
 }
 
-/* Rotations under unit forces, one column for each: a force at a joint exerts the moment length * axis x force on every segment before it, and
-   none on those beyond. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward substitution begins with
-   the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. */
-static void find_rotations(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, end = 3 * (n + 1);
-    row_matrix moment[NEEDLE_MAX_SEGMENTS], own = {{{0}}};
-    for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
+/* Each column x t. */
+static row_matrix cross_columns(row_matrix m, vec3 t) {
+    return (row_matrix){{t.z * m.row[1] - t.y * m.row[2], t.x * m.row[2] - t.z * m.row[0], t.y * m.row[0] - t.x * m.row[1]}};
+}
+
+/* Right-hand sides of the rotations under unit forces, after forward substitution, and length * axis of the segments. */
+static void find_moments(const needle_model *model, const needle_state *state, const needle_tangent *tangent, vec3 *arm, row_matrix *moment) {
+    for (int k = 0; k < model->given.segments; k++) {
+        vec3 t = arm[k] = v3_scale(model->segment_length, q_axis(state->frames[k]));
         moment[k] = (row_matrix){{{0, -t.z, t.y, 0}, {t.z, 0, -t.x, 0}, {-t.y, t.x, 0, 0}}};
         if (k > 0) moment[k] = rm_subtract(moment[k], rm_multiply(rows_of(&tangent->rod.lower[k]), moment[k - 1]));
     }
-    for (int k = n - 1; k >= 0; k--) {
+}
+
+/* Rotations under unit forces at the joints from `first` on, one column for each: a force at a joint exerts the moment length * axis x force on
+   every segment before it, and none on those beyond. Forward substitution up to segment k is therefore the same for all joints beyond k, and
+   backward substitution begins with the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. Of
+   segments from `last` on. */
+static void find_rotations(int n, int first, int last, const row_matrix *moment, needle_tangent *tangent) {
+    row_matrix own = {{{0}}};
+    for (int k = n - 1; k >= last; k--) {
         joint_rows rows = &tangent->rod.rotation[3 * k];
         row_matrix pivot_inverse = rows_of(&tangent->rod.pivot_inverse[k]);
         if (k + 1 < n) {
             const mat3 *lower = &tangent->rod.lower[k + 1];
             mat3 free = matrix_of(rm_multiply(pivot_inverse, moment[k]));
             own = rm_multiply_transposed(rows_of(lower), rm_multiply(own, rows_of(lower)));
-            carry_back(&free, lower, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), end);
+            carry_back(&free, lower, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), 3 * (n + 1));
         }
         own = rm_add(own, pivot_inverse);
         mat3 here = matrix_of(rm_multiply(own, moment[k]));
@@ -185,14 +194,26 @@ static void find_rotations(const needle_model *model, const needle_state *state,
     }
 }
 
-/* Displacement of a joint: sum of length * rotation x axis over the segments before it. */
-static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, end = 3 * (n + 1);
-    double sum[3][NEEDLE_LD] = {{0}};
-    for (int a = 0; a < 3; a++)
-        for (int c = 0; c < end; c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
-    for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
+/* Displacement of joint `last`, before which no force acts: segments before it turn by a sum of what is the same for all forces and a multiple of
+   how segment `last` turns, and so does what they add up to. */
+static void displace_base(int n, int first, int last, const vec3 *arm, const row_matrix *moment, needle_tangent *tangent, joint_rows sum) {
+    row_matrix shift = {{{0}}}, by_turn = {{{0}}}, free = {{{0}}}, turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+    for (int k = last - 1; k >= 0; k--) {
+        row_matrix lower = rows_of(&tangent->rod.lower[k + 1]);
+        free = rm_subtract(rm_multiply(rows_of(&tangent->rod.pivot_inverse[k]), moment[k]), rm_multiply_transposed(lower, free));
+        turn = rm_subtract((row_matrix){{{0}}}, rm_multiply_transposed(lower, turn));
+        shift = rm_add(shift, cross_columns(free, arm[k]));
+        by_turn = rm_subtract(by_turn, cross_columns(turn, arm[k]));
+    }
+    mat3 same = matrix_of(shift), minus = matrix_of(by_turn), multiple = m3_transposed(&minus);
+    carry_back(&same, &multiple, &tangent->rod.rotation[3 * last], sum, 3 * first, 3 * (n + 1));
+}
+
+/* Displacements of the joints from `last` + 1 on: sums of length * rotation x axis over the segments before them, from that of joint `last`. */
+static void sum_displacements(int n, int first, int last, const vec3 *arm, joint_rows sum, needle_tangent *tangent) {
+    int end = 3 * (n + 1);
+    for (int k = last; k < n; k++) {
+        vec3 t = arm[k];
         joint_rows rotation = &tangent->rod.rotation[3 * k], rows = &tangent->compliance[3 * (k + 1)];
         for (int c = lanes_below(3 * (k + 1 > first ? k + 1 : first)); c < end; c += LANES) {
             lanes x = lanes_load(&rotation[0][c]), y = lanes_load(&rotation[1][c]), z = lanes_load(&rotation[2][c]);
@@ -203,9 +224,23 @@ static void sum_displacements(const needle_model *model, const needle_state *sta
                 lanes_store(&rows[a][c], moved[a]);
             }
         }
-        for (int c = 3 * (k > NEEDLE_POINT_JOINTS - 2 ? k + 2 - NEEDLE_POINT_JOINTS : 0); c < 3 * (k + 1); c++) /* by symmetry */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* joints of which a point next to this one may be interpolated, too */
+        for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* by symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
+}
+
+static void find_compliance(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, last = first > 1 ? first - 1 : 0; /* no joint that counts is before this segment */
+    vec3 arm[NEEDLE_MAX_SEGMENTS];
+    row_matrix moment[NEEDLE_MAX_SEGMENTS];
+    double sum[3][NEEDLE_LD] = {{0}};
+    for (int a = 0; a < 3; a++)
+        for (int c = 0; c < 3 * (n + 1); c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
+    find_moments(model, state, tangent, arm, moment);
+    find_rotations(n, first, last, moment, tangent);
+    if (last > 0) displace_base(n, first, last, arm, moment, tangent, sum);
+    sum_displacements(n, first, last, arm, sum, tangent);
 }
 
 /* Rotations that relax the elastic moments at zero load. */
@@ -227,8 +262,7 @@ static void rod_linearise(const needle_model *model, const needle_state *state, 
     release_moments(n, tangent, rotation);
     solve_tangent(n, tangent, rotation);
     move_joints(model, state, rotation, tangent->drift);
-    find_rotations(model, state, first, tangent);
-    sum_displacements(model, state, first, tangent);
+    find_compliance(model, state, first, tangent);
 }
 
 static double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {

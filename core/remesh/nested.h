@@ -2,9 +2,6 @@
 #ifndef TROCAR_NESTED_H
 #define TROCAR_NESTED_H
 
-#include <stdalign.h>
-
-#include "base/cache_line.h"
 #include "remesh/remesh_method.h"
 #include "remesh/row_triples.h"
 
@@ -28,8 +25,9 @@ typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
     int guest_count, guests[MAX_GUESTS];  /* of the addition in progress */
-    alignas(CACHE_LINE) double nominal[NESTED_LD][NESTED_LD]; /* K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
-    double factors[MAX_CONTACTS][3][NESTED_LD]; /* F_j^T, m/N times N/m: F_j(i) at [j][b][3 i + a] */
+    double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
+    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS times: F_j^T, m/N times N/m: F_j(i) at [j][b][3 i + a] */
+    void *nominal_memory, *factors_memory; /* these two */
 } nested_remesher;
 
 /* Place of a coded node, or -1; F_j there. */

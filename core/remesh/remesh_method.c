@@ -128,7 +128,7 @@ trocar_status remesher_init(remesher *r, const remesh_operations *operations, in
     r->inverse = inv;
     r->tissue = inverse_tissue(inv);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
-    r->handles = allocate_on_cache_lines((size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof *r->handles);
+    r->handles = zeros_on_cache_lines((size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof *r->handles, &r->handles_memory);
     r->place_of = malloc((size_t)r->tissue->mesh->node_count * sizeof *r->place_of);
     for (int i = 0; r->place_of && i < r->tissue->mesh->node_count; i++) r->place_of[i] = -1;
     trocar_status status = resolver_create(r->tissue, &r->resolver, why);
@@ -141,5 +141,5 @@ void remesher_release(remesher *r) {
     gathered_free(&r->gathered);
     resolver_free(r->resolver);
     free(r->place_of);
-    free(r->handles);
+    free(r->handles_memory);
 }

@@ -40,7 +40,8 @@ struct remesher {
     refinement refined;              /* what is in the inverse now; in the order in which it came there */
     int window[MAX_WINDOW];          /* nominal node of each place, or -1; only window_put changes it */
     int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
-    double *handles;                 /* as compliance_snapshot.compliance */
+    double *handles;                 /* as compliance_snapshot.compliance, */
+    void *handles_memory;            /* in here */
     vec3 line_tip, line_direction;   /* of the last request */
     bool line_new;                   /* not followed yet */
     int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; made ready so far */

@@ -246,12 +246,20 @@ static trocar_status nested_take_nodes(remesher *shared, int count, const int *p
     return status;
 }
 
-static void nested_release(remesher *shared) { (void)shared; }
+static void nested_release(remesher *shared) {
+    nested_remesher *r = (nested_remesher *)shared;
+    free(r->nominal_memory);
+    free(r->factors_memory);
+}
 
 static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why) {
-    nested_remesher *r = allocate_on_cache_lines(sizeof *r);
+    nested_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
-    return r ? remesher_init(*created, &nested, inv, why) : fail(why, TROCAR_NO_MEMORY, "no memory");
+    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = remesher_init(*created, &nested, inv, why);
+    r->nominal = zeros_on_cache_lines(NESTED_LD * sizeof *r->nominal, &r->nominal_memory);
+    r->factors = zeros_on_cache_lines(MAX_CONTACTS * sizeof *r->factors, &r->factors_memory);
+    return status != TROCAR_OK || (r->nominal && r->factors) ? status : fail(why, TROCAR_NO_MEMORY, "no memory");
 }

@@ -8,6 +8,7 @@ enum { PLACES = BETWEEN_PLACES };
 
 typedef struct {
     int order[MAX_POINTS];           /* the point in each place */
+    bool in_order;                   /* see in_order_of_slots */
     double frame[3][3][PLACES];      /* [a][b]: component a of axis b */
     double tissue[3][3][PLACES];     /* m/N, world frame, between one point (rows) and each */
 } layout;
@@ -29,11 +30,12 @@ static void lay_out_frames(const insertion_workspace *w, layout *to) {
             for (int b = 0; b < 3; b++) to->frame[a][b][k] = w->points[to->order[k]].at.frame.m[a][b];
 }
 
-/* Are the slots of the contacts in the order of their places, without gaps? */
-static bool slots_in_order(const insertion_workspace *w) {
-    for (int k = 1; k < w->point_count - w->tip; k++)
-        if (w->points[k].handle != w->points[0].handle + k) return false;
-    return w->guided == 0;
+/* Are the points in the order of their places, with no guides among them, and the slots of the contacts, without gaps? So it is as a rule. */
+static bool in_order_of_slots(const insertion_workspace *w, const int order[MAX_POINTS]) {
+    bool in_order = w->guided == 0;
+    for (int k = 0; k < w->point_count && in_order; k++)
+        in_order = order[k] == k && (k >= w->point_count - w->tip || w->points[k].handle == w->points[0].handle + k);
+    return in_order;
 }
 
 static void put_tissue(layout *to, int l, const mat3 *block, double mount, bool transposed) {
@@ -48,17 +50,17 @@ static mat3 between_contacts(const tick_context *tick, int i, int j) {
     return m3_scaled(w->creep.yield, compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle));
 }
 
-/* Compliance of the tissue and the mount between the point in place k and those from there on; `in_order`: see slots_in_order. */
-static void lay_out_tissue(const tick_context *tick, int k, bool in_order, layout *to) {
+/* Compliance of the tissue and the mount between the point in place k and those from there on. */
+static void lay_out_tissue(const tick_context *tick, int k, layout *to) {
     const insertion_workspace *w = tick->scratch;
     int i = to->order[k], slot = w->points[i].handle, contacts = w->point_count - w->tip;
     double mount = tick->base.compliance;
-    for (int a = 0; a < 9 && in_order && k < contacts; a++) {
+    for (int a = 0; a < 9 && to->in_order && k < contacts; a++) {
         const double *from = tick->snapshot->between_contacts[slot].at[a / 3][a % 3] + (slot - k);
         for (int l = k; l < contacts; l += LANES)
             lanes_store(&to->tissue[a / 3][a % 3][l], w->creep.yield * lanes_load(from + l) + lanes_all(a % 4 == 0 ? mount : 0.0));
     }
-    for (int l = in_order ? (k > contacts ? k : contacts) : k; l < w->point_count; l++) {
+    for (int l = to->in_order ? (k > contacts ? k : contacts) : k; l < w->point_count; l++) {
         int j = to->order[l];
         if (w->points[i].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[j], mount, false);
         else if (w->points[j].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[i], mount, true);
@@ -138,7 +140,7 @@ static void put_four(contact_problem *p, int i, int j, lanes block[3][3]) {
 /* The blocks from place l on, of which those before place `first` are known or mean nothing. */
 static void put_blocks(const tick_context *tick, const layout *points, int k, int l, int first, lanes block[3][3]) {
     insertion_workspace *w = tick->scratch;
-    if (w->guided == 0 && l >= k && l + LANES <= w->point_count) {
+    if (points->in_order && l >= k && l + LANES <= w->point_count) {
         put_four(&w->problem, k, l, block);
         return;
     }
@@ -154,12 +156,12 @@ void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     layout points;
     int count = w->point_count;
-    bool in_order = slots_in_order(w);
     sort_points(w, points.order);
+    points.in_order = in_order_of_slots(w, points.order);
     lay_out_frames(w, &points);
     interpolate_columns(w, &points);
     for (int k = 0; k < count; k++) {
-        lay_out_tissue(tick, k, in_order, &points);
+        lay_out_tissue(tick, k, &points);
         for (int first = k; first < count; first += LANES) {
             int l = first + LANES <= count || count < LANES ? first : count - LANES; /* the last four overlap */
             lanes block[3][3];

@@ -156,6 +156,7 @@ void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     layout points;
     int count = w->point_count;
+    points.order[0] = 0;
     sort_points(w, points.order);
     points.in_order = in_order_of_slots(w, points.order);
     lay_out_frames(w, &points);

@@ -63,6 +63,33 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     free(tangent);
 }
 
+/* Only joints from the first one on: the same compliance between them, of a needle that bends and is pressed. */
+static void compliance_does_not_depend_on_the_first_joint(void **unused) {
+    (void)unused;
+    needle_model model = make(40);
+    needle_state state;
+    needle_tangent *whole = calloc(1, sizeof *whole), *part = calloc(1, sizeof *part);
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1];
+    memset(load, 0, sizeof load);
+    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    load[40] = v3(0.1, 0.25, -0.1);
+    load[22] = v3(-0.2, 0.2, 0.3);
+    for (int i = 0; i < 4; i++) {
+        needle_linearise(&model, &state, load, 0, whole);
+        needle_advance(&model, whole, load, &state);
+    }
+    needle_linearise(&model, &state, load, 0, whole);
+    double largest = fabs(whole->compliance[3 * 40][3 * 40]);
+    for (int first = 1; first <= 39; first++) {
+        needle_linearise(&model, &state, load, first, part);
+        for (int i = 3 * first; i < 3 * 41; i++)
+            for (int j = 3 * (i / 3 - 2 > first ? i / 3 - 2 : first); j < 3 * 41; j++) /* the upper triangle, and two joints below it */
+                assert_true(fabs(part->compliance[i][j] - whole->compliance[i][j]) < 1e-12 * largest);
+    }
+    free(whole);
+    free(part);
+}
+
 /* A needle free at its tip buckles in both directions at each of (2 n - 1)^2 times Euler's load. */
 static void buckling_modes_match_euler(void **unused) {
     (void)unused;
@@ -143,6 +170,7 @@ static void roll_of_the_base_reaches_the_tip(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(small_deflection_matches_a_cantilever), cmocka_unit_test(large_deflection_follows_the_elastica),
+        cmocka_unit_test(compliance_does_not_depend_on_the_first_joint),
         cmocka_unit_test(buckling_modes_match_euler),
         cmocka_unit_test(axial_load_softens_like_a_beam_column),      cmocka_unit_test(newton_converges_quadratically),
         cmocka_unit_test(rotated_base_gives_rotated_shape),           cmocka_unit_test(roll_of_the_base_reaches_the_tip),

@@ -36,6 +36,22 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
+/* The columns of an added node's own displacement, found by themselves, are those of the whole patch. */
+static void check_own_columns(int index) {
+    static patch p;
+    split_columns own;
+    patch_create(tested, &request.wanted, index, &p);
+    patch_own_columns(tested, &request.wanted, index, &own);
+    assert_int_equal(own.count, p.count - 1);
+    for (int q = 0; q < p.count; q++) {
+        int place = 0;
+        while (place < own.count && own.nodes[place] != p.nodes[q]) place++;
+        assert_int_equal(place == own.count, q == p.count - 1);
+        const mat3 *found = place < own.count ? &own.beside[place] : &own.own;
+        for (int a = 0; a < 9; a++) assert_close(found->m[a / 3][a % 3], p.change[3 * q + a / 3][3 * p.count - 3 + a % 3], 1e-12 * fabs(own.own.m[0][0]));
+    }
+}
+
 static void patch_equals_the_difference_of_two_meshes(void **state) {
     (void)state;
     memset(&request, 0, sizeof request);
@@ -49,6 +65,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
             continue;
         }
         check_patch(index);
+        if (wanted != MOVED) check_own_columns(index);
     }
 }
 

@@ -26,4 +26,11 @@ static inline void *allocate_on_cache_lines(size_t bytes) {
     return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
 }
 
+/* Zeros from the start of a cache line on, for large arrays of one thread: pages that it never reaches stay untouched. NULL without memory.
+   Release `*memory` with free(), not what is returned. */
+static inline void *zeros_on_cache_lines(size_t bytes, void **memory) {
+    unsigned char *from = *memory = calloc(1, bytes + CACHE_LINE);
+    return from ? from + (CACHE_LINE - (size_t)from % CACHE_LINE) % CACHE_LINE : NULL;
+}
+
 #endif

@@ -58,7 +58,7 @@ double needle_energy(const needle_model *model, const needle_state *state) { ret
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
 static mat3 frame_along(vec3 tangent, quat frame) {
-    vec3 y = q_rotate(frame, v3(0, 1, 0));
+    vec3 y = q_axis_y(frame);
     vec3 n2 = v3_unit(v3_axpy(-v3_dot(y, tangent), tangent, y));
     return m3_columns(v3_cross(n2, tangent), n2, tangent);
 }

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "base/lanes.h"
+#include "base/row_matrix.h"
 
 static void place_joints(const needle_model *model, needle_state *state) {
     state->joints[0] = state->base.position;
@@ -38,36 +38,38 @@ static vec3 joint_curvature(const needle_state *state, int k) {
 }
 
 /* Inverse of the right Jacobian of SO(3): rate of the rotation vector w per body rotation (Sola et al. 2018, eq. 144). */
-static mat3 inverse_right_jacobian(vec3 w) {
-    double angle2 = v3_dot(w, w), angle = sqrt(angle2);
-    double c = angle2 < 1e-2 ? 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)) /* to 1e-15 */
-                             : 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
-    const double v[3] = {w.x, w.y, w.z};
-    mat3 j = {{{0, -0.5 * w.z, 0.5 * w.y}, {0.5 * w.z, 0, -0.5 * w.x}, {-0.5 * w.y, 0.5 * w.x, 0}}};
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) j.m[a][b] += c * (v[a] * v[b] - (a == b ? angle2 : 0.0)) + (a == b ? 1.0 : 0.0);
-    return j;
+static row_matrix inverse_right_jacobian(vec3 w) {
+    double angle2 = v3_dot(w, w), c;
+    if (angle2 < 1e-2) {
+        c = 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)); /* to 1e-15 */
+    } else {
+        double angle = sqrt(angle2);
+        c = 1.0 / angle2 - (1.0 + cos(angle)) / (2.0 * angle * sin(angle));
+    }
+    double own = 1.0 - c * angle2;
+    lanes v = {w.x, w.y, w.z, 0.0};
+    return (row_matrix){{c * w.x * v + (lanes){own, -0.5 * w.z, 0.5 * w.y, 0.0},
+                         c * w.y * v + (lanes){0.5 * w.z, own, -0.5 * w.x, 0.0},
+                         c * w.z * v + (lanes){-0.5 * w.y, 0.5 * w.x, own, 0.0}}};
 }
 
+static inline lanes lanes_of(vec3 v) { return (lanes){v.x, v.y, v.z, 0.0}; }
+
 /* Spatial moment of joint k and its stiffness against the relative spatial rotation of its two segments. */
-static vec3 joint_stiffness(const needle_model *model, const needle_state *state, int k, mat3 *stiffness) {
-    double length = joint_length(model, k);
-    const double b[3] = {model->bending / length, model->bending / length, model->torsion / length};
+static vec3 joint_stiffness(const needle_model *model, const needle_state *state, int k, row_matrix *stiffness) {
+    double length = joint_length(model, k), bending = model->bending / length, torsion = model->torsion / length;
     vec3 w = joint_curvature(state, k);
-    mat3 rotation = q_matrix(state->frames[k]), jacobian = inverse_right_jacobian(w), turned[2];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            turned[0].m[i][j] = jacobian.m[i][0] * rotation.m[j][0] + jacobian.m[i][1] * rotation.m[j][1] + jacobian.m[i][2] * rotation.m[j][2];
-            turned[1].m[i][j] = b[i] * turned[0].m[i][j];
-        }
-    for (int i = 0; i < 3; i++)
-        for (int j = i; j < 3; j++)
-            stiffness->m[i][j] = stiffness->m[j][i] = turned[0].m[0][i] * turned[1].m[0][j] + turned[0].m[1][i] * turned[1].m[1][j] + turned[0].m[2][i] * turned[1].m[2][j];
-    return m3_apply_transposed(&turned[1], w);
+    quat frame = state->frames[k];
+    row_matrix axes = {{lanes_of(q_axis_x(frame)), lanes_of(q_axis_y(frame)), lanes_of(q_axis(frame))}};
+    row_matrix turned = rm_multiply(inverse_right_jacobian(w), axes);
+    row_matrix resisted = {{bending * turned.row[0], bending * turned.row[1], torsion * turned.row[2]}};
+    lanes moment = w.x * resisted.row[0] + w.y * resisted.row[1] + w.z * resisted.row[2];
+    *stiffness = rm_multiply_transposed(turned, resisted);
+    return v3(moment[0], moment[1], moment[2]);
 }
 
 static vec3 rod_root_moment(const needle_model *model, const needle_state *state) {
-    mat3 unused;
+    row_matrix unused;
     return joint_stiffness(model, state, 0, &unused);
 }
 
@@ -83,12 +85,11 @@ static double rod_energy(const needle_model *model, const needle_state *state) {
 /* ---- tangent ------------------------------------------------------------------------------------------------------- */
 
 /* Second variation of -N.t under spatial rotations of a segment (N: sum of the forces beyond it times its length). */
-static mat3 geometric_stiffness(vec3 n, vec3 t) {
-    const double a[3] = {n.x, n.y, n.z}, b[3] = {t.x, t.y, t.z};
-    mat3 k;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) k.m[i][j] = -0.5 * (a[i] * b[j] + b[i] * a[j]) + (i == j ? v3_dot(n, t) : 0.0);
-    return k;
+static row_matrix geometric_stiffness(vec3 n, vec3 t) {
+    double along = v3_dot(n, t);
+    lanes a = -0.5 * lanes_of(n), b = lanes_of(t);
+    return (row_matrix){{a[0] * b + b[0] * a + (lanes){along, 0.0, 0.0, 0.0}, a[1] * b + b[1] * a + (lanes){0.0, along, 0.0, 0.0},
+                         a[2] * b + b[2] * a + (lanes){0.0, 0.0, along, 0.0}}};
 }
 
 /* Number of negative eigenvalues of a symmetric matrix: sign changes in the sequence of leading minors (Jacobi). */
@@ -106,27 +107,24 @@ static void factor_tangent(const needle_model *model, const needle_state *state,
     beyond[n] = v3(0, 0, 0);
     for (int k = n - 1; k >= 0; k--) beyond[k] = v3_axpy(model->segment_length, load[k + 1], beyond[k + 1]);
 
-    mat3 here, next = {{{0}}}, coupling = {{{0}}}, carried = {{{0}}};
+    row_matrix here, next = {{{0}}}, coupling = {{{0}}}, carried = {{{0}}};
     tangent->unstable = 0;
     tangent->rod.moments[0] = joint_stiffness(model, state, 0, &here);
     for (int k = 0; k < n; k++) {
-        mat3 geometric = geometric_stiffness(beyond[k], q_axis(state->frames[k])), pivot = here;
-        m3_add_scaled(&pivot, 1.0, &geometric);
-        m3_add_scaled(&pivot, -1.0, &carried);
+        row_matrix sum = rm_subtract(rm_add(here, geometric_stiffness(beyond[k], q_axis(state->frames[k]))), carried);
         if (k + 1 < n) {
-            vec3 m = tangent->rod.moments[k + 1] = joint_stiffness(model, state, k + 1, &next);
-            m3_add_scaled(&pivot, 1.0, &next);
+            vec3 m = v3_scale(0.5, tangent->rod.moments[k + 1] = joint_stiffness(model, state, k + 1, &next));
+            sum = rm_add(sum, next);
             /* coupling of segment k with k + 1: -H + [m]x / 2, the second term because rotations do not commute */
-            coupling = (mat3){{{-next.m[0][0], -next.m[0][1] - 0.5 * m.z, -next.m[0][2] + 0.5 * m.y},
-                               {-next.m[1][0] + 0.5 * m.z, -next.m[1][1], -next.m[1][2] - 0.5 * m.x},
-                               {-next.m[2][0] - 0.5 * m.y, -next.m[2][1] + 0.5 * m.x, -next.m[2][2]}}};
+            coupling = rm_subtract((row_matrix){{{0.0, -m.z, m.y, 0.0}, {m.z, 0.0, -m.x, 0.0}, {-m.y, m.x, 0.0, 0.0}}}, next);
         }
+        mat3 pivot = matrix_of(sum);
         tangent->unstable += negative_eigenvalues(&pivot);
         tangent->rod.pivot_inverse[k] = m3_inverse(&pivot);
         if (k + 1 == n) break;
-        mat3 up = m3_transposed(&coupling);
-        tangent->rod.lower[k + 1] = m3_multiply(&up, &tangent->rod.pivot_inverse[k]);
-        carried = m3_multiply(&tangent->rod.lower[k + 1], &coupling);
+        row_matrix lower = rm_multiply_transposed(coupling, rows_of(&tangent->rod.pivot_inverse[k]));
+        tangent->rod.lower[k + 1] = matrix_of(lower);
+        carried = rm_multiply(lower, coupling);
         here = next;
     }
 }
@@ -161,40 +159,61 @@ static void carry_back(const mat3 *own, const mat3 *m, joint_rows from, joint_ro
         }
 }
 
-/* Rotations under unit forces, one column for each: a force at a joint exerts the moment length * axis x force on every segment before it, and
-   none on those beyond. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward substitution begins with
-   the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. */
-static void find_rotations(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, end = 3 * (n + 1);
-    mat3 moment[NEEDLE_MAX_SEGMENTS], own = {{{0}}};
-    for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
-        moment[k] = (mat3){{{0, -t.z, t.y}, {t.z, 0, -t.x}, {-t.y, t.x, 0}}};
-        mat3 before = k > 0 ? m3_multiply(&tangent->rod.lower[k], &moment[k - 1]) : (mat3){{{0}}};
-        m3_add_scaled(&moment[k], -1.0, &before);
+/* Each column x t. */
+static row_matrix cross_columns(row_matrix m, vec3 t) {
+    return (row_matrix){{t.z * m.row[1] - t.y * m.row[2], t.x * m.row[2] - t.z * m.row[0], t.y * m.row[0] - t.x * m.row[1]}};
+}
+
+/* Right-hand sides of the rotations under unit forces, after forward substitution, and length * axis of the segments. */
+static void find_moments(const needle_model *model, const needle_state *state, const needle_tangent *tangent, vec3 *arm, row_matrix *moment) {
+    for (int k = 0; k < model->given.segments; k++) {
+        vec3 t = arm[k] = v3_scale(model->segment_length, q_axis(state->frames[k]));
+        moment[k] = (row_matrix){{{0, -t.z, t.y, 0}, {t.z, 0, -t.x, 0}, {-t.y, t.x, 0, 0}}};
+        if (k > 0) moment[k] = rm_subtract(moment[k], rm_multiply(rows_of(&tangent->rod.lower[k]), moment[k - 1]));
     }
-    for (int k = n - 1; k >= 0; k--) {
+}
+
+/* Rotations under unit forces at the joints from `first` on, one column for each: a force at a joint exerts the moment length * axis x force on
+   every segment before it, and none on those beyond. Forward substitution up to segment k is therefore the same for all joints beyond k, and
+   backward substitution begins with the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. Of
+   segments from `last` on. */
+static void find_rotations(int n, int first, int last, const row_matrix *moment, needle_tangent *tangent) {
+    row_matrix own = {{{0}}};
+    for (int k = n - 1; k >= last; k--) {
         joint_rows rows = &tangent->rod.rotation[3 * k];
-        const mat3 *pivot_inverse = &tangent->rod.pivot_inverse[k], *lower = &tangent->rod.lower[k + 1];
+        row_matrix pivot_inverse = rows_of(&tangent->rod.pivot_inverse[k]);
         if (k + 1 < n) {
-            mat3 carried = m3_multiply(&own, lower), up = m3_transposed(lower), free = m3_multiply(pivot_inverse, &moment[k]);
-            own = m3_multiply(&up, &carried);
-            carry_back(&free, lower, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), end);
+            const mat3 *lower = &tangent->rod.lower[k + 1];
+            mat3 free = matrix_of(rm_multiply(pivot_inverse, moment[k]));
+            own = rm_multiply_transposed(rows_of(lower), rm_multiply(own, rows_of(lower)));
+            carry_back(&free, lower, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), 3 * (n + 1));
         }
-        m3_add_scaled(&own, 1.0, pivot_inverse);
-        mat3 here = m3_multiply(&own, &moment[k]);
+        own = rm_add(own, pivot_inverse);
+        mat3 here = matrix_of(rm_multiply(own, moment[k]));
         put_block(rows, k + 1, &here);
     }
 }
 
-/* Displacement of a joint: sum of length * rotation x axis over the segments before it. */
-static void sum_displacements(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
-    int n = model->given.segments, end = 3 * (n + 1);
-    double sum[3][NEEDLE_LD] = {{0}};
-    for (int a = 0; a < 3; a++)
-        for (int c = 0; c < end; c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
-    for (int k = 0; k < n; k++) {
-        vec3 t = v3_scale(model->segment_length, q_axis(state->frames[k]));
+/* Displacement of joint `last`, before which no force acts: segments before it turn by a sum of what is the same for all forces and a multiple of
+   how segment `last` turns, and so does what they add up to. */
+static void displace_base(int n, int first, int last, const vec3 *arm, const row_matrix *moment, needle_tangent *tangent, joint_rows sum) {
+    row_matrix shift = {{{0}}}, by_turn = {{{0}}}, free = {{{0}}}, turn = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+    for (int k = last - 1; k >= 0; k--) {
+        row_matrix lower = rows_of(&tangent->rod.lower[k + 1]);
+        free = rm_subtract(rm_multiply(rows_of(&tangent->rod.pivot_inverse[k]), moment[k]), rm_multiply_transposed(lower, free));
+        turn = rm_subtract((row_matrix){{{0}}}, rm_multiply_transposed(lower, turn));
+        shift = rm_add(shift, cross_columns(free, arm[k]));
+        by_turn = rm_subtract(by_turn, cross_columns(turn, arm[k]));
+    }
+    mat3 same = matrix_of(shift), minus = matrix_of(by_turn), multiple = m3_transposed(&minus);
+    carry_back(&same, &multiple, &tangent->rod.rotation[3 * last], sum, 3 * first, 3 * (n + 1));
+}
+
+/* Displacements of the joints from `last` + 1 on: sums of length * rotation x axis over the segments before them, from that of joint `last`. */
+static void sum_displacements(int n, int first, int last, const vec3 *arm, joint_rows sum, needle_tangent *tangent) {
+    int end = 3 * (n + 1);
+    for (int k = last; k < n; k++) {
+        vec3 t = arm[k];
         joint_rows rotation = &tangent->rod.rotation[3 * k], rows = &tangent->compliance[3 * (k + 1)];
         for (int c = lanes_below(3 * (k + 1 > first ? k + 1 : first)); c < end; c += LANES) {
             lanes x = lanes_load(&rotation[0][c]), y = lanes_load(&rotation[1][c]), z = lanes_load(&rotation[2][c]);
@@ -205,9 +224,23 @@ static void sum_displacements(const needle_model *model, const needle_state *sta
                 lanes_store(&rows[a][c], moved[a]);
             }
         }
-        for (int c = 3 * (k > NEEDLE_POINT_JOINTS - 2 ? k + 2 - NEEDLE_POINT_JOINTS : 0); c < 3 * (k + 1); c++) /* by symmetry */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* joints of which a point next to this one may be interpolated, too */
+        for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* by symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
+}
+
+static void find_compliance(const needle_model *model, const needle_state *state, int first, needle_tangent *tangent) {
+    int n = model->given.segments, last = first > 1 ? first - 1 : 0; /* no joint that counts is before this segment */
+    vec3 arm[NEEDLE_MAX_SEGMENTS];
+    row_matrix moment[NEEDLE_MAX_SEGMENTS];
+    double sum[3][NEEDLE_LD] = {{0}};
+    for (int a = 0; a < 3; a++)
+        for (int c = 0; c < 3 * (n + 1); c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
+    find_moments(model, state, tangent, arm, moment);
+    find_rotations(n, first, last, moment, tangent);
+    if (last > 0) displace_base(n, first, last, arm, moment, tangent, sum);
+    sum_displacements(n, first, last, arm, sum, tangent);
 }
 
 /* Rotations that relax the elastic moments at zero load. */
@@ -229,8 +262,7 @@ static void rod_linearise(const needle_model *model, const needle_state *state, 
     release_moments(n, tangent, rotation);
     solve_tangent(n, tangent, rotation);
     move_joints(model, state, rotation, tangent->drift);
-    find_rotations(model, state, first, tangent);
-    sum_displacements(model, state, first, tangent);
+    find_compliance(model, state, first, tangent);
 }
 
 static double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {

@@ -1,15 +1,20 @@
-/* State of nested addition, for remesh_nested.c and nested_removal.c only. Notation as in remesh_nested.c. */
+/* State of nested addition, for remesh_nested.c, nested_rows.c and nested_removal.c only. Notation as in remesh_nested.c. */
 #ifndef TROCAR_NESTED_H
 #define TROCAR_NESTED_H
 
 #include "remesh/remesh_method.h"
+#include "remesh/row_triples.h"
 
-enum { REACHED = 12 }; /* nominal nodes that an addition can reach: of two elements, and of those beside them */
+enum {
+    REACHED = 12,                         /* nominal nodes that an addition can reach: of two elements, and of those beside them */
+    MAX_GUESTS = REACHED + 4,             /* nominal nodes that one addition needs and that are not in the window */
+    MAX_PLACES = MAX_HANDLES + MAX_GUESTS, /* handles, then guests */
+    NESTED_LD = 3 * MAX_PLACES,
+};
 
 typedef struct {
     bool on_face;                         /* the surplus couples to the old nodes */
     double weights[4];                    /* nominal weights: what the node owes to the nominal nodes of its element */
-    double hats[MAX_CONTACTS];            /* s_j at the node: 1 of itself, 0 of later ones */
     int nominal_count, nominal[REACHED];  /* nominal nodes that the coupling reaches through the nodes that it touches, */
     mat3 coupling[REACHED];               /* and c_j there, N/m */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
@@ -19,8 +24,36 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    mat3 factors[MAX_HANDLES][MAX_CONTACTS]; /* F_j of each handle in use, m/N times N/m; on faces only */
+    int guest_count, guests[MAX_GUESTS];  /* of the addition in progress */
+    double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
+    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS times: F_j^T, m/N times N/m: F_j(i) at [j][b][3 i + a] */
+    void *nominal_memory, *factors_memory; /* these two */
 } nested_remesher;
+
+/* Place of a coded node, or -1; F_j there. */
+int nested_place(const nested_remesher *r, int node);
+mat3 nested_factor(const nested_remesher *r, int j, int place);
+
+/* The columns of the handles in use, and of contact node `slot` that is being added (-1: none). */
+column_ranges nested_columns(const nested_remesher *r, int slot);
+
+/* The same, with the guests. */
+column_ranges nested_all_columns(const nested_remesher *r, int slot);
+
+/* Fills `nominal` and `factors` of places that are new: in the window, or guests. */
+trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why);
+
+/* The contact node in `slot`, as an interpolation of nominal nodes: its rows and columns of `nominal`. */
+void nested_interpolate(nested_remesher *r, int slot);
+
+/* The inverse with the first `count` contact nodes between a nominal node's place and all handles: three rows, SNAPSHOT_LD apart. */
+void nested_inverse_rows(const nested_remesher *r, int count, int place, const column_ranges *columns, double *rows);
+
+/* Makes the columns of a symmetric matrix equal to the rows of this place, at the other places. */
+void nested_mirror(double *matrix, int ld, int place, int count, const int *places);
+
+/* The rows of the handles in use gain F S F^T, or lose it again. */
+void nested_update_rows(nested_remesher *r, int slot, double sign);
 
 /* Exchanges the node in `slot`, no longer in the order, with those from `position` on in it, so that it can be removed as the last one:
    changes factors, chains and surpluses. */

@@ -32,15 +32,15 @@ static void exchange_chains(nested_remesher *r, int position, const mat3 *v, con
     }
 }
 
+/* With rows of F^T in place of columns of F. */
 static void exchange_factors(nested_remesher *r, int slot, int k, const mat3 *v, const mat3 *n) {
-    int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles);
+    column_ranges columns = nested_columns(r, -1);
     mat3 transposed = m3_transposed(v), lost = m3_multiply(n, v), gained = m3_multiply(&r->borders[k].surplus, &transposed);
-    for (int i = 0; i < count; i++) {
-        mat3 *x = &r->factors[handles[i]][slot], *f = &r->factors[handles[i]][k];
-        mat3 less = m3_multiply(x, &lost), more = m3_multiply(f, &gained);
-        m3_add_scaled(f, -1.0, &less);
-        m3_add_scaled(x, 1.0, &more);
-    }
+    double before[3 * NESTED_LD], *x = r->factors[slot][0], *f = r->factors[k][0];
+    row_triple less = {before, NESTED_LD, m3_scaled(-1.0, m3_transposed(&lost))}, more = {f, NESTED_LD, m3_transposed(&gained)};
+    rows_copy(&columns, x, NESTED_LD, before, NESTED_LD);
+    rows_add(&columns, 1, &more, x, NESTED_LD);
+    rows_add(&columns, 1, &less, f, NESTED_LD);
 }
 
 void nested_move_to_end(nested_remesher *r, int slot, int position) {

@@ -63,6 +63,49 @@ static void add_move(const tissue *t, const refinement *r, int position, patch *
     }
 }
 
+/* ---- an added node's own columns ------------------------------------------------------------------------------------- */
+
+static int split_place(const tissue *t, split_columns *s, int corner) {
+    if (corner >= 0 && t->fixed[corner]) return -1;
+    for (int i = 0; i < s->count; i++)
+        if (s->nodes[i] == corner) return i;
+    s->nodes[s->count] = corner;
+    s->beside[s->count] = (mat3){{{0}}};
+    return s->count++;
+}
+
+/* Of the leaves that the node at x splits leaf `at` into. */
+static void add_own_columns(const tissue *t, const refinement *r, int position, int tet, const leaf_point *at, vec3 x, split_columns *s) {
+    double youngs_modulus, poisson_ratio;
+    vec3 corners[4], gradients[4];
+    int places[4];
+    element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
+    leaf_positions(t->mesh, r, position, at->corners, corners);
+    for (int i = 0; i < 4; i++) places[i] = split_place(t, s, at->corners[i]);
+    for (int i = 0; i < 4; i++) {
+        if (at->weights[i] == 0.0) continue;
+        vec3 whole = corners[i];
+        corners[i] = x;
+        double volume = tet_gradients(corners, gradients);
+        corners[i] = whole;
+        for (int c = 0; c < 4; c++) {
+            mat3 block = stiffness_block(gradients[c], gradients[i], volume, youngs_modulus, poisson_ratio);
+            if (c == i) m3_add_scaled(&s->own, 1.0, &block);
+            else if (places[c] >= 0) m3_add_scaled(&s->beside[places[c]], 1.0, &block);
+        }
+    }
+}
+
+void patch_own_columns(const tissue *t, const refinement *r, int position, split_columns *s) {
+    const added_node *node = &r->nodes[r->order[position]];
+    s->count = 0;
+    s->own = (mat3){{{0}}};
+    add_own_columns(t, r, position, node->tet, &node->at, node->position, s);
+    if (node->across_tet >= 0) add_own_columns(t, r, position, node->across_tet, &node->across, node->position, s);
+}
+
+/* ---- the whole patch ------------------------------------------------------------------------------------------------- */
+
 void patch_create(const tissue *t, const refinement *r, int position, patch *p) {
     p->count = 0;
     if (r->nodes[r->order[position]].moved >= 0) add_move(t, r, position, p);

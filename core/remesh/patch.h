@@ -21,4 +21,14 @@ typedef struct {
    nodes move with STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
+/* Of the same change, only the columns of the added node itself: where it ends up coupled, and how stiff it is. */
+enum { SPLIT_NODES = 5 };
+typedef struct {
+    int count;
+    int nodes[SPLIT_NODES];      /* beside it, not fixed, coded as in patch */
+    mat3 beside[SPLIT_NODES];    /* N/m: rows of that node, columns of the added one */
+    mat3 own;                    /* N/m */
+} split_columns;
+void patch_own_columns(const tissue *t, const refinement *r, int position, split_columns *s);
+
 #endif

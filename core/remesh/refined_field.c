@@ -25,11 +25,9 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
 mat3 node_surplus(const tissue *t, const refinement *r, int position) {
     const added_node *node = &r->nodes[r->order[position]];
     if (!added_on_face(node)) return surplus_compliance(t, r, node->tet, &node->at);
-    patch own;
-    mat3 d;
-    patch_create(t, r, position, &own);
-    for (int a = 0; a < 9; a++) d.m[a / 3][a % 3] = own.change[3 * own.count - 3 + a / 3][3 * own.count - 3 + a % 3];
-    return m3_inverse(&d);
+    split_columns columns;
+    patch_own_columns(t, r, position, &columns);
+    return m3_inverse(&columns.own);
 }
 
 /* ---- displacements ------------------------------------------------------------------------------------------------- */

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/lanes.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -80,9 +81,10 @@ static trocar_status add_node(remesher *r, int slot, const added_node *node, rep
     trocar_status status = resolve_contact(r, slot, why);
     if (status == TROCAR_OK) status = r->operations->add(r, slot, why);
     if (status != TROCAR_OK) return status;
-    for (int i = 0; i <= refined->count; i++) {
+    for (int i = 0; i <= refined->count && !r->operations->finds_between_contacts; i++) {
         int other = refined->order[i], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
-        r->between_contacts[contact_pair(slot, other)] = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
+        mat3 between = nominal_between(r, &refined->nodes[lower], &refined->nodes[higher]);
+        for (int a = 0; a < 9; a++) r->between_contacts[lower].at[a / 3][a % 3][higher] = between.m[a / 3][a % 3];
     }
     status = confirm(r, why);
     if (status == TROCAR_OK) refined->count++;
@@ -100,20 +102,22 @@ static void remove_node(remesher *r, int position) {
 /* Nodes that are still wanted keep their places; new ones take the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
-    for (int k = 0; k < MAX_WINDOW; k++) {
-        bool wanted = false;
-        for (int i = 0; i < request->window_count && !wanted; i++) wanted = request->window[i] == r->window[k];
-        if (!wanted) r->window[k] = -1;
-    }
+    bool wanted[MAX_WINDOW] = {false};
     for (int i = 0; i < request->window_count; i++) {
+        int place = window_place(r, request->window[i]);
+        if (place >= 0) wanted[place] = true;
+    }
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (!wanted[k]) window_put(r, k, -1);
+    for (int i = 0, place = 0; i < request->window_count; i++) {
         int node = request->window[i];
-        if (window_place(r->window, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
-        int place = window_place(r->window, -1);
-        r->window[place] = node;
+        if (window_place(r, node) >= 0 || (i >= request->needed && !inverse_holds(r->inverse, node))) continue;
+        while (r->window[place] >= 0) place++;
+        window_put(r, place, node);
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) r->window[fresh[i] - MAX_CONTACTS] = -1; /* their rows are not there */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows are not there */
     return status;
 }
 
@@ -166,8 +170,12 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     }
 }
 
-static void copy_pairs(const remesher *r, const mat3 *from, mat3 *to) {
-    memcpy(to, from, (size_t)contact_pair(refinement_span(&r->refined), 0) * sizeof *to);
+/* Of the slots in use, in whole lanes. */
+static void copy_contact_rows(const remesher *r, const contact_rows *from, contact_rows *to) {
+    int span = refinement_span(&r->refined);
+    for (int i = 0; i < span; i++)
+        for (int a = 0; a < 9; a++)
+            for (int j = lanes_below(i); j < span; j += LANES) lanes_store(&to[i].at[a / 3][a % 3][j], lanes_load(&from[i].at[a / 3][a % 3][j]));
 }
 
 /* ---- looking ahead --------------------------------------------------------------------------------------------------- */
@@ -233,7 +241,7 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     for (int i = 0; i < r->refined.count; i++) snapshot->ids[r->refined.order[i]] = r->refined.nodes[r->refined.order[i]].id;
     memcpy(snapshot->window, r->window, sizeof r->window);
     memcpy(snapshot->resolved, r->resolved, sizeof snapshot->resolved);
-    copy_pairs(r, r->between_contacts, snapshot->between_contacts);
+    copy_contact_rows(r, r->between_contacts, snapshot->between_contacts);
     snapshot->piece_count = r->piece_count;
     memcpy(snapshot->pieces, r->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     copy_rows(r, snapshot);
@@ -276,7 +284,7 @@ trocar_status remesher_answer(remesher *r, const remesh_request *request, compli
 
 trocar_status remesher_forget(remesher *r, report *why) {
     static const refinement nothing = {.count = 0};
-    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
+    for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, -1);
     return update_nodes(r, &nothing, why);
 }
 
@@ -285,13 +293,13 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     trocar_status status = remesher_forget(r, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
-    for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = answered ? snapshot->window[k] : -1;
+    for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, answered ? snapshot->window[k] : -1);
     if (status != TROCAR_OK || !answered) return status;
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     status = take_nodes(r, count, handles, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
-    copy_pairs(r, snapshot->between_contacts, r->between_contacts);
+    copy_contact_rows(r, snapshot->between_contacts, r->between_contacts);
     r->left.any = snapshot->left;
     r->left.time = snapshot->left_time;
     memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);

@@ -118,8 +118,8 @@ static void dense_release(remesher *shared) {
     free(r->weighted);
 }
 
-static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release};
-static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release};
+static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release, false};
+static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release, false};
 
 /* Zeros. In pages of 4 KB a sweep through the matrix takes a third longer: so many are to be looked up. Large ones are a wish only. */
 static double *large_matrix(size_t n) {

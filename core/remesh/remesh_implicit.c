@@ -180,7 +180,7 @@ static void implicit_release(remesher *shared) {
     free(r->packed_middle);
 }
 
-static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release};
+static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release, false};
 
 /* Large, but pages that no change has reached stay untouched. */
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why) {

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/cache_line.h"
+
 /* ---- handles ----------------------------------------------------------------------------------------------------- */
 
 double *handle_block(remesher *r, int handle, int other) {
@@ -36,15 +38,17 @@ int handle_node(const remesher *r, int handle) {
     return r->refined.nodes[handle].moved >= 0 ? r->refined.nodes[handle].moved : -1 - handle;
 }
 
-int window_place(const int *window, int node) {
-    for (int k = 0; k < MAX_WINDOW; k++)
-        if (window[k] == node) return k;
-    return -1;
+int window_place(const remesher *r, int node) { return r->place_of[node]; }
+
+void window_put(remesher *r, int place, int node) {
+    if (r->window[place] >= 0) r->place_of[r->window[place]] = -1;
+    if (node >= 0) r->place_of[node] = place;
+    r->window[place] = node;
 }
 
 int handle_of_node(const remesher *r, int node) {
     if (node < 0) return -1 - node;
-    int place = window_place(r->window, node);
+    int place = window_place(r, node);
     return place < 0 ? -1 : MAX_CONTACTS + place;
 }
 
@@ -124,15 +128,18 @@ trocar_status remesher_init(remesher *r, const remesh_operations *operations, in
     r->inverse = inv;
     r->tissue = inverse_tissue(inv);
     for (int k = 0; k < MAX_WINDOW; k++) r->window[k] = -1;
-    r->handles = calloc((size_t)SNAPSHOT_LD * SNAPSHOT_LD, sizeof(double));
+    r->handles = zeros_on_cache_lines((size_t)SNAPSHOT_LD * SNAPSHOT_LD * sizeof *r->handles, &r->handles_memory);
+    r->place_of = malloc((size_t)r->tissue->mesh->node_count * sizeof *r->place_of);
+    for (int i = 0; r->place_of && i < r->tissue->mesh->node_count; i++) r->place_of[i] = -1;
     trocar_status status = resolver_create(r->tissue, &r->resolver, why);
     if (status != TROCAR_OK) return status;
     bool gathers = gathered_create(&r->gathered, r->tissue->mesh->node_count);
-    return r->handles && gathers ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
+    return r->handles && r->place_of && gathers ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory");
 }
 
 void remesher_release(remesher *r) {
     gathered_free(&r->gathered);
     resolver_free(r->resolver);
-    free(r->handles);
+    free(r->place_of);
+    free(r->handles_memory);
 }

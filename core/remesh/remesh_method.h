@@ -29,6 +29,7 @@ typedef struct {
     trocar_status (*take_nodes)(remesher *, int count, const int *handles, report *); /* fills rows of nodes new in the window; NULL: not needed */
     trocar_status (*gather)(remesher *, report *);          /* fills all rows in use; NULL: they are kept up to date */
     void (*release)(remesher *);                            /* all but the shared part */
+    bool finds_between_contacts; /* `add` fills the new node's part of between_contacts */
 } remesh_operations;
 
 /* First member of every method's struct. */
@@ -37,8 +38,10 @@ struct remesher {
     inverse *inverse;
     const tissue *tissue;
     refinement refined;              /* what is in the inverse now; in the order in which it came there */
-    int window[MAX_WINDOW];          /* nominal node of each place, or -1 */
-    double *handles;                 /* as compliance_snapshot.compliance */
+    int window[MAX_WINDOW];          /* nominal node of each place, or -1; only window_put changes it */
+    int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
+    double *handles;                 /* as compliance_snapshot.compliance, */
+    void *handles_memory;            /* in here */
     vec3 line_tip, line_direction;   /* of the last request */
     bool line_new;                   /* not followed yet */
     int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; made ready so far */
@@ -46,7 +49,7 @@ struct remesher {
     int piece_count;
     line_piece pieces[MAX_PIECES];   /* of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
-    mat3 between_contacts[CONTACT_PAIRS]; /* as in compliance_snapshot */
+    contact_rows between_contacts[MAX_CONTACTS]; /* as in compliance_snapshot */
     left_field left;                 /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
@@ -70,8 +73,9 @@ trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, repo
 /* The handles in use: contact nodes in order, then the window. Returns how many. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);
 
-/* Place of a nominal node (or of -1: a free one) in the window, or -1. */
-int window_place(const int *window, int node);
+/* Place of a nominal node in the window, or -1; puts a node (-1: none) in the place of what is there. */
+int window_place(const remesher *r, int node);
+void window_put(remesher *r, int place, int node);
 
 /* The node of a handle in use, coded as a leaf corner: the nominal node of a moved one. */
 int handle_node(const remesher *r, int handle);

@@ -10,122 +10,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/cache_line.h"
 #include "remesh/refined_field.h"
 
-enum { PATCH = 6 };                       /* nodes that an addition touches, at most, with itself */
 static const double ROUNDING = 1e-12;     /* a weight below this is that of a node on the opposite face */
 
-/* ---- factors ------------------------------------------------------------------------------------------------------ */
+/* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 
 static void add_product(mat3 *sum, const mat3 *a, const mat3 *b) {
     mat3 product = m3_multiply(a, b);
     m3_add_scaled(sum, 1.0, &product);
 }
-
-/* The nominal nodes that a coded node hangs on. */
-static int support_of(const nested_remesher *r, int node, int nodes[4], double weights[4]) {
-    if (node >= 0) {
-        nodes[0] = node;
-        weights[0] = 1.0;
-        return 1;
-    }
-    memcpy(nodes, r->shared.tissue->mesh->tets[r->shared.refined.nodes[-1 - node].tet], 4 * sizeof *nodes);
-    memcpy(weights, r->borders[-1 - node].weights, 4 * sizeof *weights);
-    return 4;
-}
-
-/* K^-1 of the nominal mesh between two coded nodes. */
-static mat3 interpolated_block(nested_remesher *r, int node, int other) {
-    int nodes[4], others[4];
-    double weights[4], other_weights[4];
-    int rows = support_of(r, node, nodes, weights), columns = support_of(r, other, others, other_weights);
-    mat3 sum = {{{0}}};
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j < columns; j++) {
-            mat3 block = nominal_block(&r->shared, nodes[i], others[j]);
-            m3_add_scaled(&sum, weights[i] * other_weights[j], &block);
-        }
-    return sum;
-}
-
-/* Everything that the factors of rows given before may need, with the first `count` contact nodes. */
-static trocar_status gather_factors(nested_remesher *r, int count, report *why) {
-    for (int k = 0; k < MAX_WINDOW; k++)
-        if (r->shared.window[k] >= 0) gather_column(&r->shared, r->shared.window[k]);
-    for (int k = 0; k < count; k++) {
-        int i = r->shared.refined.order[k];
-        for (int c = 0; c < 4; c++) gather_column(&r->shared, r->shared.tissue->mesh->tets[r->shared.refined.nodes[i].tet][c]);
-        for (int p = 0; p < r->borders[i].nominal_count; p++) gather_column(&r->shared, r->borders[i].nominal[p]);
-    }
-    return gather_finish(&r->shared, why);
-}
-
-static double hat_at(const nested_remesher *r, int j, int node) { return node < 0 ? r->borders[-1 - node].hats[j] : 0.0; }
-
-/* F_j(node) of the j in place `position` of the order, with the F_i before it given. */
-static mat3 factor_of(nested_remesher *r, int position, int node, const mat3 *before) {
-    int j = r->shared.refined.order[position];
-    const bordering *border = &r->borders[j];
-    mat3 factor = {{{0}}};
-    if (border->on_face) {
-        for (int p = 0; p < border->nominal_count; p++) {
-            mat3 block = interpolated_block(r, node, border->nominal[p]);
-            add_product(&factor, &block, &border->coupling[p]);
-        }
-        for (int k = 0; k < position; k++) {
-            int i = r->shared.refined.order[k];
-            if (r->borders[i].on_face || hat_at(r, i, node) != 0.0) add_product(&factor, &before[i], &border->chain[i]);
-        }
-    }
-    for (int a = 0; a < 3; a++) factor.m[a][a] -= hat_at(r, j, node);
-    return factor;
-}
-
-static void factors_of(nested_remesher *r, int count, int node, mat3 *factors) {
-    for (int k = 0; k < count; k++) factors[r->shared.refined.order[k]] = factor_of(r, k, node, factors);
-}
-
-/* The same from the node's row, where it has one. Inside an element only the nodes within have a factor. */
-static void known_factors(nested_remesher *r, int count, int node, mat3 *factors) {
-    int handle = handle_of_node(&r->shared, node);
-    if (handle < 0) factors_of(r, count, node, factors);
-    for (int k = 0; k < count && handle >= 0; k++) {
-        int j = r->shared.refined.order[k];
-        factors[j] = r->borders[j].on_face || hat_at(r, j, node) != 0.0 ? r->factors[handle][j] : (mat3){{{0}}};
-    }
-}
-
-/* Those of a new node: its corners' with its weights, and its own surplus. */
-static void interpolate_factors(nested_remesher *r, int slot) {
-    const refinement *refined = &r->shared.refined;
-    const added_node *node = &refined->nodes[slot];
-    memset(r->factors[slot], 0, sizeof r->factors[slot]);
-    for (int c = 0; c < 4; c++) {
-        mat3 factors[MAX_CONTACTS];
-        if (node->at.weights[c] == 0.0) continue;
-        known_factors(r, refined->count + 1, node->at.corners[c], factors);
-        for (int k = 0; k <= refined->count; k++)
-            m3_add_scaled(&r->factors[slot][refined->order[k]], node->at.weights[c], &factors[refined->order[k]]);
-    }
-    for (int a = 0; a < 3; a++) r->factors[slot][slot].m[a][a] -= 1.0;
-}
-
-/* F_j S_j, as F_j S_j F_j^T is wanted. */
-static mat3 weighted(const nested_remesher *r, int j, const mat3 *factor) { return m3_multiply(factor, &r->borders[j].surplus); }
-
-/* The inverse with the first `count` contact nodes, between a nominal node and any node, from their factors. */
-static mat3 block_of(nested_remesher *r, int count, int node, int other, const mat3 *factors, const mat3 *other_factors) {
-    mat3 sum = interpolated_block(r, node, other);
-    for (int k = 0; k < count; k++) {
-        int j = r->shared.refined.order[k];
-        if (!r->borders[j].on_face) continue; /* zero at nominal nodes */
-        mat3 left = weighted(r, j, &factors[j]), right = m3_transposed(&other_factors[j]);
-        add_product(&sum, &left, &right);
-    }
-    return sum;
-}
-
-/* ---- adding ------------------------------------------------------------------------------------------------------- */
 
 static void add_coupling(bordering *border, int nominal, double weight, const mat3 *c) {
     int p = 0;
@@ -138,6 +33,7 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
     m3_add_scaled(&border->coupling[p], weight, c);
 }
 
+/* c at a touched node, and at the nominal nodes that this one hangs on. */
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
     if (node >= 0) {
         add_coupling(border, node, 1.0, c);
@@ -154,166 +50,216 @@ static double weight_of(const added_node *node, int corner) {
     return 0.0;
 }
 
-/* c, d and S of a node on a face. With u_new = sum w u + h, c = K(old, new) + w K(new, new), d = K(new, new). */
-static trocar_status border_face(nested_remesher *r, int slot, report *why) {
+/* c of the touched nodes, in `touched->beside`, and d in `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new),
+   d = K(new, new). */
+static void couple(nested_remesher *r, int slot, split_columns *touched) {
+    const refinement *refined = &r->shared.refined;
+    patch_own_columns(r->shared.tissue, refined, refined->count, touched);
+    for (int q = 0; q < touched->count; q++) {
+        m3_add_scaled(&touched->beside[q], weight_of(&refined->nodes[slot], touched->nodes[q]), &touched->own);
+        collect_coupling(r, &r->borders[slot], touched->nodes[q], &touched->beside[q]);
+    }
+}
+
+static void invite(nested_remesher *r, int node) {
+    if (nested_place(r, node) < 0) r->guests[r->guest_count++] = node;
+}
+
+/* Places for the nominal nodes that the addition needs: those of the window have one. */
+static trocar_status invite_all(nested_remesher *r, int slot, report *why) {
+    const bordering *border = &r->borders[slot];
+    const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
+    int places[MAX_GUESTS];
+    r->guest_count = 0;
+    for (int c = 0; c < 4; c++)
+        if (border->weights[c] != 0.0) invite(r, corners[c]);
+    for (int p = 0; p < border->nominal_count; p++) invite(r, border->nominal[p]);
+    for (int g = 0; g < r->guest_count; g++) places[g] = MAX_HANDLES + g;
+    return r->guest_count > 0 ? nested_enter(r, r->guest_count, places, why) : TROCAR_OK;
+}
+
+/* ---- factors and surplus --------------------------------------------------------------------------------------------- */
+
+/* G_ij, from the factors of surplus i at the touched nodes. */
+static mat3 chain_to(const nested_remesher *r, int i, const split_columns *touched, const int *places) {
+    mat3 sum = {{{0}}};
+    for (int q = 0; q < touched->count; q++) {
+        mat3 factor = nested_factor(r, i, places[q]), transposed = m3_transposed(&factor);
+        add_product(&sum, &transposed, &touched->beside[q]);
+    }
+    return m3_multiply(&r->borders[i].surplus, &sum);
+}
+
+static bool is_zero(const mat3 *a) {
+    static const mat3 zero = {{{0}}};
+    return memcmp(a, &zero, sizeof zero) == 0;
+}
+
+/* Factors of a surplus on a face at all places: sums of rows. */
+static void find_factors(nested_remesher *r, int slot, const split_columns *touched, const int *places) {
     const refinement *refined = &r->shared.refined;
     bordering *border = &r->borders[slot];
-    patch *p = &r->shared.patch;
-    patch_create(r->shared.tissue, refined, refined->count, p);
-    int own = p->count - 1;
-    mat3 own_stiffness, reached = {{{0}}}, c[PATCH], factors[PATCH][MAX_CONTACTS];
-    for (int q = 0; q <= own; q++) {
-        double weight = q == own ? 0.0 : weight_of(&refined->nodes[slot], p->nodes[q]);
-        for (int a = 0; a < 9; a++)
-            c[q].m[a / 3][a % 3] = p->change[3 * q + a / 3][3 * own + a % 3] + weight * p->change[3 * own + a / 3][3 * own + a % 3];
+    row_triple parts[REACHED + MAX_CONTACTS];
+    int count = 0;
+    for (int p = 0; p < border->nominal_count; p++)
+        parts[count++] = (row_triple){r->nominal[3 * nested_place(r, border->nominal[p])], NESTED_LD, m3_transposed(&border->coupling[p])};
+    for (int k = 0; k < refined->count; k++) {
+        int i = refined->order[k];
+        border->chain[i] = chain_to(r, i, touched, places);
+        if (r->borders[i].on_face || !is_zero(&border->chain[i]))
+            parts[count++] = (row_triple){r->factors[i][0], NESTED_LD, m3_transposed(&border->chain[i])};
     }
-    own_stiffness = c[own];
-    for (int q = 0; q < own; q++) collect_coupling(r, border, p->nodes[q], &c[q]);
-    for (int q = 0; q < border->nominal_count; q++) gather_row(&r->shared, border->nominal[q]);
-    trocar_status status = gather_factors(r, refined->count + 1, why);
-    if (status != TROCAR_OK) return status;
-    memset(border->chain, 0, sizeof border->chain);
-    for (int q = 0; q < own; q++) {
-        known_factors(r, refined->count, p->nodes[q], factors[q]);
-        for (int k = 0; k < refined->count; k++) {
-            int i = refined->order[k];
-            mat3 transposed = m3_transposed(&factors[q][i]), product = m3_multiply(&transposed, &c[q]);
-            add_product(&border->chain[i], &r->borders[i].surplus, &product);
-        }
-    }
-    for (int q = 0; q < own; q++) { /* c^T W: W is the factor at the nodes touched, where this surplus' hat is zero */
-        mat3 transposed = m3_transposed(&c[q]), factor = factor_of(r, refined->count, p->nodes[q], factors[q]);
+    column_ranges columns = nested_all_columns(r, slot);
+    rows_clear(&columns, r->factors[slot][0], NESTED_LD);
+    rows_add(&columns, count, parts, r->factors[slot][0], NESTED_LD);
+}
+
+/* Factors, chains and surplus of a node on a face. */
+static trocar_status border_face(nested_remesher *r, int slot, const split_columns *touched, report *why) {
+    int places[SPLIT_NODES];
+    mat3 stiffness = touched->own, reached = {{{0}}};
+    for (int q = 0; q < touched->count; q++) places[q] = nested_place(r, touched->nodes[q]);
+    find_factors(r, slot, touched, places);
+    for (int q = 0; q < touched->count; q++) { /* c^T W: W is the factor at the nodes touched, where this surplus' hat is zero */
+        mat3 transposed = m3_transposed(&touched->beside[q]), factor = nested_factor(r, slot, places[q]);
         add_product(&reached, &transposed, &factor);
     }
-    m3_add_scaled(&own_stiffness, -1.0, &reached);
-    if (!(m3_determinant(&own_stiffness) > 0.0)) return fail(why, TROCAR_NUMERIC, "contact node %d on a face has no stiffness", slot);
-    border->surplus = m3_inverse(&own_stiffness);
+    m3_add_scaled(&stiffness, -1.0, &reached);
+    if (!(m3_determinant(&stiffness) > 0.0)) return fail(why, TROCAR_NUMERIC, "contact node %d on a face has no stiffness", slot);
+    r->borders[slot].surplus = m3_inverse(&stiffness);
     return TROCAR_OK;
 }
 
-static void interpolate_hats(nested_remesher *r, int slot) {
-    const refinement *refined = &r->shared.refined;
-    const added_node *node = &refined->nodes[slot];
-    memset(r->borders[slot].hats, 0, sizeof r->borders[slot].hats);
-    for (int k = 0; k < refined->count; k++) {
-        int j = refined->order[k];
-        r->borders[j].hats[slot] = 0.0;
-        for (int c = 0; c < 4; c++) r->borders[slot].hats[j] += node->at.weights[c] * hat_at(r, j, node->at.corners[c]);
-    }
-    r->borders[slot].hats[slot] = 1.0;
+/* Inside an element only the node itself has a factor, and those that hang on it. */
+static void border_inside(nested_remesher *r, int slot) {
+    const added_node *node = &r->shared.refined.nodes[slot];
+    column_ranges columns = nested_all_columns(r, slot);
+    rows_clear(&columns, r->factors[slot][0], NESTED_LD);
+    r->borders[slot].surplus = surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &node->at);
 }
 
-/* The rows in use gain F S F^T, or lose it again: plain loops over whole rows, which places not in use pass through. */
-static void update_rows(nested_remesher *r, int slot, double sign) {
-    int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles);
-    int contacts = 3 * refinement_span(&r->shared.refined), window = 3 * MAX_CONTACTS, end = count > 0 ? 3 * handles[count - 1] + 3 : 0;
-    double columns[3][SNAPSHOT_LD] = {{0}};
-    for (int i = 0; i < 3 * count; i++)
-        for (int b = 0; b < 3; b++) columns[b][3 * handles[i / 3] + i % 3] = r->factors[handles[i / 3]][slot].m[i % 3][b];
-    for (int i = 0; i < count; i++) {
-        mat3 left = weighted(r, slot, &r->factors[handles[i]][slot]);
-        for (int a = 0; a < 3; a++) {
-            double *row = handle_block(&r->shared, handles[i], 0) + (size_t)a * SNAPSHOT_LD;
-            double x = sign * left.m[a][0], y = sign * left.m[a][1], z = sign * left.m[a][2];
-            for (int c = 0; c < contacts; c++) row[c] += x * columns[0][c] + y * columns[1][c] + z * columns[2][c];
-            for (int c = window; c < end; c++) row[c] += x * columns[0][c] + y * columns[1][c] + z * columns[2][c];
+/* Those of a new node: its corners' with its weights, and its own surplus. */
+static void interpolate_factors(nested_remesher *r, int slot) {
+    const refinement *refined = &r->shared.refined;
+    const leaf_point *at = &refined->nodes[slot].at;
+    int places[4];
+    for (int c = 0; c < 4; c++) places[c] = at->weights[c] == 0.0 ? 0 : nested_place(r, at->corners[c]);
+    for (int k = 0; k <= refined->count; k++) {
+        int j = refined->order[k];
+        for (int b = 0; b < 3; b++) {
+            double *row = r->factors[j][b], sum[3] = {0};
+            for (int c = 0; c < 4; c++)
+                for (int a = 0; a < 3 && at->weights[c] != 0.0; a++) sum[a] += at->weights[c] * row[3 * places[c] + a];
+            memcpy(row + 3 * slot, sum, sizeof sum);
         }
     }
+    for (int a = 0; a < 3; a++) r->factors[slot][a][3 * slot + a] -= 1.0;
 }
 
-/* The inverse between a corner of the node's leaf and a handle. */
-static mat3 corner_to_handle(nested_remesher *r, int slot, int corner, int handle) {
-    int count = r->shared.refined.count + 1, own = handle_of_node(&r->shared, corner);
-    if (own >= 0) return handle_get(&r->shared, own, handle);
-    mat3 factors[MAX_CONTACTS]; /* a nominal node, not in the window */
-    factors_of(r, count, corner, factors);
-    return block_of(r, count, corner, handle == slot ? -1 - slot : handle_node(&r->shared, handle), factors, r->factors[handle]);
+/* ---- adding ---------------------------------------------------------------------------------------------------------- */
+
+static void fill_row(nested_remesher *r, int slot, const column_ranges *columns, int count, const weighted_triple *corners) {
+    double *row = handle_block(&r->shared, slot, 0);
+    row_triple surplus = {r->factors[slot][0], NESTED_LD, m3_scaled(-1.0, r->borders[slot].surplus)};
+    rows_interpolate(columns, count, corners, row, SNAPSHOT_LD);
+    rows_add(columns, 1, &surplus, row, SNAPSHOT_LD);
 }
 
 /* The new row: interpolated between the corners of the leaf, and the surplus. */
-static void add_row(nested_remesher *r, int slot, int handle) {
-    const added_node *node = &r->shared.refined.nodes[slot];
-    const bordering *border = &r->borders[slot];
-    mat3 sum = {{{0}}};
+static void add_row(nested_remesher *r, int slot) {
+    remesher *shared = &r->shared;
+    const leaf_point *at = &shared->refined.nodes[slot].at;
+    double guests[4][3 * SNAPSHOT_LD];
+    weighted_triple corners[4];
+    int handles[MAX_HANDLES], all = handles_in_use(shared, handles), count = 0;
+    column_ranges columns = nested_columns(r, slot), own = {.count = 0};
     for (int c = 0; c < 4; c++) {
-        if (node->at.weights[c] == 0.0) continue;
-        mat3 block = corner_to_handle(r, slot, node->at.corners[c], handle);
-        m3_add_scaled(&sum, node->at.weights[c], &block);
+        if (at->weights[c] == 0.0) continue;
+        int place = nested_place(r, at->corners[c]);
+        bool guest = place >= MAX_HANDLES;
+        if (guest) nested_inverse_rows(r, shared->refined.count + 1, place, &columns, guests[c]);
+        corners[count++] = (weighted_triple){guest ? guests[c] : handle_block(shared, place, 0), SNAPSHOT_LD, at->weights[c]};
     }
-    if (border->on_face || handle == slot) {
-        mat3 factor = m3_transposed(&r->factors[handle][slot]), surplus = m3_multiply(&border->surplus, &factor);
-        m3_add_scaled(&sum, -1.0, &surplus);
+    fill_row(r, slot, &columns, count, corners);
+    nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
+    column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
+    fill_row(r, slot, &own, count, corners); /* whose columns are there now */
+}
+
+/* Compliance of the nominal mesh between the new node and all contact nodes. */
+static void find_between_contacts(nested_remesher *r, int slot) {
+    const refinement *refined = &r->shared.refined;
+    for (int k = 0; k <= refined->count; k++) {
+        int other = refined->order[k], higher = slot > other ? slot : other, lower = slot > other ? other : slot;
+        for (int a = 0; a < 9; a++) r->shared.between_contacts[lower].at[a / 3][a % 3][higher] = r->nominal[3 * lower + a / 3][3 * higher + a % 3];
     }
-    handle_put(&r->shared, slot, handle, &sum);
 }
 
 static trocar_status nested_add(remesher *shared, int slot, report *why) {
     nested_remesher *r = (nested_remesher *)shared;
     const added_node *node = &shared->refined.nodes[slot];
     bordering *border = &r->borders[slot];
+    split_columns touched = {.count = 0};
     if (node->moved >= 0) return fail(why, TROCAR_BAD_INPUT, "remeshing: nested moves no nodes; choose implicit");
+    gather_start(shared);
     border->on_face = added_on_face(node);
     border->nominal_count = 0;
     mesh_barycentric(shared->tissue->mesh, node->tet, node->position, border->weights);
     for (int i = 0; i < 4; i++)
         if (fabs(border->weights[i]) < ROUNDING) border->weights[i] = 0.0;
-    interpolate_hats(r, slot);
-    gather_start(shared);
-    for (int c = 0; c < 4; c++) gather_row(shared, shared->tissue->mesh->tets[node->tet][c]);
-    trocar_status status = TROCAR_OK;
-    if (border->on_face) status = border_face(r, slot, why);
-    else border->surplus = surplus_compliance(shared->tissue, &shared->refined, node->tet, &node->at);
+    if (border->on_face) couple(r, slot, &touched);
+    trocar_status status = invite_all(r, slot, why);
     if (status != TROCAR_OK) return status;
-
-    int handles[MAX_HANDLES], count = handles_in_use(shared, handles);
-    for (int i = 0; i < count && border->on_face; i++) {
-        int handle = handles[i];
-        r->factors[handle][slot] = factor_of(r, shared->refined.count, handle_node(shared, handle), r->factors[handle]);
-    }
+    nested_interpolate(r, slot);
+    if (border->on_face) status = border_face(r, slot, &touched, why);
+    else border_inside(r, slot);
+    if (status != TROCAR_OK) return status;
     interpolate_factors(r, slot);
-    if (border->on_face) update_rows(r, slot, 1.0);
-    for (int i = 0; i < count; i++) add_row(r, slot, handles[i]);
-    add_row(r, slot, slot);
+    if (border->on_face) nested_update_rows(r, slot, 1.0);
+    add_row(r, slot);
+    find_between_contacts(r, slot);
+    r->guest_count = 0;
     return TROCAR_OK;
 }
 
-/* ---- removing ------------------------------------------------------------------------------------------------------ */
+/* ---- removing -------------------------------------------------------------------------------------------------------- */
 
 static void nested_remove(remesher *shared, int slot, int position) {
     nested_remesher *r = (nested_remesher *)shared;
     if (!r->borders[slot].on_face) return; /* the surplus goes with its row */
     nested_move_to_end(r, slot, position);
-    update_rows(r, slot, -1.0);
+    nested_update_rows(r, slot, -1.0);
 }
 
-/* ---- rows ------------------------------------------------------------------------------------------------------------ */
+/* ---- the window ------------------------------------------------------------------------------------------------------ */
 
-static void fill_row(nested_remesher *r, int handle) {
-    remesher *shared = &r->shared;
-    int handles[MAX_HANDLES], count = handles_in_use(shared, handles), added = shared->refined.count;
-    for (int i = 0; i < count; i++) {
-        mat3 block = block_of(r, added, handle_node(shared, handle), handle_node(shared, handles[i]), r->factors[handle], r->factors[handles[i]]);
-        handle_put(shared, handle, handles[i], &block);
-    }
-}
-
-static trocar_status nested_take_nodes(remesher *shared, int count, const int *handles, report *why) {
+static trocar_status nested_take_nodes(remesher *shared, int count, const int *places, report *why) {
     nested_remesher *r = (nested_remesher *)shared;
-    gather_start(shared);
-    for (int i = 0; i < count; i++) gather_row(shared, handle_node(shared, handles[i]));
-    trocar_status status = gather_factors(r, shared->refined.count, why);
-    for (int i = 0; i < count && status == TROCAR_OK; i++)
-        factors_of(r, shared->refined.count, handle_node(shared, handles[i]), r->factors[handles[i]]);
-    for (int i = 0; i < count && status == TROCAR_OK; i++) fill_row(r, handles[i]);
+    int handles[MAX_HANDLES], all = handles_in_use(shared, handles);
+    r->guest_count = 0;
+    trocar_status status = nested_enter(r, count, places, why);
+    column_ranges columns = nested_columns(r, -1);
+    for (int i = 0; i < count && status == TROCAR_OK; i++) {
+        nested_inverse_rows(r, shared->refined.count, places[i], &columns, handle_block(shared, places[i], 0));
+        nested_mirror(shared->handles, SNAPSHOT_LD, places[i], all, handles);
+    }
     return status;
 }
 
-static void nested_release(remesher *shared) { (void)shared; }
+static void nested_release(remesher *shared) {
+    nested_remesher *r = (nested_remesher *)shared;
+    free(r->nominal_memory);
+    free(r->factors_memory);
+}
 
-static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release};
+static const remesh_operations nested = {nested_add, nested_remove, true, nested_take_nodes, NULL, nested_release, true};
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why) {
     nested_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
-    return r ? remesher_init(*created, &nested, inv, why) : fail(why, TROCAR_NO_MEMORY, "no memory");
+    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    trocar_status status = remesher_init(*created, &nested, inv, why);
+    r->nominal = zeros_on_cache_lines(NESTED_LD * sizeof *r->nominal, &r->nominal_memory);
+    r->factors = zeros_on_cache_lines(MAX_CONTACTS * sizeof *r->factors, &r->factors_memory);
+    return status != TROCAR_OK || (r->nominal && r->factors) ? status : fail(why, TROCAR_NO_MEMORY, "no memory");
 }

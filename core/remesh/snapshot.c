@@ -17,8 +17,10 @@ bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], in
 
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other) {
     if (handle < MAX_CONTACTS && other < MAX_CONTACTS) {
-        const mat3 *pair = &snapshot->between_contacts[contact_pair(handle, other)];
-        return handle <= other ? *pair : m3_transposed(pair);
+        const contact_rows *rows = &snapshot->between_contacts[handle < other ? handle : other];
+        mat3 pair;
+        for (int a = 0; a < 9; a++) pair.m[a / 3][a % 3] = rows->at[a / 3][a % 3][handle < other ? other : handle];
+        return handle <= other ? pair : m3_transposed(&pair);
     }
     mat3 block = {{{0}}};
     m3_add_block(&block, 1.0, &snapshot->compliance[3 * handle * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);

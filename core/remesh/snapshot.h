@@ -75,9 +75,12 @@ typedef struct {
     left_loads left;
 } remesh_request;
 
-/* Contacts of two slots in triangular order. What is kept of a pair is between the lower slot and the higher one: as a rule, from base to tip. RT */
-enum { CONTACT_PAIRS = MAX_CONTACTS * (MAX_CONTACTS + 1) / 2 };
-static inline int contact_pair(int i, int j) { return i > j ? i * (i + 1) / 2 + j : j * (j + 1) / 2 + i; }
+/* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i
+   under a force along b at j. As a rule, from base to tip. */
+enum { CONTACT_COLUMNS = MAX_CONTACTS + 4 }; /* and some that are read with them */
+typedef struct {
+    double at[3][3][CONTACT_COLUMNS];
+} contact_rows;
 
 /* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
    handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
@@ -86,7 +89,7 @@ typedef struct {
     uint64_t ids[MAX_CONTACTS]; /* of the contact node in each slot; 0: the slot is free */
     int window[MAX_WINDOW];  /* nominal node, or -1 where the place is free */
     resolved_field resolved[MAX_CONTACTS]; /* what the mesh resolves at each contact node */
-    mat3 between_contacts[CONTACT_PAIRS]; /* m/N, compliance of the nominal mesh there: see contact_pair */
+    contact_rows between_contacts[MAX_CONTACTS]; /* m/N, of the nominal mesh */
     int piece_count;
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */

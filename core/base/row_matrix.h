@@ -1,0 +1,47 @@
+/* 3 x 3 matrices by rows of four numbers, of which the last one means nothing: products in vector registers. */
+#ifndef TROCAR_ROW_MATRIX_H
+#define TROCAR_ROW_MATRIX_H
+
+#include "base/lanes.h"
+#include "base/vec.h"
+
+typedef struct {
+    lanes row[3];
+} row_matrix;
+
+static inline row_matrix rows_of(const mat3 *m) {
+    const double *x = &m->m[0][0];
+    return (row_matrix){{lanes_load(x), lanes_load(x + 3), {x[6], x[7], x[8], 0.0}}};
+}
+
+static inline row_matrix columns_of(const mat3 *m) {
+    return (row_matrix){{{m->m[0][0], m->m[1][0], m->m[2][0], 0.0}, {m->m[0][1], m->m[1][1], m->m[2][1], 0.0}, {m->m[0][2], m->m[1][2], m->m[2][2], 0.0}}};
+}
+
+static inline mat3 matrix_of(row_matrix a) {
+    mat3 m;
+    double *x = &m.m[0][0];
+    lanes_store(x, a.row[0]);
+    lanes_store(x + 3, a.row[1]);
+    for (int i = 0; i < 3; i++) x[6 + i] = a.row[2][i];
+    return m;
+}
+
+static inline row_matrix rm_add(row_matrix a, row_matrix b) { return (row_matrix){{a.row[0] + b.row[0], a.row[1] + b.row[1], a.row[2] + b.row[2]}}; }
+static inline row_matrix rm_subtract(row_matrix a, row_matrix b) { return (row_matrix){{a.row[0] - b.row[0], a.row[1] - b.row[1], a.row[2] - b.row[2]}}; }
+
+/* a b */
+static inline row_matrix rm_multiply(row_matrix a, row_matrix b) {
+    row_matrix c;
+    for (int i = 0; i < 3; i++) c.row[i] = a.row[i][0] * b.row[0] + a.row[i][1] * b.row[1] + a.row[i][2] * b.row[2];
+    return c;
+}
+
+/* a^T b */
+static inline row_matrix rm_multiply_transposed(row_matrix a, row_matrix b) {
+    row_matrix c;
+    for (int i = 0; i < 3; i++) c.row[i] = a.row[0][i] * b.row[0] + a.row[1][i] * b.row[1] + a.row[2][i] * b.row[2];
+    return c;
+}
+
+#endif

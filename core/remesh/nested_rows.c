@@ -1,0 +1,191 @@
+/* Rows of nested addition in bulk. K^-1 and the factors F^T are kept between all places, so that what an addition needs is there in one
+   piece: a row of F_j is a sum of rows of K^-1 and of earlier F_i. Blocks come from the inverse's owner only for nodes that are new. The sum
+   of an entry is the same whether it comes from a row or from a new node's block: what is kept depends on the contact nodes and their order
+   alone, to the bit. */
+#include "remesh/nested.h"
+
+#include <string.h>
+
+#include "base/lanes.h"
+
+enum { GATHERED_LD = 3 * MAX_COLUMNS };
+
+/* ---- places ---------------------------------------------------------------------------------------------------------- */
+
+int nested_place(const nested_remesher *r, int node) {
+    int handle = handle_of_node(&r->shared, node);
+    for (int g = 0; g < r->guest_count && handle < 0; g++)
+        if (r->guests[g] == node) return MAX_HANDLES + g;
+    return handle;
+}
+
+/* The nominal node of a place in the window or of a guest. */
+static int node_at(const nested_remesher *r, int place) {
+    return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->guests[place - MAX_HANDLES];
+}
+
+/* The places in use: contact nodes in order, the window, guests. */
+static int places_in_use(const nested_remesher *r, int places[MAX_PLACES]) {
+    int count = handles_in_use(&r->shared, places);
+    for (int g = 0; g < r->guest_count; g++) places[count++] = MAX_HANDLES + g;
+    return count;
+}
+
+column_ranges nested_columns(const nested_remesher *r, int slot) {
+    column_ranges columns = {.count = 0};
+    int span = refinement_span(&r->shared.refined), last = MAX_WINDOW;
+    while (last > 0 && r->shared.window[last - 1] < 0) last--;
+    column_ranges_add(&columns, 0, 3 * (slot < span ? span : slot + 1));
+    column_ranges_add(&columns, 3 * MAX_CONTACTS, 3 * (MAX_CONTACTS + last));
+    return columns;
+}
+
+column_ranges nested_all_columns(const nested_remesher *r, int slot) {
+    column_ranges columns = nested_columns(r, slot);
+    column_ranges_add(&columns, 3 * MAX_HANDLES, 3 * (MAX_HANDLES + r->guest_count));
+    return columns;
+}
+
+mat3 nested_factor(const nested_remesher *r, int j, int place) {
+    mat3 factor;
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) factor.m[a][b] = r->factors[j][b][3 * place + a];
+    return factor;
+}
+
+void nested_mirror(double *matrix, int ld, int place, int count, const int *places) {
+    const double *rows = matrix + (size_t)(3 * place) * (size_t)ld;
+    for (int i = 0; i < count; i++) {
+        const double *from = rows + 3 * places[i];
+        double *to = matrix + (size_t)(3 * places[i]) * (size_t)ld + 3 * place;
+        if (places[i] == place) continue;
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) to[(size_t)b * (size_t)ld + (size_t)a] = from[(size_t)a * (size_t)ld + (size_t)b];
+    }
+}
+
+/* ---- new nominal nodes ----------------------------------------------------------------------------------------------- */
+
+/* Everything between the new nodes and what they meet: other places, the elements of the contact nodes, and what surpluses couple to. */
+static trocar_status gather(nested_remesher *r, int count, const int *places, report *why) {
+    remesher *shared = &r->shared;
+    gather_start(shared);
+    for (int i = 0; i < count; i++) gather_row(shared, node_at(r, places[i]));
+    for (int k = 0; k < MAX_WINDOW; k++)
+        if (shared->window[k] >= 0) gather_column(shared, shared->window[k]);
+    for (int g = 0; g < r->guest_count; g++) gather_column(shared, r->guests[g]);
+    for (int k = 0; k < shared->refined.count; k++) {
+        int i = shared->refined.order[k];
+        for (int c = 0; c < 4; c++) gather_column(shared, shared->tissue->mesh->tets[shared->refined.nodes[i].tet][c]);
+        for (int p = 0; p < r->borders[i].nominal_count; p++) gather_column(shared, r->borders[i].nominal[p]);
+    }
+    return gather_finish(shared, why);
+}
+
+/* Block of K^-1 between a new node and another one: rows are GATHERED_LD apart. */
+static const double *gathered(const nested_remesher *r, int node, int other) {
+    const gathered_blocks *g = &r->shared.gathered;
+    return g->blocks + (size_t)(3 * g->row_of[node]) * GATHERED_LD + 3 * g->column_of[other];
+}
+
+static void put_nominal(nested_remesher *r, int place, int other, const double *block, int ld) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) r->nominal[3 * place + a][3 * other + b] = r->nominal[3 * other + b][3 * place + a] = block[a * ld + b];
+}
+
+static void enter_nominal(nested_remesher *r, int place) {
+    static const column_ranges block = {1, {{0, LANES}}};
+    int places[MAX_PLACES], count = places_in_use(r, places), node = node_at(r, place);
+    for (int i = 0; i < count; i++) {
+        if (places[i] >= MAX_CONTACTS) {
+            put_nominal(r, place, places[i], gathered(r, node, node_at(r, places[i])), GATHERED_LD);
+            continue;
+        }
+        const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[places[i]].tet];
+        weighted_triple parts[4];
+        double between[3][LANES];
+        for (int c = 0; c < 4; c++) parts[c] = (weighted_triple){gathered(r, node, corners[c]), GATHERED_LD, r->borders[places[i]].weights[c]};
+        rows_interpolate(&block, 4, parts, between[0], LANES);
+        put_nominal(r, place, places[i], between[0], LANES);
+    }
+}
+
+/* sum += a b, with rows of four. */
+static inline void add_product(lanes sum[3], const double *a, int ld, const mat3 *b) {
+    for (int m = 0; m < 3; m++) {
+        lanes row = {b->m[m][0], b->m[m][1], b->m[m][2], 0.0};
+        for (int i = 0; i < 3; i++) sum[i] += lanes_all(a[i * ld + m]) * row;
+    }
+}
+
+/* F_j of a nominal node: the same sum as in rows_add. Zero of surpluses inside elements. */
+static void enter_factors(nested_remesher *r, int place) {
+    const refinement *refined = &r->shared.refined;
+    double factors[MAX_CONTACTS][3 * LANES];
+    int node = node_at(r, place);
+    for (int k = 0; k < refined->count; k++) {
+        int j = refined->order[k];
+        const bordering *border = &r->borders[j];
+        lanes sum[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
+        for (int p = 0; p < border->nominal_count; p++) add_product(sum, gathered(r, node, border->nominal[p]), GATHERED_LD, &border->coupling[p]);
+        for (int before = 0; before < k && border->on_face; before++) {
+            int i = refined->order[before];
+            if (r->borders[i].on_face) add_product(sum, factors[i], LANES, &border->chain[i]);
+        }
+        for (int a = 0; a < 3; a++) {
+            lanes_store(factors[j] + a * LANES, sum[a]);
+            for (int b = 0; b < 3; b++) r->factors[j][b][3 * place + a] = sum[a][b];
+        }
+    }
+}
+
+trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why) {
+    trocar_status status = gather(r, count, places, why);
+    for (int i = 0; i < count && status == TROCAR_OK; i++) {
+        enter_nominal(r, places[i]);
+        enter_factors(r, places[i]);
+    }
+    return status;
+}
+
+/* ---- contact nodes --------------------------------------------------------------------------------------------------- */
+
+void nested_interpolate(nested_remesher *r, int slot) {
+    const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
+    const double *weights = r->borders[slot].weights;
+    int places[MAX_PLACES], all = places_in_use(r, places), count = 0;
+    column_ranges columns = nested_all_columns(r, slot), own = {.count = 0};
+    weighted_triple parts[4];
+    for (int c = 0; c < 4; c++)
+        if (weights[c] != 0.0) parts[count++] = (weighted_triple){r->nominal[3 * nested_place(r, corners[c])], NESTED_LD, weights[c]};
+    rows_interpolate(&columns, count, parts, r->nominal[3 * slot], NESTED_LD);
+    nested_mirror(r->nominal[0], NESTED_LD, slot, all, places);
+    column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
+    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* whose columns are there now */
+}
+
+/* ---- the inverse ----------------------------------------------------------------------------------------------------- */
+
+void nested_inverse_rows(const nested_remesher *r, int count, int place, const column_ranges *columns, double *rows) {
+    row_triple parts[MAX_CONTACTS];
+    int faces = 0;
+    for (int k = 0; k < count; k++) {
+        int j = r->shared.refined.order[k];
+        if (!r->borders[j].on_face) continue; /* zero at nominal nodes */
+        mat3 factor = nested_factor(r, j, place);
+        parts[faces++] = (row_triple){r->factors[j][0], NESTED_LD, m3_multiply(&factor, &r->borders[j].surplus)};
+    }
+    rows_copy(columns, r->nominal[3 * place], NESTED_LD, rows, SNAPSHOT_LD);
+    rows_add(columns, faces, parts, rows, SNAPSHOT_LD);
+}
+
+void nested_update_rows(nested_remesher *r, int slot, double sign) {
+    int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles);
+    column_ranges columns = nested_columns(r, -1);
+    mat3 surplus = m3_scaled(sign, r->borders[slot].surplus);
+    for (int i = 0; i < count; i++) {
+        mat3 factor = nested_factor(r, slot, handles[i]);
+        row_triple gained = {r->factors[slot][0], NESTED_LD, m3_multiply(&factor, &surplus)};
+        rows_add(&columns, 1, &gained, handle_block(&r->shared, handles[i], 0), SNAPSHOT_LD);
+    }
+}

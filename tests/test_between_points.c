@@ -1,0 +1,161 @@
+/* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
+#include "bending.h"
+#include "insertion/between_points.h"
+#include "insertion/guides.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+
+#include <cmocka.h>
+
+enum { SEGMENTS = 40 };
+
+static needle_model needle;
+static insertion_model model = {.needle = &needle};
+static needle_state shape;
+static insertion_workspace w;
+static compliance_snapshot snapshot;
+static needle_tangent whole;      /* compliance between all joints */
+static const double MOUNT = 2e-4; /* m/N */
+
+static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
+
+static mat3 draw_block(void) {
+    mat3 m;
+    for (int a = 0; a < 9; a++) m.m[a / 3][a % 3] = 1e-3 * draw();
+    return m;
+}
+
+/* A bent and loaded needle. */
+static int create(void **unused) {
+    (void)unused;
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
+    needle = needle_made(NEEDLE_ROD, SEGMENTS);
+    needle_rest(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
+    load[SEGMENTS] = v3(0.1, 0.25, -0.1);
+    load[22] = v3(-0.2, 0.2, 0.3);
+    for (int i = 0; i < 6; i++) {
+        needle_linearise(&needle, &shape, load, 0, &whole);
+        needle_advance(&needle, &whole, load, &shape);
+    }
+    needle_linearise(&needle, &shape, load, 0, &whole);
+    w.tangent = whole;
+    srand(1);
+    for (int i = 0; i < MAX_CONTACTS; i++)
+        for (int j = i; j < MAX_CONTACTS; j++)
+            for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a / 3][a % 3][j] = 1e-3 * draw();
+    for (int i = 0; i < MAX_CONTACTS; i++) /* between a point and itself: symmetric */
+        for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a % 3][a / 3][i] = snapshot.between_contacts[i].at[a / 3][a % 3][i];
+    return 0;
+}
+
+static mat3 tissue_between(int i, int j) {
+    if (w.points[i].kind == POINT_TIP) return w.tip_row[j];
+    if (w.points[j].kind == POINT_TIP) return m3_transposed(&w.tip_row[i]);
+    if (i < w.guided || j < w.guided) return (mat3){{{0}}};
+    return m3_scaled(w.creep.yield, compliance_between(&snapshot, w.points[i].handle, w.points[j].handle));
+}
+
+/* N between joints: of the two triangles, the one that is there. */
+static double between_joints(int row, int column) { return row / 3 <= column / 3 ? whole.compliance[row][column] : whole.compliance[column][row]; }
+
+static mat3 expected(int i, int j) {
+    const needle_point *p = &w.points[i].at, *q = &w.points[j].at;
+    mat3 sum = tissue_between(i, j), turned;
+    if (guides_is_open(&w, i) || guides_is_open(&w, j)) return (mat3){{{0}}};
+    for (int a = 0; a < 9; a++) {
+        sum.m[a / 3][a % 3] += a % 4 == 0 ? MOUNT : 0.0;
+        for (int k = 0; k < 9; k++) sum.m[a / 3][a % 3] += p->weights[k / 3] * q->weights[k % 3] * between_joints(3 * (p->first + k / 3) + a / 3, 3 * (q->first + k % 3) + a % 3);
+    }
+    mat3 transposed = m3_transposed(&p->frame);
+    turned = m3_multiply(&sum, &q->frame);
+    return m3_multiply(&transposed, &turned);
+}
+
+/* Points from base to tip, 3 mm apart. */
+static void set_points(int guided, int contacts, bool tip) {
+    w.guided = guided;
+    w.tip = tip;
+    w.point_count = guided + contacts + tip;
+    w.creep.yield = 0.9;
+    for (int i = 0; i < w.point_count; i++) {
+        bool last = tip && i == w.point_count - 1;
+        w.points[i].kind = i < guided ? POINT_GUIDE : last ? POINT_TIP : POINT_TISSUE;
+        w.points[i].handle = last ? NO_HANDLE : i - guided;
+        w.points[i].at = needle_at(&needle, &shape, needle.given.length - 3e-3 * (w.point_count - 1 - i));
+        w.edges[i % MAX_GUIDE_POINTS].touched = i % 2;
+        w.tip_row[i] = draw_block();
+    }
+    mat3 *own = &w.tip_row[w.point_count - 1], other = m3_transposed(own);
+    m3_add_scaled(own, 1.0, &other);
+}
+
+static void check_blocks(void) {
+    contact_problem *p = &w.problem;
+    tick_context tick = {.model = &model, .snapshot = &snapshot, .scratch = &w, .base = {.compliance = MOUNT}};
+    p->count = w.point_count;
+    int columns = 3 * p->count;
+    for (int i = 0; i < columns; i++)
+        for (int j = 0; j < columns; j++) p->compliance[i][j] = NAN;
+    assemble_between_points(&tick);
+    for (int i = 0; i < p->count; i++)
+        for (int j = i; j < p->count; j++) {
+            mat3 block = expected(i, j);
+            for (int a = 0; a < 9; a++) {
+                int row = unknown(p->count, i, a / 3), column = unknown(p->count, j, a % 3);
+                double found = row <= column ? p->compliance[row][column] : p->compliance[column][row];
+                assert_true(fabs(found - block.m[a / 3][a % 3]) < 1e-13);
+            }
+        }
+}
+
+static void blocks_follow_the_formula(void **unused) {
+    (void)unused;
+    for (int contacts = 0; contacts <= 40; contacts += contacts < 8 ? 1 : 13)
+        for (int tip = contacts == 0; tip < 2; tip++) {
+            set_points(0, contacts, tip);
+            check_blocks();
+        }
+}
+
+static void slots_may_be_in_any_order(void **unused) {
+    (void)unused;
+    set_points(0, 21, true);
+    for (int i = 0; i < 21; i++) w.points[i].handle = 8 * i % 21;
+    check_blocks();
+    set_points(0, 21, true);
+    for (int i = 5; i < 21; i++) w.points[i].handle += 4; /* a gap */
+    check_blocks();
+}
+
+/* A contact that was dragged to the base, past the others. */
+static void points_may_be_in_any_order(void **unused) {
+    (void)unused;
+    set_points(0, 14, true);
+    w.points[1].at = needle_at(&needle, &shape, 0.0);
+    w.points[9].at = needle_at(&needle, &shape, 0.1);
+    check_blocks();
+}
+
+/* Points at guides come first in the list, wherever they are; open ones are coupled with nothing. */
+static void guides_are_coupled_where_they_touch(void **unused) {
+    (void)unused;
+    for (int contacts = 0; contacts < 12; contacts += 3) {
+        set_points(4, contacts, contacts > 0);
+        check_blocks();
+        w.points[3].at = needle_at(&needle, &shape, 0.19); /* among the contacts */
+        check_blocks();
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(blocks_follow_the_formula),
+        cmocka_unit_test(slots_may_be_in_any_order),
+        cmocka_unit_test(points_may_be_in_any_order),
+        cmocka_unit_test(guides_are_coupled_where_they_touch),
+    };
+    return cmocka_run_group_tests(tests, create, NULL);
+}

@@ -209,7 +209,20 @@ typedef struct {
     double *load;            /* of the region, 3 region_count */
     double *product;         /* scratch: 3 region_count x PANEL_WIDTH */
     double energy;           /* |L^-1 load|^2 = load^T K^-1 load */
+    inverse_progress progress;
+    double done;             /* operations */
+    int shown;               /* per cent */
 } elimination;
+
+static void show(inverse_progress progress, double fraction) {
+    if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
+}
+
+/* What was done in fronts before this one, and `here` in this one. */
+static void show_done(elimination *e, double here) {
+    int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
+    if (percent > e->shown && percent < 100) show(e->progress, 0.01 * (e->shown = percent));
+}
 
 static void front_free(front *f) {
     if (!f) return;
@@ -319,6 +332,7 @@ static trocar_status eliminate_front(elimination *e, int number) {
     if (!f) return TROCAR_NO_MEMORY;
     for (int row = 0; row < size.count; row++) e->local[size.rows[row]] = row;
     int first_child = e->plan->first_child[number];
+    double operations = operations_of(&size);
     take_loads(e, f, first_child);
     for (int j = 0; j < f->matrix.count; j++) {
         panel *p = &f->matrix.panels[j];
@@ -326,6 +340,7 @@ static trocar_status eliminate_front(elimination *e, int number) {
         if (j < f->pivot_panels) add_stiffness(e, f, p);
         for (int c = first_child; c >= 0; c = e->plan->next[c]) add_child(e, e->fronts[c], p);
         if (!panels_eliminate(&f->matrix, j, f->pivot_panels)) return TROCAR_BAD_INPUT;
+        show_done(e, operations * (j + 1) / (f->matrix.count + 1));
     }
     for (int c = first_child; c >= 0; c = e->plan->next[c]) {
         front_free(e->fronts[c]);
@@ -334,6 +349,8 @@ static trocar_status eliminate_front(elimination *e, int number) {
     subtract_from_region(e, f);
     pass_load(e, f);
     for (int k = 0; k < f->pivot_panels; k++) panel_release(&f->matrix.panels[k]);
+    e->done += operations;
+    show_done(e, 0.0);
     return TROCAR_OK;
 }
 
@@ -379,29 +396,19 @@ static bool begin(elimination *e) {
     return e->fronts && e->local && e->load && e->product && (e->k = reorder(s)) && begin_corner(e);
 }
 
-static void show(inverse_progress progress, double fraction) {
-    if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
-}
-
-static trocar_status eliminate_all(elimination *e, inverse_progress progress) {
+static trocar_status eliminate_all(elimination *e) {
     const substructure *s = e->plan;
     trocar_status status = TROCAR_OK;
-    double done = 0.0;
-    int shown = 0;
-    for (int i = 0; i < (int)s->symbolic->nsuper && status == TROCAR_OK; i++) {
-        status = eliminate_front(e, s->sequence[i]);
-        extent size = extent_of(s, s->sequence[i]);
-        done += operations_of(&size);
-        int percent = (int)(100.0 * done / s->operations);
-        if (percent > shown) show(progress, 0.01 * (shown = percent));
-    }
+    for (int i = 0; i < (int)s->symbolic->nsuper && status == TROCAR_OK; i++) status = eliminate_front(e, s->sequence[i]);
     cholmod_free_sparse(&e->k, &s->tissue->common);
-    for (int j = 0; j < e->corner->count && status == TROCAR_OK; j++)
+    for (int j = 0; j < e->corner->count && status == TROCAR_OK; j++) {
         if (!panels_eliminate(e->corner, j, e->corner->count)) status = TROCAR_BAD_INPUT;
+        show_done(e, (s->operations - e->done) * (j + 1) / e->corner->count);
+    }
     if (status != TROCAR_OK) return status;
     panels_forward(e->corner, e->corner->count, e->load);
     e->energy += pow(cblas_dnrm2(3 * s->region_count, e->load, 1), 2);
-    show(progress, 1.0);
+    show(e->progress, 1.0);
     return TROCAR_OK;
 }
 
@@ -413,10 +420,10 @@ static double least_stiffness(const elimination *e) {
 }
 
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why) {
-    elimination e = {.plan = s, .corner = corner};
+    elimination e = {.plan = s, .corner = corner, .progress = progress};
     *corner = (panels){0};
     show(progress, 0.0);
-    trocar_status status = begin(&e) ? eliminate_all(&e, progress) : TROCAR_NO_MEMORY;
+    trocar_status status = begin(&e) ? eliminate_all(&e) : TROCAR_NO_MEMORY;
     if (status == TROCAR_OK && !(least_stiffness(&e) >= LOOSE_BODY)) status = TROCAR_BAD_INPUT;
     for (size_t i = 0; e.fronts && i < s->symbolic->nsuper; i++) front_free(e.fronts[i]);
     cholmod_free_sparse(&e.k, &s->tissue->common);

@@ -71,7 +71,8 @@ static trocar_status check_memory(const tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     double needed = t->factor ? sizeof(double) * (double)t->factor->xsize : INFINITY, available = memory_available();
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
-        return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s", t->dof_count, remedy);
+        return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s",
+                    t->dof_count, remedy);
     if (needed <= available) return TROCAR_OK;
     return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) takes %.3g GB of memory, and %.3g GB are available: %s",
                 t->dof_count, 1e-9 * needed, 1e-9 * available, remedy);

@@ -7,6 +7,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "condense.h"
 #include "exchange.h"
 #include "io.h"
 #include "lcm_filter.h"
@@ -15,7 +16,7 @@
 
 const char *argp_program_version = "trocar-server " TROCAR_VERSION;
 
-enum { KEY_ALLOW_NON_RT = 256, KEY_PREPARE };
+enum { KEY_ALLOW_NON_RT = 256, KEY_PREPARE, KEY_CONDENSE };
 
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
@@ -24,17 +25,25 @@ static const struct argp_option options[] = {
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
     {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is kept: gigabytes of memory on a "
      "large mesh, for faster pictures of the tissue and contacts outside the region of interest without a wait", 0},
+    {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, keep it in its cache for later starts, and end", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},
 };
 
+typedef struct {
+    server_options options;
+    bool condense;           /* in place of serving */
+} arguments;
+
 static error_t parse(int key, char *value, struct argp_state *state) {
-    server_options *chosen = state->input;
+    arguments *given = state->input;
+    server_options *chosen = &given->options;
     char *end;
     switch (key) {
     case 's': chosen->scene_path = value; return 0;
     case 'l': chosen->lcm_url = value; return 0;
     case KEY_PREPARE: chosen->prepare = true; return 0;
+    case KEY_CONDENSE: given->condense = true; return 0;
     case 'v': chosen->verbose = true; return 0;
     case KEY_ALLOW_NON_RT: chosen->allow_non_rt = true; return 0;
     case 'r':
@@ -94,15 +103,19 @@ static void restrict_packets(void) {
 int main(int argc, char **argv) {
     static const struct argp description = {
         options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
-    server_options chosen = {0};
-    argp_err_exit_status = 2;
-    argp_parse(&description, argc, argv, 0, NULL, &chosen);
-
+    arguments given = {0};
     report why;
+    argp_err_exit_status = 2;
+    argp_parse(&description, argc, argv, 0, NULL, &given);
+    if (given.condense) {
+        trocar_status made = condense_scene(given.options.scene_path, stdout, &why);
+        return made == TROCAR_OK ? 0 : complain(made, &why);
+    }
+
     server *s;
     int signals = stop_signals();
     restrict_packets();
-    trocar_status status = server_create(&chosen, &s, &why);
+    trocar_status status = server_create(&given.options, &s, &why);
     if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);
     status = server_run(s, signals, say_ready, &why);

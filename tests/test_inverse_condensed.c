@@ -21,6 +21,19 @@ static cube body;
 static double dense[N * N], largest;
 static int all[CUBE_NODES], region[REGION]; /* some are fixed */
 
+static double memory_left = 1e12; /* bytes */
+double __wrap_memory_available(void);
+double __wrap_memory_available(void) { return memory_left; }
+
+static int progress_calls;
+static double progress_last;
+static void note_progress(const char *what, double fraction, void *context) {
+    (void)context;
+    (void)what;
+    progress_calls++;
+    progress_last = fraction;
+}
+
 static int create(void **state) {
     (void)state;
     report why;
@@ -297,6 +310,30 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
+/* Before anything is eliminated; the message has both numbers, the remedy, and where a file from elsewhere would go. The same for the whole factor. */
+static void too_little_memory_is_reported_beforehand(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report notice, why;
+    condensed_region wanted = {.count = REGION, .nodes = region, .directory = directory, .progress = {note_progress, NULL}};
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    memory_left = 1e5;
+    progress_calls = 0;
+    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_NO_MEMORY);
+    assert_null(inv);
+    assert_int_equal(progress_calls, 0);
+    assert_non_null(strstr(why.text, "0.0001 GB are available"));
+    assert_non_null(strstr(why.text, "region_of_interest"));
+    assert_non_null(strstr(why.text, condensed_cache_find(directory, &t, REGION, region, false).path));
+    assert_int_equal(tissue_factor(&t, REGION, region, &why), TROCAR_NO_MEMORY);
+    assert_non_null(strstr(why.text, "0.0001 GB are available"));
+    assert_null(t.factor);
+    memory_left = 1e9;
+    assert_int_equal(tissue_factor(&t, REGION, region, &why), TROCAR_OK);
+    tissue_free(&t);
+}
+
 static void fully_fixed_region_is_refused(void **state) {
     (void)state;
     tissue t;
@@ -306,15 +343,6 @@ static void fully_fixed_region_is_refused(void **state) {
     assert_int_equal(inverse_create_condensed(&t, &(condensed_region){.count = 3, .nodes = all, .directory = directory}, &inv, &notice, &why), TROCAR_BAD_INPUT);
     assert_null(inv);
     tissue_free(&t);
-}
-
-static int progress_calls;
-static double progress_last;
-static void note_progress(const char *what, double fraction, void *context) {
-    (void)context;
-    (void)what;
-    progress_calls++;
-    progress_last = fraction;
 }
 
 static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state) {
@@ -343,6 +371,7 @@ int main(void) {
         cmocka_unit_test(factorisation_can_be_prepared),
         cmocka_unit_test(damaged_file_is_detected_and_replaced),
         cmocka_unit_test(different_tissues_use_different_files),
+        cmocka_unit_test(too_little_memory_is_reported_beforehand),
         cmocka_unit_test(fully_fixed_region_is_refused),
         cmocka_unit_test(progress_is_reported_and_unwritable_cache_is_tolerated),
     };

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <threads.h>
 
+#include "base/memory.h"
 #include "insertion/local_compliance.h"
 #include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
@@ -159,24 +160,13 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* Memory of this machine, bytes; 8 GB where the system does not say. Not what is free just now: the same scene shall have the
-   same owner each time, for the owners' results differ by rounding. */
-static double machine_memory(void) {
-    double kilobytes = 8e6;
-    char line[128];
-    FILE *file = fopen("/proc/meminfo", "r");
-    while (file && fgets(line, sizeof line, file) && sscanf(line, "MemTotal: %lf", &kilobytes) != 1) continue;
-    if (file) fclose(file);
-    return 1024.0 * kilobytes;
-}
-
 static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
     const char *dense_method = remesh_needs_dense(config->remeshing) ? remesh_name(config->remeshing) : NULL;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .dense_method = dense_method, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
-                           .memory = machine_memory()};
+                           .memory = memory_total()}; /* not what is free just now: the same scene shall have the same owner each time */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
         trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count),

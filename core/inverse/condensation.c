@@ -6,99 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 576 };        /* columns of a panel, whole blocks of 3 */
-
-/* A lower triangular matrix in panels: columns [first, first + width), from the diagonal down. Zero above the diagonal. */
-typedef struct {
-    int first, width, rows;
-    void *values;            /* rows x width, column-major; double, or float once it was made single */
-} panel;
-
-typedef struct {
-    int count;
-    panel *panels;
-} triangle;
-
-static void triangle_free(triangle *t) {
-    for (int k = 0; k < t->count; k++) free(t->panels[k].values);
-    free(t->panels);
-}
-
-static bool triangle_create(triangle *t, int n) {
-    *t = (triangle){.count = (n + WIDTH - 1) / WIDTH};
-    t->panels = calloc((size_t)t->count, sizeof *t->panels);
-    bool created = t->panels != NULL;
-    if (!created) t->count = 0;
-    for (int k = 0; k < t->count && created; k++) {
-        int first = k * WIDTH, rows = n - first, width = rows < WIDTH ? rows : WIDTH;
-        t->panels[k] = (panel){first, width, rows, calloc((size_t)rows * (size_t)width, sizeof(double))};
-        created = t->panels[k].values != NULL;
-    }
-    return created;
-}
-
-/* ---- from the factor -------------------------------------------------------------------------------------------------- */
-
-static int by_column(const void *a, const void *b) {
-    const int *p = a, *q = b;
-    return p[0] - q[0];
-}
-
-/* The region's free nodes, sorted by their position in the factor. */
-static bool order_nodes(const tissue *t, const condensed_region *region, int *nodes) {
-    int (*ranked)[2] = malloc((size_t)(region->count + 1) * sizeof *ranked), found = 0;
-    for (int i = 0; i < region->count && ranked; i++)
-        if (t->dof[region->nodes[i]] >= 0) {
-            ranked[found][0] = t->column[t->dof[region->nodes[i]] / 3];
-            ranked[found++][1] = region->nodes[i];
-        }
-    if (ranked) qsort(ranked, (size_t)found, sizeof *ranked, by_column);
-    for (int i = 0; i < found; i++) nodes[i] = ranked[i][1];
-    free(ranked);
-    return ranked != NULL;
-}
-
-/* Keeps only the supernodes with columns of the region (index >= 0), and gives the memory of the others back. */
-static void keep_region(tissue *t, const int *index) {
-    cholmod_factor *f = t->factor;
-    const int *super = f->super, *pi = f->pi;
-    int *px = f->px, kept = 0;
-    double *x = f->x;
-    for (int s = 0; s < (int)f->nsuper; s++) {
-        int width = super[s + 1] - super[s], size = (pi[s + 1] - pi[s]) * width, inside = 0;
-        for (int column = super[s]; column < super[s + 1]; column++) inside += index[column] >= 0;
-        if (inside == 0) continue;
-        memmove(x + kept, x + px[s], (size_t)size * sizeof *x);
-        px[s] = kept;
-        kept += size;
-    }
-    f->x = cholmod_realloc((size_t)kept, sizeof *x, x, &f->xsize, &t->common);
-}
-
-/* L_RR. The region is eliminated last, so that its columns of L have no other rows, and K^-1_RR = (L_RR L_RR^T)^-1. The factor
-   is of no use afterwards. */
-static bool take_corner(tissue *t, int count, const int *nodes, triangle *corner) {
-    cholmod_factor *f = t->factor;
-    const int *super = f->super, *pi = f->pi, *px = f->px, *rows = f->s;
-    int *index = malloc((size_t)t->dof_count * sizeof *index);
-    if (!index) return false;
-    for (int i = 0; i < t->dof_count; i++) index[i] = -1;
-    for (int i = 0; i < count; i++)
-        for (int a = 0; a < 3; a++) index[t->column[t->dof[nodes[i]] / 3] + a] = 3 * i + a;
-    keep_region(t, index);
-    bool created = triangle_create(corner, 3 * count);
-    for (int s = 0; s < (int)f->nsuper && created; s++)
-        for (int column = super[s]; column < super[s + 1]; column++) {
-            if (index[column] < 0) continue;
-            int row_count = pi[s + 1] - pi[s], skipped = column - super[s];
-            const double *values = (const double *)f->x + px[s] + (size_t)skipped * (size_t)row_count;
-            panel *p = &corner->panels[index[column] / WIDTH];
-            double *into = (double *)p->values + (size_t)(index[column] - p->first) * (size_t)p->rows;
-            for (int r = skipped; r < row_count; r++) into[index[rows[pi[s] + r]] - p->first] = values[r];
-        }
-    free(index);
-    return created;
-}
+#include "base/memory.h"
+#include "inverse/substructure.h"
 
 /* ---- inversion -------------------------------------------------------------------------------------------------------- */
 
@@ -139,10 +48,10 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
 
 /* Replaces L by T = L^-1, from the last panel to the first. With the corner L_JJ of panel J and the rows L_BJ below it:
    T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ. */
-static trocar_status invert_triangle(triangle *l, bool single, inverse_progress progress) {
+static trocar_status invert_triangle(panels *l, bool single, inverse_progress progress) {
     int n = l->panels[0].rows;
     size_t number = single ? sizeof(float) : sizeof(double);
-    char *product = malloc((size_t)n * WIDTH * number);
+    char *product = malloc((size_t)n * PANEL_WIDTH * number);
     trocar_status status = product ? TROCAR_OK : TROCAR_NO_MEMORY;
     for (int j = l->count - 1; j >= 0 && status == TROCAR_OK; j--) {
         panel *p = &l->panels[j];
@@ -172,22 +81,22 @@ static bool is_positive(const double block[9]) {
 }
 
 /* K^-1 = T^T T. Its diagonal shows an overflow, or an underflow, in single precision. */
-static trocar_status multiply_triangle(const triangle *t, symmetric_blocks *inverse, inverse_progress progress) {
+static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, inverse_progress progress) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
-    void *tile = malloc((size_t)WIDTH * WIDTH * number);
+    void *tile = malloc((size_t)PANEL_WIDTH * PANEL_WIDTH * number);
     trocar_status status = tile ? TROCAR_OK : TROCAR_NO_MEMORY;
     for (int i = 0; i < t->count && status == TROCAR_OK; i++)
         for (int j = 0; j <= i; j++) {
             const panel *p = &t->panels[i], *q = &t->panels[j];
             multiply(inverse->single, &(product_of){p->width, q->width, p->rows, CblasTrans, 1.0, 0.0}, p->values, p->rows,
-                     (const char *)q->values + (size_t)(p->first - q->first) * number, q->rows, tile, WIDTH);
+                     (const char *)q->values + (size_t)(p->first - q->first) * number, q->rows, tile, PANEL_WIDTH);
             for (int r = 0; r < p->width; r += 3)
                 for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
                     double block[9];
                     bool diagonal = q->first + c == p->first + r;
                     for (int k = 0; k < 9; k++) {
                         int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
-                        int at = (c + (swapped ? row : column)) * WIDTH + r + (swapped ? column : row);
+                        int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
                         block[k] = inverse->single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
                     }
                     if (diagonal && !is_positive(block)) status = TROCAR_BAD_INPUT;
@@ -204,18 +113,36 @@ static trocar_status multiply_triangle(const triangle *t, symmetric_blocks *inve
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
+/* Predicted before the elimination begins, because a system that runs out of memory may end the process without a word. */
+static trocar_status check_memory(const substructure *plan, bool single, report *why) {
+    double needed = single ? plan->bytes : fmax(plan->bytes, condensation_bytes(plan->region_count)), available = memory_available();
+    if (needed <= available) return TROCAR_OK;
+    return fail(why, TROCAR_NO_MEMORY, "condensing the inverse of %d nodes to a region of %d takes %.3g GB of memory, and %.3g GB are available: choose a "
+                "smaller region_of_interest, or a machine with more memory", plan->nodes, plan->region_count, 1e-9 * needed, 1e-9 * available);
+}
+
+/* L_RR, in double precision. */
+static trocar_status find_corner(tissue *t, const condensed_region *region, int *nodes, panels *corner, report *why) {
+    substructure plan;
+    trocar_status status = tissue_stiffness(t, why);
+    if (status == TROCAR_OK) status = substructure_plan(t, region->count, region->nodes, nodes, &plan, why);
+    if (status != TROCAR_OK) return status;
+    status = check_memory(&plan, region->single, why);
+    if (status == TROCAR_OK) status = substructure_eliminate(&plan, corner, region->progress, why);
+    substructure_free(&plan);
+    return status;
+}
+
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
     inverse_progress progress = region->progress;
-    triangle corner = {0};
-    trocar_status status = inverse_factor(t, region->count, region->nodes, progress, why);
+    panels corner;
+    trocar_status status = find_corner(t, region, nodes, &corner, why);
     if (status != TROCAR_OK) return status;
-    bool taken = order_nodes(t, region, nodes) && take_corner(t, inverse->count, nodes, &corner);
-    cholmod_free_factor(&t->factor, &t->common);
-    for (int k = 0; k < corner.count && inverse->single && taken; k++) make_single(&corner.panels[k]);
-    status = taken ? invert_triangle(&corner, inverse->single, progress) : TROCAR_NO_MEMORY;
+    for (int k = 0; k < corner.count && inverse->single; k++) make_single(&corner.panels[k]);
+    status = invert_triangle(&corner, inverse->single, progress);
     if (status == TROCAR_OK && !(inverse->numbers = malloc(symmetric_blocks_bytes(inverse->count, inverse->single)))) status = TROCAR_NO_MEMORY;
     if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, progress);
-    triangle_free(&corner);
+    panels_free(&corner);
     if (status == TROCAR_NO_MEMORY)
         return fail(why, status, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller region_of_interest",
                     1e-9 * (double)symmetric_blocks_bytes(inverse->count, inverse->single), inverse->count);

@@ -1,17 +1,17 @@
-/* The inverse between the nodes of a region, K^-1_RR, from the factor of the whole matrix (condensation, Bro-Nielsen 1998). */
+/* The inverse between the nodes of a region, K^-1_RR (condensation, Bro-Nielsen 1998), from the factor of the region's stiffness once all other
+   nodes are eliminated. */
 #ifndef TROCAR_CONDENSATION_H
 #define TROCAR_CONDENSATION_H
 
 #include "inverse/inverse.h"
 #include "inverse/symmetric_blocks.h"
 
-/* The region's part of the factor and the triangle in double precision to which it is copied, 36 count^2 bytes each; or the triangle and the
-   inverse, if that is in double precision. */
+/* The factor in double precision, 36 count^2 bytes, and the inverse, if that is in double precision, too. */
 double condensation_bytes(int count);
 
-/* Factorises K, with the region's nodes last, and writes its inverse between nodes[inverse->count], the region's free ones; they are
-   sorted by their place in the factor first. The factor is gone afterwards. Uses as many threads as BLAS does. Needs the memory of the whole
-   factor, then condensation_bytes. Same errors as tissue_factor; BAD_INPUT also when the inverse over- or underflows. */
+/* Writes the inverse between nodes[inverse->count], the region's free ones, which are sorted first. K is assembled if need be. Uses as many
+   threads as BLAS does. NO_MEMORY, said before the elimination begins, if that needs more than is available; BAD_INPUT as of tissue_factor, and
+   when the inverse over- or underflows. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why);
 
 #endif

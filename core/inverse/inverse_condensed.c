@@ -144,6 +144,10 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     c->mapping = (file_mapping){0};
     c->matrix.numbers = NULL;
     trocar_status status = condense(c->shared.tissue, region, c->nodes, &c->matrix, why);
+    if (status == TROCAR_NO_MEMORY) {
+        size_t used = strlen(why->text);
+        snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
+    }
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);

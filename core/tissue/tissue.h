@@ -57,6 +57,10 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
    small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
+/* Ratio of the smallest to the largest eigenvalue of K below which the body counts as loose, and what is said then (BAD_INPUT). */
+static const double LOOSE_BODY = 1e-13;
+trocar_status tissue_loose(report *why);
+
 /* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);

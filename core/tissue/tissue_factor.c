@@ -1,40 +1,21 @@
 /* The Cholesky factor of K: elimination order, factorisation, and the check that the body is constrained. */
 #include <cblas.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "tissue/tissue.h"
+#include "base/memory.h"
+#include "tissue/node_order.h"
 
 /* ---- elimination order ---- */
 
-/* Sparsity pattern of K by nodes: the three dofs of a node have the same neighbours. */
-static cholmod_sparse *node_graph(tissue *t) {
-    const int *start = t->stiffness->p, *row = t->stiffness->i;
-    size_t nodes = (size_t)t->dof_count / 3;
-    cholmod_triplet *pairs = cholmod_allocate_triplet(nodes, nodes, cholmod_nnz(t->stiffness, &t->common) / 3 + 1, -1, CHOLMOD_PATTERN, &t->common);
-    if (!pairs) return NULL;
-    for (int j = 0; j < (int)nodes; j++)
-        for (int k = start[3 * j]; k < start[3 * j + 1]; k++) {
-            if (row[k] % 3 != 0) continue;
-            ((int *)pairs->i)[pairs->nnz] = row[k] / 3;
-            ((int *)pairs->j)[pairs->nnz++] = j;
-        }
-    cholmod_sparse *graph = cholmod_triplet_to_sparse(pairs, 0, &t->common);
-    cholmod_free_triplet(&pairs, &t->common);
-    return graph;
-}
-
-/* Nested dissection of the nodes; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators of the
-   mesh still separate the remaining nodes. */
 static bool order_dofs(tissue *t, const bool *last, int *order) {
-    int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
-    cholmod_sparse *graph = scratch ? node_graph(t) : NULL;
-    bool done = graph && cholmod_nested_dissection(graph, NULL, 0, scratch, scratch + nodes, scratch + 2 * nodes, &t->common) >= 0;
-    for (int pass = 0; done && pass < 2; pass++)
-        for (int i = 0; i < nodes; i++)
-            for (int a = 0; a < 3 && last[scratch[i]] == (pass == 1); a++) order[filled++] = 3 * scratch[i] + a;
+    int nodes = t->dof_count / 3, *by_node = malloc((size_t)nodes * sizeof *by_node);
+    cholmod_sparse *graph = by_node ? node_graph(t) : NULL;
+    bool done = graph && node_order(t, graph, last, by_node);
+    for (int i = 0; i < t->dof_count && done; i++) order[i] = 3 * by_node[i / 3] + i % 3;
     cholmod_free_sparse(&graph, &t->common);
-    free(scratch);
+    free(by_node);
     return done;
 }
 
@@ -80,8 +61,24 @@ static double least_stiffness(tissue *t) {
     return quotient;
 }
 
+trocar_status tissue_loose(report *why) {
+    return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not constrain the whole body: name a surface or region "
+                "under `fixed` that every part of the mesh is connected to");
+}
+
+/* Predicted, because a system that runs out of memory may end the process without a word. */
+static trocar_status check_memory(const tissue *t, report *why) {
+    static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
+    double needed = t->factor ? sizeof(double) * (double)t->factor->xsize : INFINITY, available = memory_available();
+    if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
+        return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s",
+                    t->dof_count, remedy);
+    if (needed <= available) return TROCAR_OK;
+    return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) takes %.3g GB of memory, and %.3g GB are available: %s",
+                t->dof_count, 1e-9 * needed, 1e-9 * available, remedy);
+}
+
 static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
-    static const double LOOSE = 1e-13;
     bool *last = calloc((size_t)t->dof_count / 3, sizeof *last);
     for (int i = 0; last && i < count; i++)
         if (t->dof[nodes[i]] >= 0) last[t->dof[nodes[i]] / 3] = true;
@@ -89,16 +86,18 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
         memcpy(t->common.zrelax, LEAST_FULL, sizeof LEAST_FULL);
     }
-    bool factored = last && analyse(t, last) && cholmod_factorize(t->stiffness, t->factor, &t->common);
+    bool analysed = last && analyse(t, last);
     free(last);
+    if (analysed || t->common.status == CHOLMOD_TOO_LARGE) {
+        trocar_status status = check_memory(t, why);
+        if (status != TROCAR_OK) return status;
+    }
+    bool factored = analysed && cholmod_factorize(t->stiffness, t->factor, &t->common);
     bool definite = factored && t->common.status != CHOLMOD_NOT_POSDEF;
     double least = definite ? least_stiffness(t) : 0.0;
     if (!factored || least < 0.0)
         return fail(why, TROCAR_NO_MEMORY, "no memory to factor the stiffness matrix (%d unknowns)", t->dof_count);
-    if (!(least >= LOOSE))
-        return fail(why, TROCAR_BAD_INPUT, "the fixed nodes do not constrain the whole body: name a surface or region "
-                    "under `fixed` that every part of the mesh is connected to");
-    return TROCAR_OK;
+    return least >= LOOSE_BODY ? TROCAR_OK : tissue_loose(why);
 }
 
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {

@@ -1,0 +1,39 @@
+/* Lower trapezoidal matrices in panels of columns, each in memory of its own: what is no longer needed can be given back panel by panel. */
+#ifndef TROCAR_PANELS_H
+#define TROCAR_PANELS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+enum { PANEL_WIDTH = 576 };  /* most columns of a panel, whole blocks of 3 */
+
+/* Columns [first, first + width), from the diagonal down. */
+typedef struct {
+    int first, width, rows;
+    void *values;            /* rows x width, column-major; double, or float once it was made single. Zero above the diagonal. NULL: not there */
+} panel;
+
+typedef struct {
+    int count;
+    panel *panels;
+} panels;
+
+/* Divides a matrix of so many rows and columns <= rows; a panel begins at column `split`. Nothing is allocated but the list. */
+bool panels_divide(panels *p, int rows, int columns, int split);
+void panels_free(panels *p);
+
+/* Bytes of all panels in double precision. */
+double panels_bytes(int rows, int columns);
+
+/* Zeros in double precision. */
+bool panel_allocate(panel *p);
+void panel_release(panel *p);
+
+/* Left-looking Cholesky factorisation, panel by panel: subtracts from panel j what the factored panels k < min(j, pivots) contribute, and
+   factors it if j < pivots. False if a pivot is not positive. */
+bool panels_eliminate(panels *p, int j, int pivots);
+
+/* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load and subtracts L y from the others. */
+void panels_forward(const panels *p, int pivots, double *load);
+
+#endif

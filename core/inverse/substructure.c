@@ -1,0 +1,437 @@
+#include "inverse/substructure.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "tissue/node_order.h"
+
+/* ---- plan ------------------------------------------------------------------------------------------------------------- */
+
+/* Size of a front, nodes: rows = pivots, then the nodes that are eliminated later, then those of the region. */
+typedef struct {
+    const int *rows;         /* places in the order, ascending */
+    int pivots, columns, count; /* columns: pivots and later ones */
+} extent;
+
+static extent extent_of(const substructure *s, int front) {
+    const cholmod_factor *f = s->symbolic;
+    const int *super = f->super, *pi = f->pi;
+    extent e = {.rows = (const int *)f->s + pi[front], .count = pi[front + 1] - pi[front]};
+    while (e.columns < e.count && s->region[e.rows[e.columns]] < 0) e.columns++;
+    int own = super[front + 1] - super[front];
+    e.pivots = e.columns < own ? e.columns : own;
+    return e;
+}
+
+/* What remains of a front when its pivots are gone: the parent takes it over. */
+static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
+
+static double operations_of(const extent *e) {
+    double sum = 0.0;
+    for (int i = 0; i < 3 * e->pivots; i++) sum += pow(3.0 * e->count - i, 2);
+    return sum;
+}
+
+/* What a subtree needs at most while it is eliminated, and what remains of it. */
+typedef struct { double peak, rest; } need;
+
+/* Inserts a child where it has to be eliminated: first the one that needs most in relation to what it leaves (Liu 1986). */
+static void insert_child(substructure *s, const need *needs, int *list, int child) {
+    double key = needs[child].peak - needs[child].rest;
+    while (*list >= 0 && needs[*list].peak - needs[*list].rest >= key) list = &s->next[*list];
+    s->next[child] = *list;
+    *list = child;
+}
+
+/* What is left of a front's later columns when its parent has taken over those before row `end` of its own. */
+static double left_bytes(const extent *e, const int *local, int end) {
+    enum { WIDTH = PANEL_WIDTH / 3 };
+    double numbers = 0.0;
+    for (int first = e->pivots; first < e->columns; first += WIDTH) {
+        int width = e->columns - first < WIDTH ? e->columns - first : WIDTH;
+        if (local[e->rows[first + width - 1]] >= end) numbers += 9.0 * width * (e->count - first);
+    }
+    return sizeof(double) * numbers;
+}
+
+/* The most memory while a front is eliminated: its panels come one by one, and take over its children's columns. */
+static double front_peak(const substructure *s, const extent *e, int first_child, const int *local) {
+    double here = 0.0, peak = 0.0;
+    panels own;
+    if (!panels_divide(&own, 3 * e->count, 3 * e->columns, 3 * e->pivots)) return INFINITY;
+    for (int j = 0; j < own.count; j++) {
+        double left = 0.0;
+        here += sizeof(double) * (double)own.panels[j].rows * own.panels[j].width;
+        for (int c = first_child; c >= 0; c = s->next[c]) {
+            extent child = extent_of(s, c);
+            left += left_bytes(&child, local, own.panels[j].first / 3);
+        }
+        peak = fmax(peak, here + left);
+    }
+    panels_free(&own);
+    return peak;
+}
+
+/* What a list of subtrees needs at most, one after the other. */
+static double list_peak(const substructure *s, const need *needs, int first) {
+    double before = 0.0, peak = 0.0;
+    for (int c = first; c >= 0; c = s->next[c]) {
+        peak = fmax(peak, before + needs[c].peak);
+        before += needs[c].rest;
+    }
+    return peak;
+}
+
+/* Children before parents, subtrees in the order of the lists: from the end, with a stack. */
+static bool find_sequence(substructure *s, int root) {
+    int count = (int)s->symbolic->nsuper, depth = 0, end = count;
+    int *stack = malloc(((size_t)count + 1) * sizeof *stack);
+    if (!stack) return false;
+    for (int c = root; c >= 0; c = s->next[c]) stack[depth++] = c;
+    while (depth > 0) {
+        int front = stack[--depth];
+        s->sequence[--end] = front;
+        for (int c = s->first_child[front]; c >= 0; c = s->next[c]) stack[depth++] = c;
+    }
+    free(stack);
+    return true;
+}
+
+static bool find_tree(substructure *s) {
+    int count = (int)s->symbolic->nsuper, root = -1;
+    const int *super = s->symbolic->super;
+    need *needs = calloc((size_t)count + 1, sizeof *needs);
+    int *front_of = malloc((size_t)s->nodes * sizeof *front_of), *local = malloc((size_t)s->nodes * sizeof *local);
+    bool done = needs && front_of && local;
+    for (int f = 0; f < count && done; f++)
+        for (int place = super[f]; place < super[f + 1]; place++) front_of[place] = f;
+    for (int f = 0; f < count && done; f++) {
+        extent e = extent_of(s, f);
+        for (int row = 0; row < e.count; row++) local[e.rows[row]] = row;
+        needs[f] = (need){fmax(list_peak(s, needs, s->first_child[f]), front_peak(s, &e, s->first_child[f], local)), rest_bytes(&e)};
+        s->operations += operations_of(&e);
+        int *list = e.columns > e.pivots ? &s->first_child[front_of[e.rows[e.pivots]]] : &root;
+        insert_child(s, needs, list, f);
+    }
+    for (int i = 0; i < 3 * s->region_count; i++) s->operations += (double)i * i;
+    if (done) s->bytes += list_peak(s, needs, root);
+    done = done && find_sequence(s, root);
+    free(needs);
+    free(front_of);
+    free(local);
+    return done;
+}
+
+static double matrix_bytes(tissue *t) {
+    return (double)cholmod_nnz(t->stiffness, &t->common) * (sizeof(double) + sizeof(int));
+}
+
+static bool analyse(substructure *s, const bool *last) {
+    tissue *t = s->tissue;
+    int *order = malloc((size_t)s->nodes * sizeof *order);
+    cholmod_sparse *graph = order ? node_graph(t) : NULL;
+    if (graph && node_order(t, graph, last, order)) {
+        t->common.nmethods = 1;
+        t->common.method[0].ordering = CHOLMOD_GIVEN;
+        s->symbolic = cholmod_analyze_p(graph, order, NULL, 0, &t->common);
+    }
+    cholmod_free_sparse(&graph, &t->common);
+    free(order);
+    return s->symbolic != NULL;
+}
+
+static bool plan(substructure *s, const bool *last) {
+    size_t nodes = (size_t)s->nodes;
+    if (!last || !(s->region = malloc(nodes * sizeof *s->region)) || !analyse(s, last)) return false;
+    const int *order = s->symbolic->Perm;
+    for (int place = 0; place < s->nodes; place++) s->region[place] = last[order[place]] ? s->region_count++ : -1;
+    size_t fronts = s->symbolic->nsuper + 1;
+    s->first_child = malloc(fronts * sizeof *s->first_child);
+    s->next = malloc(fronts * sizeof *s->next);
+    s->sequence = malloc(fronts * sizeof *s->sequence);
+    if (!s->first_child || !s->next || !s->sequence) return false;
+    for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
+    s->bytes = matrix_bytes(s->tissue) + panels_bytes(3 * s->region_count, 3 * s->region_count);
+    return find_tree(s);
+}
+
+/* Names the region's nodes in the order of the triangle. */
+static bool list_nodes(const substructure *s, int count, const int *region, int *nodes) {
+    const tissue *t = s->tissue;
+    const int *order = s->symbolic->Perm;
+    int *place = malloc((size_t)s->nodes * sizeof *place);
+    for (int i = 0; place && i < s->nodes; i++) place[order[i]] = i;
+    for (int i = 0; place && i < count; i++)
+        if (t->dof[region[i]] >= 0) nodes[s->region[place[t->dof[region[i]] / 3]]] = region[i];
+    free(place);
+    return place != NULL;
+}
+
+trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why) {
+    *s = (substructure){.tissue = t, .nodes = t->dof_count / 3};
+    bool *last = calloc((size_t)s->nodes, sizeof *last);
+    for (int i = 0; last && i < count; i++)
+        if (t->dof[region[i]] >= 0) last[t->dof[region[i]] / 3] = true;
+    bool planned = plan(s, last) && list_nodes(s, count, region, nodes);
+    free(last);
+    if (planned) return TROCAR_OK;
+    substructure_free(s);
+    return fail(why, TROCAR_NO_MEMORY, "no memory to order the elimination of %d nodes", t->dof_count / 3);
+}
+
+void substructure_free(substructure *s) {
+    if (s->tissue) cholmod_free_factor(&s->symbolic, &s->tissue->common);
+    free(s->region);
+    free(s->first_child);
+    free(s->next);
+    free(s->sequence);
+    *s = (substructure){0};
+}
+
+/* ---- elimination ------------------------------------------------------------------------------------------------------ */
+
+typedef struct {
+    extent size;
+    panels matrix;           /* columns of pivots and of later nodes; all rows */
+    int pivot_panels;
+    double *load;            /* 3 size.count */
+    int taken, taken_panels; /* columns of later nodes that the parent has taken over, and panels of them */
+} front;
+
+typedef struct {
+    const substructure *plan;
+    cholmod_sparse *k;       /* K in the order of elimination, lower triangle */
+    front **fronts;          /* by supernode; NULL: not begun, or taken over */
+    panels *corner;
+    int *local;              /* plan->nodes: row in the current front, nodes */
+    double *load;            /* of the region, 3 region_count */
+    double *product;         /* scratch: 3 region_count x PANEL_WIDTH */
+    double energy;           /* |L^-1 load|^2 = load^T K^-1 load */
+    inverse_progress progress;
+    double done;             /* operations */
+    int shown;               /* per cent */
+} elimination;
+
+static void show(inverse_progress progress, double fraction) {
+    if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
+}
+
+/* What was done in fronts before this one, and `here` in this one. */
+static void show_done(elimination *e, double here) {
+    int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
+    if (percent > e->shown && percent < 100) show(e->progress, 0.01 * (e->shown = percent));
+}
+
+static void front_free(front *f) {
+    if (!f) return;
+    panels_free(&f->matrix);
+    free(f->load);
+    free(f);
+}
+
+static front *front_create(const extent *e) {
+    front *f = calloc(1, sizeof *f);
+    if (!f) return NULL;
+    f->size = *e;
+    f->load = calloc(3 * (size_t)e->count, sizeof *f->load);
+    if (!f->load || !panels_divide(&f->matrix, 3 * e->count, 3 * e->columns, 3 * e->pivots)) {
+        front_free(f);
+        return NULL;
+    }
+    f->pivot_panels = (3 * e->pivots + PANEL_WIDTH - 1) / PANEL_WIDTH;
+    f->taken = e->pivots;
+    f->taken_panels = f->pivot_panels;
+    return f;
+}
+
+/* A load that is not orthogonal to any rigid motion. */
+static double test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
+
+/* Adds K's columns of these pivots, [first, first + width) of the front. */
+static void add_stiffness(const elimination *e, const front *f, panel *p) {
+    const int *start = e->k->p, *row = e->k->i;
+    const double *value = e->k->x;
+    for (int column = p->first; column < p->first + p->width; column++) {
+        int at = 3 * f->size.rows[column / 3] + column % 3;
+        double *into = (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows;
+        for (int k = start[at]; k < start[at + 1]; k++) into[3 * e->local[row[k] / 3] + row[k] % 3 - p->first] += value[k];
+        f->load[column] += test_load(((const int *)e->plan->symbolic->Perm)[at / 3] * 3 + at % 3);
+    }
+}
+
+/* Adds what a child left in the columns of this panel, and gives the child's panels back that have been added. */
+static void add_child(const elimination *e, front *child, panel *p) {
+    const extent *c = &child->size;
+    for (; child->taken < c->columns; child->taken++) {
+        int column = 3 * e->local[c->rows[child->taken]];
+        if (column >= p->first + p->width) return;
+        panel *from = &child->matrix.panels[child->taken_panels];
+        for (int a = 0; a < 3; a++) {
+            int skipped = 3 * child->taken + a - from->first;
+            const double *values = (const double *)from->values + (size_t)skipped * (size_t)from->rows - from->first;
+            double *into = (double *)p->values + (size_t)(column + a - p->first) * (size_t)p->rows - p->first;
+            for (int row = child->taken; row < c->count; row++) {
+                int to = 3 * e->local[c->rows[row]];
+                for (int b = 0; b < 3; b++) into[to + b] += values[3 * row + b];
+            }
+        }
+        if (3 * (child->taken + 1) == from->first + from->width) {
+            panel_release(from);
+            child->taken_panels++;
+        }
+    }
+}
+
+/* Subtracts what the pivots contribute to the region. */
+static void subtract_from_region(const elimination *e, const front *f) {
+    const int *rows = f->size.rows + f->size.columns, *region = e->plan->region;
+    int count = 3 * (f->size.count - f->size.columns);
+    for (int first = 0; first < count; first += PANEL_WIDTH) {
+        int width = count - first < PANEL_WIDTH ? count - first : PANEL_WIDTH, left = count - first;
+        for (int k = 0; k < f->pivot_panels; k++) {
+            const panel *p = &f->matrix.panels[k];
+            const double *a = (const double *)p->values + (3 * f->size.columns + first - p->first);
+            double beta = k == 0 ? 0.0 : 1.0;
+            cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, width, p->width, 1.0, a, p->rows, beta, e->product, left);
+            if (left > width)
+                cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, left - width, width, p->width, 1.0, a + width, p->rows, a, p->rows, beta,
+                            e->product + width, left);
+        }
+        for (int column = 0; column < width; column++) {
+            int at = 3 * region[rows[(first + column) / 3]] + column % 3;
+            panel *p = &e->corner->panels[at / PANEL_WIDTH];
+            double *into = (double *)p->values + (size_t)(at - p->first) * (size_t)p->rows - p->first;
+            const double *values = e->product + (size_t)column * (size_t)left;
+            for (int row = column; row < left; row++) into[3 * region[rows[(first + row) / 3]] + row % 3] -= values[row];
+        }
+    }
+}
+
+/* L y = load for the pivots; hands the rest of the load on. */
+static void pass_load(elimination *e, front *f) {
+    panels_forward(&f->matrix, f->pivot_panels, f->load);
+    e->energy += pow(cblas_dnrm2(3 * f->size.pivots, f->load, 1), 2);
+    for (int row = f->size.columns; row < f->size.count; row++)
+        for (int a = 0; a < 3; a++) e->load[3 * e->plan->region[f->size.rows[row]] + a] += f->load[3 * row + a];
+}
+
+static void take_loads(const elimination *e, front *f, int first_child) {
+    for (int c = first_child; c >= 0; c = e->plan->next[c]) {
+        const front *child = e->fronts[c];
+        for (int row = child ? child->size.pivots : 0; child && row < child->size.columns; row++)
+            for (int a = 0; a < 3; a++) f->load[3 * e->local[child->size.rows[row]] + a] += child->load[3 * row + a];
+    }
+}
+
+static trocar_status eliminate_front(elimination *e, int number) {
+    extent size = extent_of(e->plan, number);
+    if (size.pivots == 0) return TROCAR_OK;
+    front *f = e->fronts[number] = front_create(&size);
+    if (!f) return TROCAR_NO_MEMORY;
+    for (int row = 0; row < size.count; row++) e->local[size.rows[row]] = row;
+    int first_child = e->plan->first_child[number];
+    double operations = operations_of(&size);
+    take_loads(e, f, first_child);
+    for (int j = 0; j < f->matrix.count; j++) {
+        panel *p = &f->matrix.panels[j];
+        if (!panel_allocate(p)) return TROCAR_NO_MEMORY;
+        if (j < f->pivot_panels) add_stiffness(e, f, p);
+        for (int c = first_child; c >= 0; c = e->plan->next[c]) add_child(e, e->fronts[c], p);
+        if (!panels_eliminate(&f->matrix, j, f->pivot_panels)) return TROCAR_BAD_INPUT;
+        show_done(e, operations * (j + 1) / (f->matrix.count + 1));
+    }
+    for (int c = first_child; c >= 0; c = e->plan->next[c]) {
+        front_free(e->fronts[c]);
+        e->fronts[c] = NULL;
+    }
+    subtract_from_region(e, f);
+    pass_load(e, f);
+    for (int k = 0; k < f->pivot_panels; k++) panel_release(&f->matrix.panels[k]);
+    e->done += operations;
+    show_done(e, 0.0);
+    return TROCAR_OK;
+}
+
+/* K in the order of elimination. */
+static cholmod_sparse *reorder(const substructure *s) {
+    cholmod_common *common = &s->tissue->common;
+    const int *by_node = s->symbolic->Perm;
+    int *order = malloc(3 * (size_t)s->nodes * sizeof *order);
+    for (int i = 0; order && i < 3 * s->nodes; i++) order[i] = 3 * by_node[i / 3] + i % 3;
+    cholmod_sparse *upper = order ? cholmod_ptranspose(s->tissue->stiffness, 1, order, NULL, 0, common) : NULL;
+    cholmod_sparse *lower = upper ? cholmod_transpose(upper, 1, common) : NULL;
+    cholmod_free_sparse(&upper, common);
+    free(order);
+    return lower;
+}
+
+/* K and the load between the nodes of the region. */
+static bool begin_corner(elimination *e) {
+    const substructure *s = e->plan;
+    const int *start = e->k->p, *row = e->k->i;
+    const double *value = e->k->x;
+    int size = 3 * s->region_count;
+    bool created = panels_divide(e->corner, size, size, size);
+    for (int j = 0; j < e->corner->count && created; j++) created = panel_allocate(&e->corner->panels[j]);
+    for (int place = 0; place < 3 * s->nodes && created; place++) {
+        if (s->region[place / 3] < 0) continue;
+        int column = 3 * s->region[place / 3] + place % 3;
+        panel *p = &e->corner->panels[column / PANEL_WIDTH];
+        double *into = (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows - p->first;
+        for (int k = start[place]; k < start[place + 1]; k++) into[3 * s->region[row[k] / 3] + row[k] % 3] += value[k];
+        e->load[column] += test_load(3 * ((const int *)s->symbolic->Perm)[place / 3] + place % 3);
+    }
+    return created;
+}
+
+static bool begin(elimination *e) {
+    const substructure *s = e->plan;
+    size_t size = 3 * (size_t)s->region_count;
+    e->fronts = calloc(s->symbolic->nsuper, sizeof *e->fronts);
+    e->local = malloc((size_t)s->nodes * sizeof *e->local);
+    e->load = calloc(size, sizeof *e->load);
+    e->product = malloc(size * PANEL_WIDTH * sizeof *e->product);
+    return e->fronts && e->local && e->load && e->product && (e->k = reorder(s)) && begin_corner(e);
+}
+
+static trocar_status eliminate_all(elimination *e) {
+    const substructure *s = e->plan;
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < (int)s->symbolic->nsuper && status == TROCAR_OK; i++) status = eliminate_front(e, s->sequence[i]);
+    cholmod_free_sparse(&e->k, &s->tissue->common);
+    for (int j = 0; j < e->corner->count && status == TROCAR_OK; j++) {
+        if (!panels_eliminate(e->corner, j, e->corner->count)) status = TROCAR_BAD_INPUT;
+        show_done(e, (s->operations - e->done) * (j + 1) / e->corner->count);
+    }
+    if (status != TROCAR_OK) return status;
+    panels_forward(e->corner, e->corner->count, e->load);
+    e->energy += pow(cblas_dnrm2(3 * s->region_count, e->load, 1), 2);
+    show(e->progress, 1.0);
+    return TROCAR_OK;
+}
+
+/* Estimate of the ratio of the smallest to the largest eigenvalue of K, as in tissue_factor, by the energy of one load. */
+static double least_stiffness(const elimination *e) {
+    double squares = 0.0;
+    for (int i = 0; i < 3 * e->plan->nodes; i++) squares += pow(test_load(i), 2);
+    return squares / (e->energy * cholmod_norm_sparse(e->plan->tissue->stiffness, 1, &e->plan->tissue->common));
+}
+
+trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why) {
+    elimination e = {.plan = s, .corner = corner, .progress = progress};
+    *corner = (panels){0};
+    show(progress, 0.0);
+    trocar_status status = begin(&e) ? eliminate_all(&e) : TROCAR_NO_MEMORY;
+    if (status == TROCAR_OK && !(least_stiffness(&e) >= LOOSE_BODY)) status = TROCAR_BAD_INPUT;
+    for (size_t i = 0; e.fronts && i < s->symbolic->nsuper; i++) front_free(e.fronts[i]);
+    cholmod_free_sparse(&e.k, &s->tissue->common);
+    free(e.fronts);
+    free(e.local);
+    free(e.load);
+    free(e.product);
+    if (status == TROCAR_OK) return status;
+    panels_free(corner);
+    return status == TROCAR_NO_MEMORY ? fail(why, status, "no memory to eliminate %d nodes", s->nodes - s->region_count) : tissue_loose(why);
+}

@@ -1,0 +1,32 @@
+/* The factor of a region's stiffness once all other nodes are eliminated: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement).
+
+   Multifrontal (Duff and Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992), in the order and with the supernodes that CHOLMOD finds for the
+   graph of the nodes, so that its 32 bits suffice for 250 000 nodes. The columns of the factor outside the region are of no use and are given
+   back as soon as they have been applied. What they contribute to the region is subtracted there at once, instead of being handed from front to
+   front. */
+#ifndef TROCAR_SUBSTRUCTURE_H
+#define TROCAR_SUBSTRUCTURE_H
+
+#include "inverse/inverse.h"
+#include "inverse/panels.h"
+
+typedef struct {
+    tissue *tissue;
+    cholmod_factor *symbolic; /* of the nodes' graph */
+    int nodes;               /* free nodes */
+    int region_count;        /* those of the region */
+    int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
+    int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
+    int *sequence;           /* fronts in the order in which they are eliminated */
+    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, and K in this order */
+    double operations;
+} substructure;
+
+/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`. */
+trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why);
+void substructure_free(substructure *s);
+
+/* `corner`: L_RR. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
+trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
+
+#endif

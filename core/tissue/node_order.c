@@ -1,0 +1,29 @@
+#include "tissue/node_order.h"
+
+#include <stdlib.h>
+
+cholmod_sparse *node_graph(tissue *t) {
+    const int *start = t->stiffness->p, *row = t->stiffness->i;
+    size_t nodes = (size_t)t->dof_count / 3;
+    cholmod_triplet *pairs = cholmod_allocate_triplet(nodes, nodes, cholmod_nnz(t->stiffness, &t->common) / 3 + 1, -1, CHOLMOD_PATTERN, &t->common);
+    if (!pairs) return NULL;
+    for (int j = 0; j < (int)nodes; j++)
+        for (int k = start[3 * j]; k < start[3 * j + 1]; k++) {
+            if (row[k] % 3 != 0) continue;
+            ((int *)pairs->i)[pairs->nnz] = row[k] / 3;
+            ((int *)pairs->j)[pairs->nnz++] = j;
+        }
+    cholmod_sparse *graph = cholmod_triplet_to_sparse(pairs, 0, &t->common);
+    cholmod_free_triplet(&pairs, &t->common);
+    return graph;
+}
+
+bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order) {
+    int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
+    bool done = scratch && cholmod_nested_dissection(graph, NULL, 0, scratch, scratch + nodes, scratch + 2 * nodes, &t->common) >= 0;
+    for (int pass = 0; done && pass < 2; pass++)
+        for (int i = 0; i < nodes; i++)
+            if (last[scratch[i]] == (pass == 1)) order[filled++] = scratch[i];
+    free(scratch);
+    return done;
+}

@@ -1,0 +1,14 @@
+/* The order in which nodes are eliminated. */
+#ifndef TROCAR_NODE_ORDER_H
+#define TROCAR_NODE_ORDER_H
+
+#include "tissue/tissue.h"
+
+/* Sparsity pattern of K by free nodes, lower triangle: the three dofs of a node have the same neighbours. K must be there. NULL: no memory. */
+cholmod_sparse *node_graph(tissue *t);
+
+/* Nested dissection of the free nodes, order[dof_count / 3]; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators
+   of the mesh still separate the remaining nodes. False: no memory. */
+bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order);
+
+#endif

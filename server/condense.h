@@ -1,0 +1,13 @@
+/* Makes a scene's condensed inverse for later starts, perhaps for another machine: without network and real time. */
+#ifndef TROCAR_CONDENSE_H
+#define TROCAR_CONDENSE_H
+
+#include <stdio.h>
+
+#include "base/report.h"
+
+/* Prints where the inverse is kept. BAD_INPUT for a bad scene, or one whose inverse is not condensed; NO_MEMORY, said before the elimination
+   begins; SYSTEM if the file cannot be written. */
+trocar_status condense_scene(const char *scene_path, FILE *out, report *why);
+
+#endif

@@ -3,7 +3,8 @@
 
 The first field, u = a sin(pi x/L) sin(pi y/L) sin(pi z/L), is zero on the cube's faces, which are all fixed; its body force is applied
 consistently. Linear elements should converge with order 2 in the displacement and 1 in the energy norm (Strang and Fix 1973), for every
-nu below 0.5.
+nu below 0.5. The order is that of the finest pair of meshes. Patches of elements are irregular, so that the error scatters by 7 % from mesh to
+mesh, and the order of a pair by 0.15: by patch, it is fitted to the errors on all meshes of 8 to 32 elements along an edge, in steps of 2.
 
 The second field, curl (0, 0, sin^2 sin^2 sin^2), is divergence-free, so its load does not depend on lambda. At nu = 0.499 it shows
 locking: with strain by element 76 % of the displacement is missing on the mesh with 16 elements along an edge.
@@ -26,7 +27,7 @@ LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
 STRAINS = ("patch", "node", "element")  # what the volumetric strain is averaged over
 YOUNGS_MODULUS = 20e3                 # Pa
-ORDER_LIMIT = 0.05                    # relative, of the observed order on the finest pair of meshes
+ORDER_LIMIT = 0.05                    # relative, of the observed order
 
 
 def cube(path, size, fixed_faces):
@@ -174,15 +175,15 @@ def errors(model, material, u, solution=TRIGONOMETRIC):
 
 
 def observed(rows, models, nu, strain, solution):
-    """Errors (models, 2) and orders of convergence (models - 1, 2) in both norms."""
+    """Errors (models, 2), and the orders of convergence (2) in both norms on the finest pair and fitted to all models."""
     material, found = (YOUNGS_MODULUS, nu), []
     for model in models:
         load = tm.body_load(model, solution.body_force(material))
         u = tm.solve_core(rows, model, {"tissue": material}, ["fixed"], [load], strain)[0]
         found.append(errors(model, material, u, solution))
-    size = np.array([element_size(model) for model in models])
+    size = np.log([element_size(model) for model in models])
     found = np.array(found)
-    return found, np.log(found[:-1] / found[1:]) / np.log(size[:-1] / size[1:])[:, None]
+    return found, np.log(found[-2] / found[-1]) / (size[-2] - size[-1]), np.polyfit(size, np.log(found), 1)[0]
 
 
 def element_size(model):
@@ -194,14 +195,15 @@ def note(models, found):
 
 
 def convergence(rows, models, nu, strain):
-    found, order = observed(rows, models, nu, strain, TRIGONOMETRIC)
+    found, pair, fitted = observed(rows, models, nu, strain, TRIGONOMETRIC)
+    order = fitted if strain == "patch" else pair
     for column, (norm, expected) in enumerate((("L2 norm", 2), ("energy norm", 1))):
-        short_by = 1 - order[-1, column] / expected
+        short_by = 1 - order[column] / expected
         if strain == "element":
             error, reference = abs(short_by), "linear elements"
         else:  # theory bounds this element's error, so it may converge faster
             error, reference = max(0.0, short_by), "at least linear elements"
-        rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[-1, column], expected, error,
+        rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[column], expected, error,
                  ORDER_LIMIT, note=note(models, found[:, column]))
         rows.curve("tissue-convergence", f"{norm}, nu = {nu}, strain by {strain}", 1e3 * np.array([element_size(m) for m in models]),
                    found[:, column], "element size: cube root of the mean volume (mm)", "relative error", logarithmic=True)
@@ -211,20 +213,21 @@ def locking(rows, models, strains):
     """Under the divergence-free field's load, which does not depend on lambda, an element that locks hardly moves when nu nears 0.5."""
     rows.section = "Tissue: divergence-free field"
     for strain in strains:
-        found, order = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)
+        found, order, _ = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)
         rows.add(f"order in the L2 norm, nu = {LOCKING_NU}, strain by {strain}", "at least linear elements that do not lock",
-                 order[-1, 0], 2, max(0.0, 1 - order[-1, 0] / 2), ORDER_LIMIT, note=note(models, found[:, 0]))
+                 order[0], 2, max(0.0, 1 - order[0] / 2), ORDER_LIMIT, note=note(models, found[:, 0]))
 
 
 def main():
     rows = Rows.from_arguments(__doc__, "")
     patch_test(rows)
     rows.section = "Tissue: manufactured solution"
-    divisions = (4, 8, 16) if rows.short_form else (4, 8, 16, 32)
-    models = [cube(rows.folder / f"cube-{n}.msh", SIDE / n, lambda centre: True) for n in divisions]
+    finest = 16 if rows.short_form else 32
+    all_models = {n: cube(rows.folder / f"cube-{n}.msh", SIDE / n, lambda centre: True) for n in (4, *range(8, finest + 1, 2))}
+    models = [all_models[n] for n in (4, 8, 16, 32) if n <= finest]
     averaged, plain_nu = (("patch",), (0.3,)) if rows.short_form else (("patch", "node"), (0.3, 0.45))
     for nu, strain in [(nu, "element") for nu in plain_nu] + [(0.45, strain) for strain in averaged]:
-        convergence(rows, models, nu, strain)
+        convergence(rows, [all_models[n] for n in all_models if n >= 8] if strain == "patch" else models, nu, strain)
     locking(rows, models[1:], averaged)
     return rows.end()
 

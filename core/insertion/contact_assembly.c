@@ -109,7 +109,7 @@ void find_local_compliance(const tick_context *tick) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
-        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->end, behind_tip(tick, i));
+        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->end, here ? behind_tip(tick, i) : INFINITY);
         loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft.lateral);
         w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft.lateral, lateral), contact->direction);
         w->axial[i] = contact->log_axial / shaft.axial;
@@ -202,8 +202,8 @@ static void bound_tip(const tick_context *tick) {
     double resistance = stops ? w->stop_resistance : tip_resistance(model, tip);
     double whole = model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt, viscosity = (1.0 - tip->open) * whole;
     p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&w->points[t].at), resistance) + work_of_hold(tick);
-    if (w->tip_law == TIP_SPRINGS) { /* up to tip_way as always, beyond it as in tissue that is not open */
-        p->upper[t] += viscosity * w->tip_way;
+    if (w->tip_law == TIP_SPRINGS) { /* up to slip_offset as always, beyond it as in tissue that is not open */
+        p->upper[t] += viscosity * w->slip_offset;
         viscosity = whole;
     }
     p->lower[t] = 0.0;
@@ -280,7 +280,7 @@ void assemble_gaps(const tick_context *tick) {
     int shaft = unknown(p->count, p->count, 2);
     if (w->tip) {
         p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
-        p->gap[shaft - 1] -= w->tip_way;
+        p->gap[shaft - 1] -= w->slip_offset;
     }
     creep_shift_gaps(tick);
     stiffening_shift_gaps(tick);

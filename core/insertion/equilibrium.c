@@ -47,7 +47,7 @@ static void take_forces(const tick_context *tick) {
         } else if (at_tip) {
             state->tip.end_force = p->force[2 * p->count + i];
             state->tip.shaft_traction = p->force[2 * p->count + i + 1] / length;
-            state->tip.slip = p->slip[i] + w->tip_way;
+            state->tip.slip = p->slip[i] + w->slip_offset;
             state->tip.friction = p->state[i];
             state->tip.shaft_slip = p->slip[i + 1];
             state->tip.shaft_friction = p->state[i + 1];
@@ -70,7 +70,7 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
     w->tip_law = TIP_CUTS;
-    w->tip_way = 0.0;
+    w->slip_offset = 0.0;
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
     find_local_compliance(tick);
@@ -206,7 +206,10 @@ static pass_result run_passes(const tick_context *tick, int most) {
 }
 
 /* Keeps the shape at the start of the tick. */
-static void remember_shape(const tick_context *tick) { tick->scratch->start = tick->state->needle; }
+static void remember_shape(const tick_context *tick) {
+    tick->scratch->start = tick->state->needle;
+    tick->scratch->start_shift = tick->state->base_shift;
+}
 
 /* Keeps the forces at the start of the tick. */
 static void remember_forces(const tick_context *tick) {
@@ -247,6 +250,7 @@ static void recall(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     state->needle = w->start;
+    state->base_shift = w->start_shift;
     for (int i = 0; i < w->point_count; i++) *point_force(state, &w->points[i]) = w->start_force[i];
     state->tip.shaft_traction = w->start_traction;
     state->tip.end_force = w->start_end_force;
@@ -277,9 +281,10 @@ static pass_result approach(const tick_context *tick) {
     return (pass_result){.found = true, .buckling = true};
 }
 
-/* Does tissue along an open track spring back over the tip, which then goes farther than the hand carries it? It meets the viscosity of tissue
-   that is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
-static bool springs_back(const tick_context *tick) {
+/* Checks whether tissue along an open track springs back over the tip, which then goes farther than the hand carries it. If so, the step is to be
+   solved again with the viscosity of tissue that is not open: otherwise nothing would hold what springs back, and the force would fall at
+   once as the tip comes into the track. */
+static bool set_spring_law(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_workspace *w = tick->scratch;
     const needle_tip *tip = &tick->state->tip;
@@ -287,13 +292,13 @@ static bool springs_back(const tick_context *tick) {
     double viscosity = tip->open * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
     if (viscosity * (tip->slip - w->tip_carried) < LEAST_LOST * tick->dt) return false;
     w->tip_law = TIP_SPRINGS;
-    w->tip_way = w->tip_carried;
+    w->slip_offset = w->tip_carried;
     return true;
 }
 
-/* Would the tip come to a membrane, or bone, that it does not overcome? That resists in this step already: a slip cut off there in the next one
-   would be missing, and tissue that has sprung back by it would be pushed forward again. */
-static bool is_stopped(const tick_context *tick) {
+/* Checks whether the slip would take the tip to a membrane or bone that it cannot pierce. If so, the step is to be solved again with the tip stopping
+   there: otherwise the rest of the slip would be lost in the next step and push the tissue forward again. */
+static bool set_stop_law(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
     insertion_workspace *w = tick->scratch;
     if (tip->blocked_by != NOT_BLOCKED || !(tip->slip > 0.0)) return false;
@@ -301,7 +306,7 @@ static bool is_stopped(const tick_context *tick) {
     stop_ahead stop = find_stop(tick, old_tracks_lead(tip, w->aim), distance);
     if (isinf(stop.way)) return false;
     w->tip_law = TIP_STOPS;
-    w->tip_way = stop.way + FACE_CLEARANCE; /* so that it gets there */
+    w->slip_offset = stop.way + FACE_CLEARANCE; /* so that it gets there */
     w->stop_resistance = stop.resistance;
     tick->state->tip.friction = STICK;
     return true;
@@ -314,10 +319,10 @@ static pass_result run_to_stop(const tick_context *tick) {
     pass_result r = run_passes(tick, most);
     if (r.found && r.converged && !r.diverging && !is_saddle(w)) return r;
     w->tip_law = TIP_CUTS;
-    w->tip_way = 0.0;
+    w->slip_offset = 0.0;
     recall(tick);
     r = run_passes(tick, most);
-    return r.found && springs_back(tick) ? run_passes(tick, most) : r;
+    return r.found && set_spring_law(tick) ? run_passes(tick, most) : r;
 }
 
 void equilibrium_find(const tick_context *tick, const int handles[4]) {
@@ -339,8 +344,8 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
         old_tracks_end(tick);
         r = run_passes(tick, most);
     }
-    if (r.found && w->tip && springs_back(tick)) r = run_passes(tick, most);
-    if (r.found && w->tip && is_stopped(tick)) r = run_to_stop(tick);
+    if (r.found && w->tip && set_spring_law(tick)) r = run_passes(tick, most);
+    if (r.found && !r.diverging && w->tip && set_stop_law(tick)) r = run_to_stop(tick);
     bool suspect = !r.found || r.diverging || is_saddle(w);
     state->motion.time = 0.0;
     if (suspect && !state->saddle) r = approach(tick);

@@ -35,8 +35,8 @@ typedef struct {
     double slid;             /* m of sliding since it last stuck */
     friction_state friction;
     double log_axial;        /* logarithm of the radius that the mesh resolves over the needle's, for forces along it; 0: not known yet */
-    plane_tensor log_lateral; /* the same across the track; */
-    line_end end;            /* and what is more near the needle's tip */
+    plane_tensor log_lateral; /* the same across the track, for an endless needle */
+    line_end end;            /* what to add to that near the needle's tip */
     double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
     double stiffening;       /* mean over its share, of the regions' */
     double traction;         /* N/m, force along the needle over the length of its share */

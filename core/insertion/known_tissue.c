@@ -85,7 +85,7 @@ bool follow_known_point(const tick_context *tick, int handles[4]) {
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
 static void fade_end(line_end *now, const line_end *then, const line_end *used, double fading) {
-    now->reach = faded(now->reach, then->reach, used->reach, fading);
+    now->reach = fmax(faded(now->reach, then->reach, used->reach, fading), 0.0);
     for (int k = 0; k < LINE_ENDS; k++) now->more[k] = faded(now->more[k], then->more[k], used->more[k], fading);
 }
 

@@ -102,7 +102,7 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction) {
     plane_tensor uneven = plane_part(&resolved->uneven, direction);
     double mean = log(resolved->lateral / model->needle->radius);
-    return plane_at_least((plane_tensor){mean + uneven.xx, uneven.xy, mean + uneven.yy}, LEAST_LOGARITHM);
+    return (plane_tensor){mean + uneven.xx, uneven.xy, mean + uneven.yy};
 }
 
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead) {

@@ -22,10 +22,10 @@ lateral_axial local_line_compliance_at(const insertion_model *model, int tet, ve
 /* and the logarithm, of the radius that the mesh resolves there over the needle's; across it a mean, */
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved); /* RT */
 
-/* or for each direction across. RT */
+/* or for each direction across, for an endless needle; not limited below. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
-/* That for shaft whose tip is `ahead` (m) of it. RT */
+/* That for shaft whose tip is `ahead` (m) of it; positive definite. RT */
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
 
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */

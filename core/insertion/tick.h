@@ -143,6 +143,7 @@ typedef struct {
     double tightening[MAX_POINTS];           /* 1/N, and by how much less that is for each metre of depth */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
+    vec3 start_shift;                        /* m, of the base, */
     vec3 start_force[MAX_POINTS];            /* N, and forces, */
     double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
     creep_step creep;
@@ -150,7 +151,7 @@ typedef struct {
     double start_end_force;                  /* N, on the tip's end face before the first pass */
     double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
     tip_law tip_law;
-    double tip_way;                          /* m, the slip from which that in the problem counts */
+    double slip_offset;                      /* m, added to the problem's slip to give the tip's */
     double stop_resistance;                  /* N, of what stops it */
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
     insertion_profile profile;

@@ -173,15 +173,17 @@ stop_ahead find_stop(const tick_context *tick, vec3 direction, double distance) 
     const needle_tip *tip = &tick->state->tip;
     vec3 x = tip->nominal;
     double way = 0.0, chord;
-    bool grazing = v3_norm(tip->outward) > 0.0;
-    for (int step = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0 && !grazing; step++) {
+    if (v3_norm(tip->outward) > 0.0) return (stop_ahead){INFINITY, 0.0}; /* it grazes an outer face */
+    for (int step = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0; step++) {
         int face = mesh_exit(m, tet, x, direction, &chord), next = face >= 0 ? m->neighbours[tet][face] : -1;
         if (face < 0 || way + chord > distance) break;
         way += chord;
         x = v3_axpy(chord, direction, x);
         int blocked_by = old_tracks_obstacle(tick, tet, face, next, x);
-        double resistance = blocked_by != NOT_BLOCKED ? resistance_at(tick, tet, blocked_by, x) : 0.0;
-        if (!overcomes(tip, resistance)) return (stop_ahead){way, resistance};
+        if (blocked_by != NOT_BLOCKED) {
+            double resistance = resistance_at(tick, tet, blocked_by, x);
+            if (!overcomes(tip, resistance)) return (stop_ahead){way, resistance};
+        }
         x = v3_axpy(FACE_CLEARANCE, direction, x);
         tet = next;
     }
@@ -232,6 +234,7 @@ void cut_forward(const tick_context *tick, vec3 direction, double distance) {
         bool stopped = tip->phase == TIP_INSIDE && tip->blocked_by != NOT_BLOCKED;
         pierces = stopped && overcomes(tip, resistance_at(tick, tip->tet, tip->blocked_by, tip->nominal));
         if (pierces) give_way(tick, direction);
+        pierces = pierces && tip->phase == TIP_INSIDE;
     }
     if (tip->phase != TIP_INSIDE) return;
     double left = distance_to_exit(tick->model, tip, direction);

@@ -13,7 +13,7 @@
    the line, the exact solution has no meaning for a mesh. */
 static const double RADIUS = 1.6, HALF_LENGTH = 1.2, FREE = 0.45;
 
-/* On the displacement of one point along one axis. */
+/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each that is held. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -200,7 +200,7 @@ static double end_place(const line_end *end, int k) {
 }
 
 /* What the part of the line from `from` to `to` beyond the point moves a cylinder of the resolved radius by, less what it moves the mesh by. */
-static double less_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
+static double difference_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
     double moved = 0.0, nu = r->around.poisson_ratio;
     for (int axis = 0; axis < 2; axis++) {
         push(r, &(line_segment){axis, place + from, place + to});
@@ -213,7 +213,7 @@ static void measure_end(resolver *r, vec3 x, const influence *on, resolved_field
     double place = place_on_line(r, x);
     line_end *end = &resolved->end;
     *end = (line_end){.reach = reach_of(r, place)};
-    for (int k = 0; k < LINE_ENDS && end->reach > 0.0; k++) end->more[k] = less_beyond(r, place, end_place(end, k), end->reach, resolved->lateral, on);
+    for (int k = 0; k < LINE_ENDS && end->reach > 0.0; k++) end->more[k] = difference_beyond(r, place, end_place(end, k), end->reach, resolved->lateral, on);
 }
 
 static trocar_status measure_along(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
@@ -317,7 +317,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */
 
 double line_end_at(const line_end *end, double ahead) {
-    if (!(ahead < end->reach)) return 0.0;
+    if (!(end->reach > 0.0 && ahead < end->reach)) return 0.0;
     ahead = fmax(ahead, 0.0);
     int k = (int)(sqrt(ahead / end->reach) * LINE_ENDS);
     if (k >= LINE_ENDS) return 0.0;

@@ -6,9 +6,9 @@
 
 #include "tissue/tissue.h"
 
-/* The needle's tip ends the line. Pushed across near its end, the mesh yields less or more than a cylinder of the resolved radius that ends
-   there: how much less, as a logarithm to be added to the radius's; a mean over the directions. Along the line it makes no difference to
-   speak of. */
+/* Near the needle's tip the line force ends, and a mesh that is pushed across yields differently from a cylinder of the resolved radius.
+   `more` is added to the radius's logarithm there. It is a mean over the directions across; along the needle the effect is smaller than what a
+   patch can measure. */
 enum { LINE_ENDS = 4 };
 typedef struct {
     double reach;            /* m ahead of the point, within the body: a line that goes on as far makes no difference */
@@ -18,7 +18,7 @@ typedef struct {
 /* For a line that ends so far ahead (m). RT */
 double line_end_at(const line_end *end, double ahead);
 
-/* Of all that it holds: finite if they are. RT */
+/* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
 /* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */

@@ -149,7 +149,9 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     lockstep *l = lockstep_create(&config, lockstep_start());
     const needle_tip *tip = &l->state.tip;
     double chord = INFINITY;
-    for (bool ahead = false; !ahead || chord > before;) {
+    int steps = 0;
+    for (bool ahead = false; !ahead || chord > before; steps++) {
+        assert_true(steps < 10000); /* 200 mm: the capsule is on the way */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
         int face = tip->phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->tet, tip->nominal, tip->direction, &chord) : -1;
         ahead = face >= 0 && l->simulation.mesh.face_groups[tip->tet][face] >> l->simulation.membranes[1].group & 1;

@@ -113,9 +113,16 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
+/* What the inversion needs at a time: the triangle, with what is made of a panel, then with the inverse and a tile of it. */
+static double inversion_bytes(int count, bool single) {
+    double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
+    double panel_product = 3.0 * count * PANEL_WIDTH * number, tile = (double)PANEL_WIDTH * PANEL_WIDTH * number;
+    return share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tile);
+}
+
 /* Predicted before the elimination begins, because a system that runs out of memory may end the process without a word. */
 static trocar_status check_memory(const substructure *plan, bool single, report *why) {
-    double needed = single ? plan->bytes : fmax(plan->bytes, condensation_bytes(plan->region_count)), available = memory_available();
+    double needed = fmax(plan->bytes, inversion_bytes(plan->region_count, single)), available = memory_available();
     if (needed <= available) return TROCAR_OK;
     return fail(why, TROCAR_NO_MEMORY, "condensing the inverse of %d nodes to a region of %d takes %.3g GB of memory, and %.3g GB are available: choose a "
                 "smaller region_of_interest, or a machine with more memory", plan->nodes, plan->region_count, 1e-9 * needed, 1e-9 * available);

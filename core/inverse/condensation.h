@@ -6,7 +6,7 @@
 #include "inverse/inverse.h"
 #include "inverse/symmetric_blocks.h"
 
-/* The factor in double precision, 36 count^2 bytes, and the inverse, if that is in double precision, too. */
+/* About what the inversion needs in double precision: the factor and the inverse, 36 count^2 bytes each. In single precision it is half of that. */
 double condensation_bytes(int count);
 
 /* Writes the inverse between nodes[inverse->count], the region's free ones, which are sorted first. K is assembled if need be. Uses as many

@@ -18,7 +18,7 @@ typedef struct {
     int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
     int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
     int *sequence;           /* fronts in the order in which they are eliminated */
-    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, and K in this order */
+    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, scratch of it, and K in this order */
     double operations;
 } substructure;
 

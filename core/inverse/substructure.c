@@ -7,6 +7,9 @@
 
 #include "tissue/node_order.h"
 
+/* Of a part of the body, a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+typedef struct { double squares, energy; } response;
+
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
 /* Size of a front, nodes: rows = pivots, then the nodes that are eliminated later, then those of the region. */
@@ -155,6 +158,7 @@ static bool plan(substructure *s, const bool *last) {
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
     double matrix = matrix_bytes(s->tissue), product = 3.0 * s->region_count * PANEL_WIDTH * sizeof(double);
     s->bytes = matrix + product + panels_bytes(3 * s->region_count, 3 * s->region_count);
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, by nodes */
     if (!find_tree(s)) return false;
     s->bytes = fmax(s->bytes, 2.0 * matrix); /* K is reordered by way of another copy */
     return true;
@@ -181,6 +185,9 @@ trocar_status substructure_plan(tissue *t, int count, const int *region, int *no
     free(last);
     if (planned) return TROCAR_OK;
     substructure_free(s);
+    if (t->common.status == CHOLMOD_TOO_LARGE)
+        return fail(why, TROCAR_BAD_INPUT, "the elimination of %d nodes has more than 2^31 entries to order, too many: make the mesh coarser",
+                    t->dof_count / 3);
     return fail(why, TROCAR_NO_MEMORY, "no memory to order the elimination of %d nodes", t->dof_count / 3);
 }
 
@@ -194,9 +201,6 @@ void substructure_free(substructure *s) {
 }
 
 /* ---- elimination ------------------------------------------------------------------------------------------------------ */
-
-/* Of a part of the body, a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
-typedef struct { double squares, energy; } response;
 
 typedef struct {
     extent size;

@@ -22,7 +22,8 @@ typedef struct {
     double operations;
 } substructure;
 
-/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`. */
+/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`.
+   NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
 trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 

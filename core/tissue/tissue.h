@@ -39,6 +39,7 @@ typedef struct {
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
     atomic_bool assembled;     /* K is there, for any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
+    double refused;            /* bytes that the last tissue_factor would have taken, had they been available; 0: it was not refused for that */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 

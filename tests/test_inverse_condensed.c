@@ -400,6 +400,23 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
     stop(&c);
 }
 
+static void what_cannot_be_kept_is_not_made(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report notice, why = {""};
+    condensed_region wanted = {.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}};
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    progress_calls = 0;
+    inverse_must_be_saved(true);
+    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_SYSTEM);
+    inverse_must_be_saved(false);
+    assert_non_null(strstr(why.text, "cannot be written"));
+    assert_int_equal(progress_calls, 0);
+    assert_null(inv);
+    tissue_free(&t);
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
@@ -418,6 +435,7 @@ int main(void) {
         cmocka_unit_test(a_passing_shortage_is_not_final),
         cmocka_unit_test(fully_fixed_region_is_refused),
         cmocka_unit_test(progress_is_reported_and_unwritable_cache_is_tolerated),
+        cmocka_unit_test(what_cannot_be_kept_is_not_made),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

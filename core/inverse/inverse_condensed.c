@@ -136,6 +136,10 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
+static _Thread_local bool must_be_saved;
+
+void inverse_must_be_saved(bool must) { must_be_saved = must; }
+
 /* Maps the matrix from the cache, or computes and caches it. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
     const tissue *t = c->shared.tissue;
@@ -152,7 +156,9 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     c->mapping = (file_mapping){0};
     c->matrix.numbers = NULL;
     double needed;
-    trocar_status status = condense(c->shared.tissue, region, c->nodes, &c->matrix, &needed, why);
+    trocar_status status = must_be_saved ? condensed_cache_check(&cache, &c->matrix, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
+    status = condense(c->shared.tissue, region, c->nodes, &c->matrix, &needed, why);
     if (status == TROCAR_NO_MEMORY || needed == INFINITY) {
         size_t used = strlen(why->text);
         snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
@@ -162,8 +168,10 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);
     report unwritten;
-    if (condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten) != TROCAR_OK) *notice = unwritten;
-    return TROCAR_OK;
+    status = condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten);
+    if (status == TROCAR_OK) return status;
+    *(must_be_saved ? why : notice) = unwritten;
+    return must_be_saved ? status : TROCAR_OK;
 }
 
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {

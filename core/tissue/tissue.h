@@ -55,7 +55,8 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
                               tissue *t, report *why);
 
 /* Factorises K, which it assembles if need be. The given nodes are eliminated last, so that blocks of the inverse between them need only a
-   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
+   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor is larger than the machine's memory or than CHOLMOD's
+   indices allow; NO_MEMORY, before it is computed, if there is too little just now. After an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 /* Ratio of the smallest to the largest eigenvalue of K below which the body counts as loose, and what is said then (BAD_INPUT). */

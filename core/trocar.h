@@ -236,13 +236,14 @@ typedef struct trocar_model_options {
     int longest_catch_up;    /* steps of at most 1 ms that a long tick is split into; 0: the usual 4 */
     int mesh_only;           /* 1: reads and checks the mesh and the names in it, and stops there: for viewers. Such a model has
                                 no stiffness, and no simulation can be created from it */
+    int keep_inverse;        /* 1: a condensed inverse that cannot be saved in the cache is an error (SYSTEM), found before it is made */
 } trocar_model_options;
 
 /* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
    inverse is in the cache. Above 30 000 unknowns BLAS has as many threads as by default meanwhile, in all threads of the process, and one from then
    on: simulations that run beside it may be slower. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file: inside a
    host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
-   afterwards. BAD_INPUT, NO_MEMORY, NUMERIC. */
+   afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations, and after models derived from it */

@@ -7,7 +7,7 @@
 #include "base/report.h"
 
 /* Prints where the inverse is kept. BAD_INPUT for a bad scene, or one whose inverse is not condensed; NO_MEMORY, said before the elimination
-   begins; SYSTEM if the file cannot be written. */
+   begins (BAD_INPUT if the machine can never have as much); SYSTEM if the file cannot be written, which is found before it is computed. */
 trocar_status condense_scene(const char *scene_path, FILE *out, report *why);
 
 #endif

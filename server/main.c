@@ -25,7 +25,7 @@ static const struct argp_option options[] = {
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
     {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is kept: gigabytes of memory on a "
      "large mesh, for faster pictures of the tissue and contacts outside the region of interest without a wait", 0},
-    {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, keep it in its cache for later starts, and end", 0},
+    {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, save it in the cache for later starts, and exit", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},
 };
@@ -33,12 +33,20 @@ static const struct argp_option options[] = {
 typedef struct {
     server_options options;
     bool condense;           /* in place of serving */
+    const char *serving;     /* an option that only a server has; NULL: none was given */
 } arguments;
+
+static const char *option_name(int key) {
+    for (const struct argp_option *o = options; o->name; o++)
+        if (o->key == key) return o->name;
+    return NULL;
+}
 
 static error_t parse(int key, char *value, struct argp_state *state) {
     arguments *given = state->input;
     server_options *chosen = &given->options;
     char *end;
+    if (key != 's' && key != KEY_CONDENSE && option_name(key)) given->serving = option_name(key);
     switch (key) {
     case 's': chosen->scene_path = value; return 0;
     case 'l': chosen->lcm_url = value; return 0;
@@ -54,6 +62,7 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:
         if (chosen->scene_path == NULL) argp_error(state, "--scene FILE is missing");
+        if (given->condense && given->serving) argp_error(state, "--%s is of no use with --condense, which serves nobody", given->serving);
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }

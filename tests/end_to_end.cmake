@@ -32,6 +32,8 @@ target_compile_definitions(device_client PRIVATE MESHES="${PROJECT_SOURCE_DIR}/m
 add_test(NAME device_client COMMAND ${witness} ${netns} $<TARGET_FILE:device_client> $<TARGET_FILE:trocar-server>)
 set_tests_properties(device_client PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone} LABELS release_only) # a sanitized server is too slow to give forces in time
 
+add_test(NAME condense COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_condense.sh $<TARGET_FILE:trocar-server> ${PROJECT_SOURCE_DIR}/meshes)
+
 # Restart after a fault; the systemd unit, if systemd runs.
 add_test(NAME keep_alive COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/test_keep_alive.sh ${PROJECT_SOURCE_DIR}/scripts/keep_alive)
 set_tests_properties(keep_alive PROPERTIES LABELS release_only)

@@ -86,6 +86,50 @@ static void another_writers_file_is_left_alone(void **state) {
     assert_int_equal(unlink(cache.path), 0); /* destroy finds no other file */
 }
 
+static void room_is_checked_beforehand(void **state) {
+    (void)state;
+    condensed_cache cache = {.key = 7};
+    report why = {""};
+    symmetric_blocks small = {.count = 1}, huge = {.count = 20000000};
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    assert_int_equal(condensed_cache_check(&cache, &small, &why), TROCAR_OK);
+    assert_int_equal(condensed_cache_check(&cache, &huge, &why), TROCAR_SYSTEM); /* 14 PB */
+    assert_non_null(strstr(why.text, "there is room for"));
+    strcpy(cache.path, "/proc/nowhere/condensed-0000000000000007.h5");
+    assert_int_equal(condensed_cache_check(&cache, &small, &why), TROCAR_SYSTEM);
+    assert_non_null(strstr(why.text, "cannot be written"));
+}
+
+/* Those of an hour ago, whichever inverse they are of, but nothing else. */
+static void old_halves_are_removed(void **state) {
+    (void)state;
+    static const struct { const char *name; long age; bool there; } left[] = {
+        {"condensed-0000000000000007.h5.00112233445566aa", 7200, false}, {"condensed-0000000000000008.h5.00112233445566aa", 7200, false},
+        {"condensed-0000000000000007.h5.00112233445566bb", 60, true}, {"condensed-0000000000000009.h5", 7200, true}};
+    enum { LEFT = sizeof left / sizeof *left };
+    double numbers[9] = {2, 0, 0, 0, 2, 0, 0, 0, 2};
+    symmetric_blocks matrix = {.count = 1, .numbers = numbers};
+    condensed_cache cache = {.key = 7};
+    char path[200];
+    int order = 5;
+    report why;
+    for (int i = 0; i < LEFT; i++) {
+        snprintf(path, sizeof path, "%s/%s", directory, left[i].name);
+        FILE *file = fopen(path, "wb");
+        assert_non_null(file);
+        fclose(file);
+        struct timespec then = {time(NULL) - left[i].age, 0};
+        assert_int_equal(utimensat(AT_FDCWD, path, (struct timespec[2]){then, then}, 0), 0);
+    }
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    assert_int_equal(condensed_cache_write(&cache, &order, &matrix, &why), TROCAR_OK);
+    for (int i = 0; i < LEFT; i++) {
+        snprintf(path, sizeof path, "%s/%s", directory, left[i].name);
+        assert_int_equal(unlink(path) == 0, left[i].there);
+    }
+    assert_int_equal(unlink(cache.path), 0);
+}
+
 static int create(void **state) {
     (void)state;
     return mkdtemp(directory) ? 0 : -1;
@@ -102,6 +146,7 @@ static int destroy(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(least_recently_used_files_are_removed_first), cmocka_unit_test(another_writers_file_is_left_alone)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(least_recently_used_files_are_removed_first), cmocka_unit_test(another_writers_file_is_left_alone),
+                                       cmocka_unit_test(room_is_checked_beforehand), cmocka_unit_test(old_halves_are_removed)};
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -25,6 +25,10 @@ static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
 double __wrap_memory_available(void) { return memory_left; }
 
+static double memory_ever = 1e12;
+double __wrap_memory_most(void);
+double __wrap_memory_most(void) { return memory_ever; }
+
 static int progress_calls;
 static double progress_last;
 static void note_progress(const char *what, double fraction, void *context) {
@@ -334,6 +338,44 @@ static void too_little_memory_is_reported_beforehand(void **state) {
     tissue_free(&t);
 }
 
+/* A supervisor that starts the program again need not do so if the machine can never have as much. */
+static void more_than_the_machine_has_is_bad_input(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report notice, why;
+    condensed_region wanted = {.count = REGION, .nodes = region, .directory = directory};
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    memory_left = memory_ever = 1e4;
+    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_BAD_INPUT);
+    assert_null(inv);
+    assert_non_null(strstr(why.text, "1e-05 GB are available"));
+    assert_non_null(strstr(why.text, condensed_cache_find(directory, &t, REGION, region, false).path));
+    assert_int_equal(tissue_factor(&t, REGION, region, &why), TROCAR_BAD_INPUT);
+    memory_left = memory_ever = 1e12;
+    tissue_free(&t);
+}
+
+/* Memory that was too little for the factor when a node outside was needed first may suffice later. */
+static void a_passing_shortage_is_not_final(void **state) {
+    (void)state;
+    condensed c;
+    report why;
+    start(&c, 1.0);
+    stop(&c);
+    start(&c, 1.0);
+    memory_left = 1e4;
+    for (int times = 0; times < 2; times++) {
+        assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_NO_MEMORY);
+        assert_non_null(strstr(why.text, "1e-05 GB are available"));
+    }
+    memory_left = 1e12;
+    assert_int_equal(inverse_prepare(c.inverse, &why), TROCAR_OK);
+    assert_blocks(&c, CUBE_NODES, all);
+    stop(&c);
+    assert_int_equal(unlink(c.path), 0);
+}
+
 static void fully_fixed_region_is_refused(void **state) {
     (void)state;
     tissue t;
@@ -358,6 +400,23 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
     stop(&c);
 }
 
+static void what_cannot_be_kept_is_not_made(void **state) {
+    (void)state;
+    tissue t;
+    inverse *inv;
+    report notice, why = {""};
+    condensed_region wanted = {.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}};
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
+    progress_calls = 0;
+    inverse_must_be_saved(true);
+    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_SYSTEM);
+    inverse_must_be_saved(false);
+    assert_non_null(strstr(why.text, "cannot be written"));
+    assert_int_equal(progress_calls, 0);
+    assert_null(inv);
+    tissue_free(&t);
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
@@ -372,8 +431,11 @@ int main(void) {
         cmocka_unit_test(damaged_file_is_detected_and_replaced),
         cmocka_unit_test(different_tissues_use_different_files),
         cmocka_unit_test(too_little_memory_is_reported_beforehand),
+        cmocka_unit_test(more_than_the_machine_has_is_bad_input),
+        cmocka_unit_test(a_passing_shortage_is_not_final),
         cmocka_unit_test(fully_fixed_region_is_refused),
         cmocka_unit_test(progress_is_reported_and_unwritable_cache_is_tolerated),
+        cmocka_unit_test(what_cannot_be_kept_is_not_made),
     };
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -1,5 +1,7 @@
-/* The region's stiffness once all other nodes are eliminated, against the inverse of the whole matrix by LAPACK. */
+/* The region's stiffness once all other nodes are eliminated, against the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts
+   of several panels, against CHOLMOD's factor. Its memory against what malloc counts. */
 #include <lapacke.h>
+#include <malloc.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -7,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "inverse/condensation.h"
 #include "inverse/substructure.h"
 
 #include <cmocka.h>
@@ -16,29 +19,51 @@
 enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* of a box; the dissection cuts it several times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
-/* One or two boxes side by side that do not touch, Kuhn's six tets per cell; soft below, stiff above. */
-static mesh boxes(int count) {
+typedef struct {
+    int cells;               /* along each edge */
+    vec3 corner, spacing;
+    quat turn;
+} box;
+
+static int cubed(int n) { return n * n * n; }
+
+/* Boxes that do not touch, Kuhn's six tets per cell; soft below, stiff above. */
+static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
-    int per_box = 6 * CELLS * CELLS * CELLS;
     report why;
-    mesh m = {.node_count = count * BOX, .tet_count = count * per_box, .group_count = 2};
+    mesh m = {.group_count = 2};
+    for (int b = 0; b < count; b++) {
+        m.node_count += cubed(boxes[b].cells + 1);
+        m.tet_count += 6 * cubed(boxes[b].cells);
+    }
     m.nodes = malloc((size_t)m.node_count * sizeof *m.nodes);
     m.tets = malloc((size_t)m.tet_count * sizeof *m.tets);
     m.region = malloc((size_t)m.tet_count * sizeof *m.region);
     for (int g = 0; g < 2; g++) m.groups[g] = (mesh_group){.name = {(char)('a' + g)}, .dimension = 3};
-    for (int n = 0; n < m.node_count; n++)
-        m.nodes[n] = v3(0.01 * (n % SIDE) + 0.1 * (n / BOX), 0.01 * (n / SIDE % SIDE), 0.01 * (n % BOX / SIDE / SIDE));
-    for (int t = 0; t < m.tet_count; t++) {
-        int cell = t % per_box / 6, at[3] = {cell % CELLS, cell / CELLS % CELLS, cell / CELLS / CELLS};
-        m.region[t] = 2 * at[2] < CELLS ? 0 : 1;
-        for (int corner = 0; corner < 4; corner++) {
-            m.tets[t][corner] = at[0] + SIDE * (at[1] + SIDE * at[2]) + t / per_box * BOX;
-            if (corner < 3) at[orders[t % 6][corner]]++;
+    for (int b = 0, node = 0, tet = 0; b < count; b++) {
+        int cells = boxes[b].cells, side = cells + 1, first = node;
+        vec3 spacing = boxes[b].spacing;
+        for (int n = 0; n < cubed(side); n++) {
+            vec3 at = v3(spacing.x * (n % side), spacing.y * (n / side % side), spacing.z * (n / side / side));
+            m.nodes[node++] = v3_add(boxes[b].corner, q_rotate(boxes[b].turn, at));
+        }
+        for (int t = 0; t < 6 * cubed(cells); t++, tet++) {
+            int cell = t / 6, at[3] = {cell % cells, cell / cells % cells, cell / cells / cells};
+            m.region[tet] = 2 * at[2] < cells ? 0 : 1;
+            for (int corner = 0; corner < 4; corner++) {
+                m.tets[tet][corner] = first + at[0] + side * (at[1] + side * at[2]);
+                if (corner < 3) at[orders[t % 6][corner]]++;
+            }
         }
     }
     assert_int_equal(mesh_finish(&m, 0, NULL, NULL, "boxes", &why), TROCAR_OK);
     return m;
 }
+
+static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
+
+/* One or two side by side. */
+static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
 /* K^-1, dof_count square. */
 static double *whole_inverse(const tissue *t) {
@@ -172,11 +197,165 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
+/* Numbers that no library changes: METIS calls srand. */
+static unsigned any(unsigned below) {
+    static unsigned long long state = 1;
+    state = state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (unsigned)(state >> 33) % below;
+}
+
+/* Some ten nodes beside thousands, turning about two fixed ones in any direction; in the region or not. */
+static void small_loose_piece_is_refused(void **state) {
+    (void)state;
+    enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
+    for (int trial = 0; trial < 4 * TRIALS; trial++) {
+        static bool fixed[MOST];
+        static int region[MOST], nodes[MOST];
+        unsigned cells = 1 + (unsigned)trial % 2, few = (unsigned)cubed((int)cells + 1);
+        unsigned hinge = any(few), other = (hinge + 1 + any(few - 1)) % few;
+        quat turn = q_exp(v3(0.01 * any(600) - 3.0, 0.01 * any(600) - 3.0, 0.01 * any(200) - 1.0));
+        mesh m = mesh_of(2, (box[]){upright(LARGE, 0.0), {(int)cells, v3(-0.1, 0.0, 0.05), v3(0.0093, 0.0107, 0.0101), turn}});
+        int count = 0;
+        tissue t;
+        substructure s;
+        panels corner;
+        report why = {""};
+        for (int n = 0; n < m.node_count; n++) {
+            fixed[n] = n < BESIDE ? m.nodes[n].z < 0.005 : n - BESIDE == (int)hinge || n - BESIDE == (int)other;
+            bool inside = n < BESIDE ? fabs(m.nodes[n].x - 0.06) < 0.015 && fabs(m.nodes[n].y - 0.06) < 0.015 : trial >= 2 * TRIALS;
+            if (inside) region[count++] = n;
+        }
+        assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+        assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
+        substructure_free(&s);
+        tissue_free(&t);
+        mesh_free(&m);
+    }
+}
+
+/* ---- memory ---- */
+
+static double most_used;
+static void note_memory(const char *what, double fraction, void *context) {
+    (void)what;
+    (void)fraction;
+    (void)context;
+    struct mallinfo2 now = mallinfo2();
+    most_used = fmax(most_used, (double)now.uordblks + (double)now.hblkhd);
+}
+
+/* Begins to count; returns what is in use. */
+static double begin_counting(void) {
+    most_used = 0.0;
+    note_memory("", 0.0, NULL);
+    return most_used;
+}
+
+/* Sanitizers have a malloc of their own. */
+static void assert_predicted(double predicted, double used) {
+    if (mallinfo2().uordblks == 0) return;
+    assert_true(predicted >= used);
+    assert_true(predicted <= 1.5 * used);
+}
+
+static bool has_front_of_several_panels(const substructure *s) {
+    const int *super = s->symbolic->super;
+    for (int f = 0; f < (int)s->symbolic->nsuper; f++) {
+        int pivots = 0;
+        for (int place = super[f]; place < super[f + 1]; place++) pivots += s->region[place] < 0;
+        if (3 * pivots > PANEL_WIDTH) return true;
+    }
+    return false;
+}
+
+static void large_fronts_agree_with_the_factor(void **state) {
+    (void)state;
+    enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
+    static bool fixed[ALL];
+    static int region[ALL], nodes[ALL];
+    int count = 0, size;
+    tissue t;
+    substructure s;
+    panels corner;
+    report why;
+    mesh m = mesh_of(1, (box[]){upright(LARGE, 0.0)});
+    fix_bottom(&m, fixed);
+    for (int n = 0; n < ALL; n++)
+        if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < 0.025 && fabs(m.nodes[n].y - 0.08) < 0.025) region[count++] = n;
+    size = 3 * count;
+    assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+    assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+    assert_true(has_front_of_several_panels(&s));
+    double before = begin_counting();
+    assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note_memory, NULL}, &why), TROCAR_OK);
+    assert_predicted(s.bytes, most_used - before);
+    assert_true(corner.count > 1);
+    assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);
+    double *found = corner_inverse(&corner, size);
+    for (int i = 0; i < COLUMNS; i++) {
+        int column = i * (size - 1) / (COLUMNS - 1);
+        cholmod_dense *load = cholmod_zeros((size_t)t.dof_count, 1, CHOLMOD_REAL, &t.common);
+        ((double *)load->x)[t.dof[nodes[column / 3]] + column % 3] = 1.0;
+        cholmod_dense *solution = cholmod_solve(CHOLMOD_A, t.factor, load, &t.common);
+        const double *expected = solution->x;
+        double largest = expected[t.dof[nodes[column / 3]] + column % 3];
+        for (int row = 0; row < size; row++) {
+            int higher = row > column ? row : column, lower = row > column ? column : row;
+            assert_close(found[(size_t)lower * (size_t)size + (size_t)higher], expected[t.dof[nodes[row / 3]] + row % 3], 1e-11 * largest);
+        }
+        cholmod_free_dense(&load, &t.common);
+        cholmod_free_dense(&solution, &t.common);
+    }
+    free(found);
+    panels_free(&corner);
+    substructure_free(&s);
+    tissue_free(&t);
+    mesh_free(&m);
+}
+
+static double memory_left = 1e12; /* bytes */
+double __wrap_memory_available(void);
+double __wrap_memory_available(void) { return memory_left; }
+
+/* Of a small region the elimination, of the whole body the inversion needs most. */
+static void memory_of_condensing_is_predicted(void **state) {
+    (void)state;
+    static bool fixed[BOX];
+    mesh m = boxes(1);
+    fix_bottom(&m, fixed);
+    for (int choice = 0; choice < 4; choice++) {
+        int region[BOX], nodes[BOX], count = 0;
+        tissue t;
+        report why;
+        double predicted = 0.0, needed;
+        for (int n = 0; n < BOX; n++)
+            if (!fixed[n] && (choice >= 2 || in_column(&m, n, 0))) region[count++] = n;
+        symmetric_blocks inverse = {.count = count, .single = choice % 2 == 1};
+        condensed_region wanted = {.count = count, .nodes = region, .single = inverse.single, .progress = {note_memory, NULL}};
+        assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+        memory_left = 0.0;
+        assert_int_equal(condense(&t, &wanted, nodes, &inverse, &needed, &why), TROCAR_NO_MEMORY);
+        assert_int_equal(sscanf(strstr(why.text, " takes ") + 7, "%lf", &predicted), 1);
+        memory_left = 1e12;
+        double before = begin_counting();
+        assert_int_equal(condense(&t, &wanted, nodes, &inverse, &needed, &why), TROCAR_OK);
+        assert_predicted(needed, most_used - before);
+        assert_close(1e9 * predicted, needed, 0.005 * needed); /* in three digits */
+        free(inverse.numbers);
+        tissue_free(&t);
+    }
+    mesh_free(&m);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(regions_agree_with_the_whole_inverse),
         cmocka_unit_test(bodies_may_be_apart),
         cmocka_unit_test(loose_body_is_refused),
+        cmocka_unit_test(small_loose_piece_is_refused),
+        cmocka_unit_test(large_fronts_agree_with_the_factor),
+        cmocka_unit_test(memory_of_condensing_is_predicted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

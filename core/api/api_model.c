@@ -44,7 +44,9 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     }
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
+    inverse_must_be_saved(options && options->keep_inverse);
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
+    inverse_must_be_saved(false);
     restore_floating_mode(before);
     return end_model(m, status, model);
 }

@@ -1,7 +1,9 @@
 #include "base/memory.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
+#include <string.h>
 
 /* A line of /proc/meminfo. */
 static double read_line(const char *format) {
@@ -13,14 +15,77 @@ static double read_line(const char *format) {
     return 1024.0 * kilobytes;
 }
 
-static double read_limit(const char *path) {
-    double bytes = INFINITY;
+/* ---- control groups --------------------------------------------------------------------------------------------------- */
+
+/* A version of control groups: where its files are below a root folder, and what they are called. */
+typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
+static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lf"};
+static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lf"};
+
+enum { LONGEST = 8192 };     /* of a path, with all that is added */
+
+/* The first line of this form in a file of a folder, else `otherwise`. */
+static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
+    char path[LONGEST + 64], line[256];
+    double number = otherwise;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
     FILE *file = fopen(path, "r");
-    if (file && fscanf(file, "%lf", &bytes) != 1) bytes = INFINITY;
+    while (file && fgets(line, sizeof line, file) && sscanf(line, format, &number) != 1) continue;
     if (file) fclose(file);
-    return bytes;
+    return number;
 }
+
+/* A group's own limit: "max" is none. The pages of files that are not in use count as used, but are given back on demand. */
+static void add_group(const group_files *files, const char *folder, memory_limits *least) {
+    double limit = read_number(folder, files->limit, "%lf", INFINITY);
+    if (!(limit < INFINITY)) return;
+    double used = read_number(folder, files->used, "%lf", 0.0) - read_number(folder, "memory.stat", files->inactive, 0.0);
+    least->most = fmin(least->most, limit);
+    least->available = fmin(least->available, fmax(0.0, limit - fmax(0.0, used)));
+}
+
+/* A group and those that it is in. Inside a container the path may be one of the machine's: then only the container's own group is found. */
+static void add_groups(const group_files *files, const char *root, const char *path, memory_limits *least) {
+    char folder[LONGEST];
+    int base = snprintf(folder, sizeof folder, "%s/%s", root, files->folder);
+    if (base < 0 || (size_t)base + strlen(path) >= sizeof folder) return;
+    if (!strstr(path, "/..")) strcpy(folder + base, path);
+    for (;;) {
+        add_group(files, folder, least);
+        char *slash = strrchr(folder + base, '/');
+        if (!slash) return;
+        *slash = '\0';
+    }
+}
+
+/* Is the memory's controller in this list, with commas? */
+static bool has_memory(const char *controllers) {
+    char list[LONGEST + 2];
+    snprintf(list, sizeof list, ",%s,", controllers);
+    return strstr(list, ",memory,") != NULL;
+}
+
+memory_limits memory_of_groups(const char *root) {
+    memory_limits least = {INFINITY, INFINITY};
+    char line[LONGEST];
+    snprintf(line, sizeof line, "%s/proc/self/cgroup", root);
+    FILE *file = fopen(line, "r");
+    while (file && fgets(line, sizeof line, file)) { /* number:controllers:path */
+        char *controllers = strchr(line, ':'), *path = controllers ? strchr(controllers + 1, ':') : NULL;
+        if (!path) continue;
+        *path++ = '\0';
+        path[strcspn(path, "\n")] = '\0';
+        if (controllers[1] == '\0') add_groups(&VERSION_2, root, path, &least);
+        else if (has_memory(controllers + 1)) add_groups(&VERSION_1, root, path, &least);
+    }
+    if (file) fclose(file);
+    return least;
+}
+
+/* ---- all -------------------------------------------------------------------------------------------------------------- */
 
 double memory_total(void) { return read_line("MemTotal: %lf"); }
 
-double memory_available(void) { return fmin(read_line("MemAvailable: %lf"), read_limit("/sys/fs/cgroup/memory.max")); } /* "max": no limit */
+double memory_most(void) { return fmin(memory_total(), memory_of_groups("").most); }
+
+double memory_available(void) { return fmin(read_line("MemAvailable: %lf"), memory_of_groups("").available); }

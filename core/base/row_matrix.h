@@ -1,4 +1,4 @@
-/* 3 x 3 matrices by rows of four numbers, of which the last one means nothing: products in vector registers. */
+/* 3 x 3 matrices by rows of four numbers, of which the fourth is padding: products in vector registers. */
 #ifndef TROCAR_ROW_MATRIX_H
 #define TROCAR_ROW_MATRIX_H
 

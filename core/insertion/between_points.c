@@ -30,7 +30,7 @@ static void lay_out_frames(const insertion_workspace *w, layout *to) {
             for (int b = 0; b < 3; b++) to->frame[a][b][k] = w->points[to->order[k]].at.frame.m[a][b];
 }
 
-/* Are the points in the order of their places, with no guides among them, and the slots of the contacts, without gaps? So it is as a rule. */
+/* True if points and slots are in order without gaps, and there are no guides. (The usual case.) */
 static bool in_order_of_slots(const insertion_workspace *w, const int order[MAX_POINTS]) {
     bool in_order = w->guided == 0;
     for (int k = 0; k < w->point_count && in_order; k++)
@@ -43,7 +43,7 @@ static void put_tissue(layout *to, int l, const mat3 *block, double mount, bool 
         for (int b = 0; b < 3; b++) to->tissue[a][b][l] = (transposed ? block->m[b][a] : block->m[a][b]) + (a == b ? mount : 0.0);
 }
 
-/* Between two points of which none is at the tip. */
+/* Between two points, neither of which is at the tip. */
 static mat3 between_contacts(const tick_context *tick, int i, int j) {
     const insertion_workspace *w = tick->scratch;
     if (i < w->guided || j < w->guided) return (mat3){{{0}}};

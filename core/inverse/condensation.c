@@ -113,30 +113,42 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
+/* What the inversion needs at a time: the triangle, with what is made of a panel, then with the inverse and a tile of it. Each
+   piece is rounded up to whole pages. */
+static double inversion_bytes(int count, bool single) {
+    double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
+    double panel_product = 3.0 * count * PANEL_WIDTH * number, tile = (double)PANEL_WIDTH * PANEL_WIDTH * number;
+    double rounding = 4096.0 * (3 + 3 * count / PANEL_WIDTH + 1);
+    return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tile);
+}
+
 /* Predicted before the elimination begins, because a system that runs out of memory may end the process without a word. */
-static trocar_status check_memory(const substructure *plan, bool single, report *why) {
-    double needed = single ? plan->bytes : fmax(plan->bytes, condensation_bytes(plan->region_count)), available = memory_available();
+static trocar_status check_memory(const substructure *plan, double needed, report *why) {
+    double available = memory_available();
     if (needed <= available) return TROCAR_OK;
     return fail(why, TROCAR_NO_MEMORY, "condensing the inverse of %d nodes to a region of %d takes %.3g GB of memory, and %.3g GB are available: choose a "
                 "smaller region_of_interest, or a machine with more memory", plan->nodes, plan->region_count, 1e-9 * needed, 1e-9 * available);
 }
 
 /* L_RR, in double precision. */
-static trocar_status find_corner(tissue *t, const condensed_region *region, int *nodes, panels *corner, report *why) {
+static trocar_status find_corner(tissue *t, const condensed_region *region, int *nodes, panels *corner, double *needed, report *why) {
     substructure plan;
+    *needed = 0.0;
     trocar_status status = tissue_stiffness(t, why);
     if (status == TROCAR_OK) status = substructure_plan(t, region->count, region->nodes, nodes, &plan, why);
+    if (status == TROCAR_BAD_INPUT) *needed = INFINITY;
     if (status != TROCAR_OK) return status;
-    status = check_memory(&plan, region->single, why);
+    *needed = fmax(plan.bytes, inversion_bytes(plan.region_count, region->single));
+    status = check_memory(&plan, *needed, why);
     if (status == TROCAR_OK) status = substructure_eliminate(&plan, corner, region->progress, why);
     substructure_free(&plan);
     return status;
 }
 
-trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why) {
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
     inverse_progress progress = region->progress;
     panels corner;
-    trocar_status status = find_corner(t, region, nodes, &corner, why);
+    trocar_status status = find_corner(t, region, nodes, &corner, needed, why);
     if (status != TROCAR_OK) return status;
     for (int k = 0; k < corner.count && inverse->single; k++) make_single(&corner.panels[k]);
     status = invert_triangle(&corner, inverse->single, progress);

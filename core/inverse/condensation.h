@@ -6,12 +6,12 @@
 #include "inverse/inverse.h"
 #include "inverse/symmetric_blocks.h"
 
-/* The factor in double precision, 36 count^2 bytes, and the inverse, if that is in double precision, too. */
+/* About what the inversion needs in double precision: the factor and the inverse, 36 count^2 bytes each. In single precision it is half of that. */
 double condensation_bytes(int count);
 
 /* Writes the inverse between nodes[inverse->count], the region's free ones, which are sorted first. K is assembled if need be. Uses as many
-   threads as BLAS does. NO_MEMORY, said before the elimination begins, if that needs more than is available; BAD_INPUT as of tissue_factor, and
-   when the inverse over- or underflows. */
-trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, report *why);
+   threads as BLAS does. `needed`: bytes, known before the elimination begins; INFINITY if the mesh is too large for it. NO_MEMORY, before the
+   elimination, if that is more than is available; BAD_INPUT as of tissue_factor, and when the inverse over- or underflows. */
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why);
 
 #endif

@@ -11,6 +11,8 @@
 #include <sys/mman.h>
 #include <sys/random.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { ALIGNMENT = 64 };     /* bytes: of all that is in the file */
@@ -203,10 +205,42 @@ void condensed_cache_trim(const condensed_cache *kept, double bytes) {
     if (directory) closedir(directory);
 }
 
+static void find_folder(const condensed_cache *cache, char folder[sizeof cache->path]) {
+    strcpy(folder, cache->path);
+    *strrchr(folder, '/') = '\0';
+}
+
+trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, report *why) {
+    char folder[sizeof cache->path];
+    struct statvfs room;
+    double bytes = (double)symmetric_blocks_bytes(matrix->count, matrix->single);
+    find_folder(cache, folder);
+    if (!make_folders(cache->path) || access(folder, W_OK | X_OK) != 0)
+        return fail(why, TROCAR_SYSTEM, "%s cannot be written: %s", cache->path, strerror(errno));
+    double left = statvfs(folder, &room) == 0 ? (double)room.f_bavail * (double)room.f_frsize : bytes;
+    if (left >= bytes) return TROCAR_OK;
+    return fail(why, TROCAR_SYSTEM, "%s cannot be written: it takes %.3g GB, and there is room for %.3g GB", cache->path, 1e-9 * bytes, 1e-9 * left);
+}
+
+/* A file that is being written is younger, on whichever machine. */
+static void remove_halves(const condensed_cache *cache) {
+    static const long OLD = 3600; /* s */
+    char folder[sizeof cache->path];
+    struct stat s;
+    find_folder(cache, folder);
+    DIR *directory = opendir(folder);
+    for (struct dirent *entry; directory && (entry = readdir(directory)) != NULL;) {
+        if (fnmatch("condensed-????????????????.h5.????????????????", entry->d_name, 0) != 0) continue;
+        if (fstatat(dirfd(directory), entry->d_name, &s, 0) == 0 && time(NULL) - s.st_mtim.tv_sec > OLD) unlinkat(dirfd(directory), entry->d_name, 0);
+    }
+    if (directory) closedir(directory);
+}
+
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
     uint64_t number; /* random: containers that share the directory may share process ids, too */
     silence();
+    remove_halves(cache);
     if (getrandom(&number, sizeof number, 0) == sizeof number) {
         snprintf(beside, sizeof beside, "%s.%016llx", cache->path, (unsigned long long)number);
         if (make_folders(cache->path) && write_file(beside, cache->key, order, matrix) && rename(beside, cache->path) == 0) {

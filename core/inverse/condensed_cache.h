@@ -24,7 +24,11 @@ typedef struct { void *at; size_t bytes; } file_mapping; /* for munmap */
    truncated, fails its checksums or belongs to something else. One that was read counts as used now. */
 cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping);
 
-/* Written beside, under a name of its own, and renamed: there is never half a file. Then trims to CONDENSED_CACHE_ROOM. SYSTEM when it can't be written. */
+/* Before a long computation: may one write there, and is there room for the matrix, of which only the size is needed? SYSTEM. Makes the folders. */
+trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, report *why);
+
+/* Written beside, under a name of its own, and renamed: there is never half a file. Then trims to CONDENSED_CACHE_ROOM. Halves that ended
+   programs left an hour ago or earlier are removed. SYSTEM when it can't be written. */
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why);
 
 /* Removes the least recently used files beside this one, but never this one, until all take no more than so many bytes. */

@@ -37,6 +37,9 @@ typedef struct {
    needed. K is assembled when it is needed. `notice` receives its source. */
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
 
+/* Of this thread, until it is set otherwise: a condensed inverse that cannot be saved is not made (SYSTEM). */
+void inverse_must_be_saved(bool must);
+
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 

@@ -1,11 +1,13 @@
 #include "inverse/inverse.h"
 
+#include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <threads.h>
 
+#include "base/memory.h"
 #include "inverse/condensation.h"
 #include "inverse/condensed_cache.h"
 #include "inverse/conjugate_gradients.h"
@@ -40,11 +42,17 @@ static trocar_status assemble(condensed_inverse *c, report *why) {
     return status;
 }
 
-/* Creates the sparse inverse once. A failure is not retried, because each attempt would take minutes. */
+/* A failure is final, because each attempt would take minutes; but not that there was too little memory to begin with, if now there is enough. */
+static bool is_final(const condensed_inverse *c) {
+    double refused = c->shared.tissue->refused;
+    return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
+}
+
+/* Creates the sparse inverse once. */
 static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
     mtx_lock(&c->factoring);
     inverse *created = c->rest;
-    if (!created && c->rest_status == TROCAR_OK) {
+    if (!created && !is_final(c)) {
         c->rest_status = assemble(c, &c->no_rest); /* beforehand: pictures need no factor */
         if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
         if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
@@ -128,6 +136,10 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
+static _Thread_local bool must_be_saved;
+
+void inverse_must_be_saved(bool must) { must_be_saved = must; }
+
 /* Maps the matrix from the cache, or computes and caches it. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
     const tissue *t = c->shared.tissue;
@@ -143,17 +155,23 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     if (c->mapping.at) munmap(c->mapping.at, c->mapping.bytes);
     c->mapping = (file_mapping){0};
     c->matrix.numbers = NULL;
-    trocar_status status = condense(c->shared.tissue, region, c->nodes, &c->matrix, why);
-    if (status == TROCAR_NO_MEMORY) {
+    double needed;
+    trocar_status status = must_be_saved ? condensed_cache_check(&cache, &c->matrix, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
+    status = condense(c->shared.tissue, region, c->nodes, &c->matrix, &needed, why);
+    if (status == TROCAR_NO_MEMORY || needed == INFINITY) {
         size_t used = strlen(why->text);
         snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
     }
+    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would not help */
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);
     report unwritten;
-    if (condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten) != TROCAR_OK) *notice = unwritten;
-    return TROCAR_OK;
+    status = condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten);
+    if (status == TROCAR_OK) return status;
+    *(must_be_saved ? why : notice) = unwritten;
+    return must_be_saved ? status : TROCAR_OK;
 }
 
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {

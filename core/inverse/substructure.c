@@ -7,6 +7,9 @@
 
 #include "tissue/node_order.h"
 
+/* Of a part of the body, a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+typedef struct { double squares, energy; } response;
+
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
 /* Size of a front, nodes: rows = pivots, then the nodes that are eliminated later, then those of the region. */
@@ -153,8 +156,12 @@ static bool plan(substructure *s, const bool *last) {
     s->sequence = malloc(fronts * sizeof *s->sequence);
     if (!s->first_child || !s->next || !s->sequence) return false;
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
-    s->bytes = matrix_bytes(s->tissue) + panels_bytes(3 * s->region_count, 3 * s->region_count);
-    return find_tree(s);
+    double matrix = matrix_bytes(s->tissue), product = 3.0 * s->region_count * PANEL_WIDTH * sizeof(double);
+    s->bytes = matrix + product + panels_bytes(3 * s->region_count, 3 * s->region_count);
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, by nodes */
+    if (!find_tree(s)) return false;
+    s->bytes = fmax(s->bytes, 2.0 * matrix); /* K is reordered by way of another copy */
+    return true;
 }
 
 /* Names the region's nodes in the order of the triangle. */
@@ -178,6 +185,9 @@ trocar_status substructure_plan(tissue *t, int count, const int *region, int *no
     free(last);
     if (planned) return TROCAR_OK;
     substructure_free(s);
+    if (t->common.status == CHOLMOD_TOO_LARGE)
+        return fail(why, TROCAR_BAD_INPUT, "the elimination of %d nodes has more than 2^31 entries to order, too many: make the mesh coarser",
+                    t->dof_count / 3);
     return fail(why, TROCAR_NO_MEMORY, "no memory to order the elimination of %d nodes", t->dof_count / 3);
 }
 
@@ -197,6 +207,7 @@ typedef struct {
     panels matrix;           /* columns of pivots and of later nodes; all rows */
     int pivot_panels;
     double *load;            /* 3 size.count */
+    response below;          /* of this front's pivots and of those of all fronts below it */
     int taken, taken_panels; /* columns of later nodes that the parent has taken over, and panels of them */
 } front;
 
@@ -208,7 +219,9 @@ typedef struct {
     int *local;              /* plan->nodes: row in the current front, nodes */
     double *load;            /* of the region, 3 region_count */
     double *product;         /* scratch: 3 region_count x PANEL_WIDTH */
-    double energy;           /* |L^-1 load|^2 = load^T K^-1 load */
+    int *piece;              /* plan->nodes: another node of the same connected piece, in the end the one that stands for it */
+    response *of_piece;      /* plan->nodes: by the node that stands for it */
+    double norm;             /* K's largest column sum, no less than its largest eigenvalue */
     inverse_progress progress;
     double done;             /* operations */
     int shown;               /* per cent */
@@ -249,15 +262,22 @@ static front *front_create(const extent *e) {
 /* A load that is not orthogonal to any rigid motion. */
 static double test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
+static double load_at(const substructure *s, int row) { return test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
+
+/* A column of a panel, both numbered as in the whole matrix: its rows begin with p->first. */
+static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
+
 /* Adds K's columns of these pivots, [first, first + width) of the front. */
-static void add_stiffness(const elimination *e, const front *f, panel *p) {
+static void add_stiffness(const elimination *e, front *f, panel *p) {
     const int *start = e->k->p, *row = e->k->i;
     const double *value = e->k->x;
     for (int column = p->first; column < p->first + p->width; column++) {
         int at = 3 * f->size.rows[column / 3] + column % 3;
-        double *into = (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows;
+        double *into = column_at(p, column);
         for (int k = start[at]; k < start[at + 1]; k++) into[3 * e->local[row[k] / 3] + row[k] % 3 - p->first] += value[k];
-        f->load[column] += test_load(((const int *)e->plan->symbolic->Perm)[at / 3] * 3 + at % 3);
+        double load = load_at(e->plan, at);
+        f->load[column] += load;
+        f->below.squares += load * load;
     }
 }
 
@@ -269,12 +289,11 @@ static void add_child(const elimination *e, front *child, panel *p) {
         if (column >= p->first + p->width) return;
         panel *from = &child->matrix.panels[child->taken_panels];
         for (int a = 0; a < 3; a++) {
-            int skipped = 3 * child->taken + a - from->first;
-            const double *values = (const double *)from->values + (size_t)skipped * (size_t)from->rows - from->first;
-            double *into = (double *)p->values + (size_t)(column + a - p->first) * (size_t)p->rows - p->first;
+            const double *values = column_at(from, 3 * child->taken + a);
+            double *into = column_at(p, column + a);
             for (int row = child->taken; row < c->count; row++) {
-                int to = 3 * e->local[c->rows[row]];
-                for (int b = 0; b < 3; b++) into[to + b] += values[3 * row + b];
+                int to = 3 * e->local[c->rows[row]] - p->first, at = 3 * row - from->first;
+                for (int b = 0; b < 3; b++) into[to + b] += values[at + b];
             }
         }
         if (3 * (child->taken + 1) == from->first + from->width) {
@@ -301,18 +320,34 @@ static void subtract_from_region(const elimination *e, const front *f) {
         }
         for (int column = 0; column < width; column++) {
             int at = 3 * region[rows[(first + column) / 3]] + column % 3;
-            panel *p = &e->corner->panels[at / PANEL_WIDTH];
-            double *into = (double *)p->values + (size_t)(at - p->first) * (size_t)p->rows - p->first;
+            const panel *p = &e->corner->panels[at / PANEL_WIDTH];
+            double *into = column_at(p, at);
             const double *values = e->product + (size_t)column * (size_t)left;
-            for (int row = column; row < left; row++) into[3 * region[rows[(first + row) / 3]] + row % 3] -= values[row];
+            for (int row = column; row < left; row++) into[3 * region[rows[(first + row) / 3]] + row % 3 - p->first] -= values[row];
         }
     }
 }
 
+static int piece_of(const elimination *e, int place) {
+    while (e->piece[place] != place) place = e->piece[place] = e->piece[e->piece[place]];
+    return place;
+}
+
+/* Adds the energy of one node, whose part of L^-1 load this is, to its piece's. */
+static double add_energy(elimination *e, int place, const double y[3]) {
+    double energy = y[0] * y[0] + y[1] * y[1] + y[2] * y[2];
+    e->of_piece[piece_of(e, place)].energy += energy;
+    return energy;
+}
+
+/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. A part with the
+   rest of the body fixed has none smaller than the whole (interlacing). In the whole alone, a small loose part would not show beside a large body. */
+static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
+
 /* L y = load for the pivots; hands the rest of the load on. */
 static void pass_load(elimination *e, front *f) {
     panels_forward(&f->matrix, f->pivot_panels, f->load);
-    e->energy += pow(cblas_dnrm2(3 * f->size.pivots, f->load, 1), 2);
+    for (int row = 0; row < f->size.pivots; row++) f->below.energy += add_energy(e, f->size.rows[row], f->load + 3 * row);
     for (int row = f->size.columns; row < f->size.count; row++)
         for (int a = 0; a < 3; a++) e->load[3 * e->plan->region[f->size.rows[row]] + a] += f->load[3 * row + a];
 }
@@ -320,7 +355,9 @@ static void pass_load(elimination *e, front *f) {
 static void take_loads(const elimination *e, front *f, int first_child) {
     for (int c = first_child; c >= 0; c = e->plan->next[c]) {
         const front *child = e->fronts[c];
-        for (int row = child ? child->size.pivots : 0; child && row < child->size.columns; row++)
+        f->below.squares += child->below.squares;
+        f->below.energy += child->below.energy;
+        for (int row = child->size.pivots; row < child->size.columns; row++)
             for (int a = 0; a < 3; a++) f->load[3 * e->local[child->size.rows[row]] + a] += child->load[3 * row + a];
     }
 }
@@ -348,6 +385,7 @@ static trocar_status eliminate_front(elimination *e, int number) {
     }
     subtract_from_region(e, f);
     pass_load(e, f);
+    if (!is_constrained(e, &f->below)) return TROCAR_BAD_INPUT;
     for (int k = 0; k < f->pivot_panels; k++) panel_release(&f->matrix.panels[k]);
     e->done += operations;
     show_done(e, 0.0);
@@ -378,12 +416,21 @@ static bool begin_corner(elimination *e) {
     for (int place = 0; place < 3 * s->nodes && created; place++) {
         if (s->region[place / 3] < 0) continue;
         int column = 3 * s->region[place / 3] + place % 3;
-        panel *p = &e->corner->panels[column / PANEL_WIDTH];
-        double *into = (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows - p->first;
-        for (int k = start[place]; k < start[place + 1]; k++) into[3 * s->region[row[k] / 3] + row[k] % 3] += value[k];
-        e->load[column] += test_load(3 * ((const int *)s->symbolic->Perm)[place / 3] + place % 3);
+        const panel *p = &e->corner->panels[column / PANEL_WIDTH];
+        double *into = column_at(p, column);
+        for (int k = start[place]; k < start[place + 1]; k++) into[3 * s->region[row[k] / 3] + row[k] % 3 - p->first] += value[k];
+        e->load[column] += load_at(s, place);
     }
     return created;
+}
+
+/* The connected pieces of the body, and their loads. */
+static void find_pieces(elimination *e) {
+    const int *start = e->k->p, *row = e->k->i;
+    for (int place = 0; place < e->plan->nodes; place++) e->piece[place] = place;
+    for (int place = 0; place < e->plan->nodes; place++)
+        for (int k = start[3 * place]; k < start[3 * place + 1]; k++) e->piece[piece_of(e, row[k] / 3)] = piece_of(e, place);
+    for (int at = 0; at < 3 * e->plan->nodes; at++) e->of_piece[piece_of(e, at / 3)].squares += pow(load_at(e->plan, at), 2);
 }
 
 static bool begin(elimination *e) {
@@ -393,7 +440,11 @@ static bool begin(elimination *e) {
     e->local = malloc((size_t)s->nodes * sizeof *e->local);
     e->load = calloc(size, sizeof *e->load);
     e->product = malloc(size * PANEL_WIDTH * sizeof *e->product);
-    return e->fronts && e->local && e->load && e->product && (e->k = reorder(s)) && begin_corner(e);
+    e->piece = malloc((size_t)s->nodes * sizeof *e->piece);
+    e->of_piece = calloc((size_t)s->nodes, sizeof *e->of_piece);
+    if (!(e->fronts && e->local && e->load && e->product && e->piece && e->of_piece && (e->k = reorder(s)))) return false;
+    find_pieces(e);
+    return begin_corner(e);
 }
 
 static trocar_status eliminate_all(elimination *e) {
@@ -407,30 +458,28 @@ static trocar_status eliminate_all(elimination *e) {
     }
     if (status != TROCAR_OK) return status;
     panels_forward(e->corner, e->corner->count, e->load);
-    e->energy += pow(cblas_dnrm2(3 * s->region_count, e->load, 1), 2);
+    for (int place = 0; place < s->nodes; place++)
+        if (s->region[place] >= 0) add_energy(e, place, e->load + 3 * s->region[place]);
+    for (int place = 0; place < s->nodes; place++)
+        if (!is_constrained(e, &e->of_piece[place])) return TROCAR_BAD_INPUT;
     show(e->progress, 1.0);
     return TROCAR_OK;
 }
 
-/* Estimate of the ratio of the smallest to the largest eigenvalue of K, as in tissue_factor, by the energy of one load. */
-static double least_stiffness(const elimination *e) {
-    double squares = 0.0;
-    for (int i = 0; i < 3 * e->plan->nodes; i++) squares += pow(test_load(i), 2);
-    return squares / (e->energy * cholmod_norm_sparse(e->plan->tissue->stiffness, 1, &e->plan->tissue->common));
-}
-
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why) {
     elimination e = {.plan = s, .corner = corner, .progress = progress};
+    e.norm = cholmod_norm_sparse(s->tissue->stiffness, 1, &s->tissue->common);
     *corner = (panels){0};
     show(progress, 0.0);
     trocar_status status = begin(&e) ? eliminate_all(&e) : TROCAR_NO_MEMORY;
-    if (status == TROCAR_OK && !(least_stiffness(&e) >= LOOSE_BODY)) status = TROCAR_BAD_INPUT;
     for (size_t i = 0; e.fronts && i < s->symbolic->nsuper; i++) front_free(e.fronts[i]);
     cholmod_free_sparse(&e.k, &s->tissue->common);
     free(e.fronts);
     free(e.local);
     free(e.load);
     free(e.product);
+    free(e.piece);
+    free(e.of_piece);
     if (status == TROCAR_OK) return status;
     panels_free(corner);
     return status == TROCAR_NO_MEMORY ? fail(why, status, "no memory to eliminate %d nodes", s->nodes - s->region_count) : tissue_loose(why);

@@ -18,11 +18,12 @@ typedef struct {
     int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
     int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
     int *sequence;           /* fronts in the order in which they are eliminated */
-    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, and K in this order */
+    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, scratch of it, and K in this order */
     double operations;
 } substructure;
 
-/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`. */
+/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`.
+   NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
 trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 

@@ -7,14 +7,14 @@
 
 enum {
     REACHED = 12,                         /* nominal nodes that an addition can reach: of two elements, and of those beside them */
-    MAX_GUESTS = REACHED + 4,             /* nominal nodes that one addition needs and that are not in the window */
-    MAX_PLACES = MAX_HANDLES + MAX_GUESTS, /* handles, then guests */
+    MAX_EXTRA = REACHED + 4,             /* nominal nodes that one addition needs and that are not in the window */
+    MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, then extra nodes */
     NESTED_LD = 3 * MAX_PLACES,
 };
 
 typedef struct {
     bool on_face;                         /* the surplus couples to the old nodes */
-    double weights[4];                    /* nominal weights: what the node owes to the nominal nodes of its element */
+    double weights[4];                    /* nominal weights: its weights at the nominal nodes of its element */
     int nominal_count, nominal[REACHED];  /* nominal nodes that the coupling reaches through the nodes that it touches, */
     mat3 coupling[REACHED];               /* and c_j there, N/m */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int guest_count, guests[MAX_GUESTS];  /* of the addition in progress */
+    int extra_count, extra[MAX_EXTRA];  /* of the addition in progress */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS times: F_j^T, m/N times N/m: F_j(i) at [j][b][3 i + a] */
     void *nominal_memory, *factors_memory; /* these two */
@@ -37,10 +37,10 @@ mat3 nested_factor(const nested_remesher *r, int j, int place);
 /* The columns of the handles in use, and of contact node `slot` that is being added (-1: none). */
 column_ranges nested_columns(const nested_remesher *r, int slot);
 
-/* The same, with the guests. */
+/* The same, with the extra nodes. */
 column_ranges nested_all_columns(const nested_remesher *r, int slot);
 
-/* Fills `nominal` and `factors` of places that are new: in the window, or guests. */
+/* Fills `nominal` and `factors` of places that are new: in the window, or extra nodes. */
 trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why);
 
 /* The contact node in `slot`, as an interpolation of nominal nodes: its rows and columns of `nominal`. */

@@ -1,7 +1,7 @@
 /* Rows of nested addition in bulk. K^-1 and the factors F^T are kept between all places, so that what an addition needs is there in one
    piece: a row of F_j is a sum of rows of K^-1 and of earlier F_i. Blocks come from the inverse's owner only for nodes that are new. The sum
    of an entry is the same whether it comes from a row or from a new node's block: what is kept depends on the contact nodes and their order
-   alone, to the bit. */
+   alone, to the bit; after the removal of a node on a face from among others, to rounding. */
 #include "remesh/nested.h"
 
 #include <string.h>
@@ -10,24 +10,27 @@
 
 enum { GATHERED_LD = 3 * MAX_COLUMNS };
 
+_Static_assert(3 * MAX_CONTACTS % COLUMN_STEP == 0 && 3 * MAX_HANDLES % COLUMN_STEP == 0, "ranges of columns begin with a whole step");
+_Static_assert(NESTED_LD % COLUMN_STEP == 0 && SNAPSHOT_LD % COLUMN_STEP == 0, "ranges of columns end within a row");
+
 /* ---- places ---------------------------------------------------------------------------------------------------------- */
 
 int nested_place(const nested_remesher *r, int node) {
     int handle = handle_of_node(&r->shared, node);
-    for (int g = 0; g < r->guest_count && handle < 0; g++)
-        if (r->guests[g] == node) return MAX_HANDLES + g;
+    for (int g = 0; g < r->extra_count && handle < 0; g++)
+        if (r->extra[g] == node) return MAX_HANDLES + g;
     return handle;
 }
 
-/* The nominal node of a place in the window or of a guest. */
+/* The nominal node of a place in the window or of an extra node. */
 static int node_at(const nested_remesher *r, int place) {
-    return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->guests[place - MAX_HANDLES];
+    return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->extra[place - MAX_HANDLES];
 }
 
-/* The places in use: contact nodes in order, the window, guests. */
+/* The places in use: contact nodes in order, the window, extra nodes. */
 static int places_in_use(const nested_remesher *r, int places[MAX_PLACES]) {
     int count = handles_in_use(&r->shared, places);
-    for (int g = 0; g < r->guest_count; g++) places[count++] = MAX_HANDLES + g;
+    for (int g = 0; g < r->extra_count; g++) places[count++] = MAX_HANDLES + g;
     return count;
 }
 
@@ -42,7 +45,7 @@ column_ranges nested_columns(const nested_remesher *r, int slot) {
 
 column_ranges nested_all_columns(const nested_remesher *r, int slot) {
     column_ranges columns = nested_columns(r, slot);
-    column_ranges_add(&columns, 3 * MAX_HANDLES, 3 * (MAX_HANDLES + r->guest_count));
+    column_ranges_add(&columns, 3 * MAX_HANDLES, 3 * (MAX_HANDLES + r->extra_count));
     return columns;
 }
 
@@ -73,7 +76,7 @@ static trocar_status gather(nested_remesher *r, int count, const int *places, re
     for (int i = 0; i < count; i++) gather_row(shared, node_at(r, places[i]));
     for (int k = 0; k < MAX_WINDOW; k++)
         if (shared->window[k] >= 0) gather_column(shared, shared->window[k]);
-    for (int g = 0; g < r->guest_count; g++) gather_column(shared, r->guests[g]);
+    for (int g = 0; g < r->extra_count; g++) gather_column(shared, r->extra[g]);
     for (int k = 0; k < shared->refined.count; k++) {
         int i = shared->refined.order[k];
         for (int c = 0; c < 4; c++) gather_column(shared, shared->tissue->mesh->tets[shared->refined.nodes[i].tet][c]);

@@ -253,11 +253,16 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     if (r->left.any) memcpy(snapshot->u_left, r->left.u, sizeof snapshot->u_left);
 }
 
-static trocar_status update(remesher *r, const remesh_request *request, report *why) {
+static trocar_status check_counts(const remesh_request *request, report *why) {
     if (request->wanted.count > MAX_CONTACTS || request->window_count > MAX_WINDOW)
         return fail(why, TROCAR_BAD_INPUT, "a request of %d contact nodes and %d in the window: at most %d and %d", request->wanted.count,
                     request->window_count, MAX_CONTACTS, MAX_WINDOW);
-    trocar_status status = move_window(r, request, why);
+    return TROCAR_OK;
+}
+
+static trocar_status update(remesher *r, const remesh_request *request, report *why) {
+    trocar_status status = check_counts(request, why);
+    if (status == TROCAR_OK) status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
     return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
@@ -290,7 +295,11 @@ trocar_status remesher_forget(remesher *r, report *why) {
 
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why) {
     bool answered = snapshot->serial != 0 && snapshot->serial == request->serial;
-    trocar_status status = remesher_forget(r, why);
+    trocar_status status = check_counts(request, why);
+    if (status != TROCAR_OK) return status;
+    if (answered && (snapshot->piece_count < 0 || snapshot->piece_count > MAX_PIECES))
+        return fail(why, TROCAR_BAD_INPUT, "an answer with %d pieces of lines: at most %d", snapshot->piece_count, MAX_PIECES);
+    status = remesher_forget(r, why);
     r->piece_count = answered ? snapshot->piece_count : 0;
     memcpy(r->pieces, snapshot->pieces, (size_t)r->piece_count * sizeof *r->pieces);
     for (int k = 0; k < MAX_WINDOW; k++) window_put(r, k, answered ? snapshot->window[k] : -1);

@@ -35,7 +35,7 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
 
 /* c at a touched node, and at the nominal nodes that this one hangs on. */
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
-    if (node >= 0) {
+    if (node >= 0) { /* a nominal one; contact nodes are coded as -1 - slot */
         add_coupling(border, node, 1.0, c);
         return;
     }
@@ -61,21 +61,25 @@ static void couple(nested_remesher *r, int slot, split_columns *touched) {
     }
 }
 
-static void invite(nested_remesher *r, int node) {
-    if (nested_place(r, node) < 0) r->guests[r->guest_count++] = node;
+static void add_extra(nested_remesher *r, int node) {
+    if (nested_place(r, node) < 0) r->extra[r->extra_count++] = node;
 }
 
-/* Places for the nominal nodes that the addition needs: those of the window have one. */
-static trocar_status invite_all(nested_remesher *r, int slot, report *why) {
+/* Places for the nominal nodes that the addition needs, by its nominal weights, by those in its leaf (which rounding may tell apart), and by what it
+   couples to. Those of the window have one. */
+static trocar_status add_all_extra(nested_remesher *r, int slot, report *why) {
     const bordering *border = &r->borders[slot];
     const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
-    int places[MAX_GUESTS];
-    r->guest_count = 0;
+    const leaf_point *at = &r->shared.refined.nodes[slot].at;
+    int places[MAX_EXTRA];
+    r->extra_count = 0;
     for (int c = 0; c < 4; c++)
-        if (border->weights[c] != 0.0) invite(r, corners[c]);
-    for (int p = 0; p < border->nominal_count; p++) invite(r, border->nominal[p]);
-    for (int g = 0; g < r->guest_count; g++) places[g] = MAX_HANDLES + g;
-    return r->guest_count > 0 ? nested_enter(r, r->guest_count, places, why) : TROCAR_OK;
+        if (border->weights[c] != 0.0) add_extra(r, corners[c]);
+    for (int c = 0; c < 4; c++)
+        if (at->corners[c] >= 0 && at->weights[c] != 0.0) add_extra(r, at->corners[c]);
+    for (int p = 0; p < border->nominal_count; p++) add_extra(r, border->nominal[p]);
+    for (int g = 0; g < r->extra_count; g++) places[g] = MAX_HANDLES + g;
+    return r->extra_count > 0 ? nested_enter(r, r->extra_count, places, why) : TROCAR_OK;
 }
 
 /* ---- factors and surplus --------------------------------------------------------------------------------------------- */
@@ -169,16 +173,16 @@ static void fill_row(nested_remesher *r, int slot, const column_ranges *columns,
 static void add_row(nested_remesher *r, int slot) {
     remesher *shared = &r->shared;
     const leaf_point *at = &shared->refined.nodes[slot].at;
-    double guests[4][3 * SNAPSHOT_LD];
+    double extra_rows[4][3 * SNAPSHOT_LD];
     weighted_triple corners[4];
     int handles[MAX_HANDLES], all = handles_in_use(shared, handles), count = 0;
     column_ranges columns = nested_columns(r, slot), own = {.count = 0};
     for (int c = 0; c < 4; c++) {
         if (at->weights[c] == 0.0) continue;
         int place = nested_place(r, at->corners[c]);
-        bool guest = place >= MAX_HANDLES;
-        if (guest) nested_inverse_rows(r, shared->refined.count + 1, place, &columns, guests[c]);
-        corners[count++] = (weighted_triple){guest ? guests[c] : handle_block(shared, place, 0), SNAPSHOT_LD, at->weights[c]};
+        bool extra = place >= MAX_HANDLES;
+        if (extra) nested_inverse_rows(r, shared->refined.count + 1, place, &columns, extra_rows[c]);
+        corners[count++] = (weighted_triple){extra ? extra_rows[c] : handle_block(shared, place, 0), SNAPSHOT_LD, at->weights[c]};
     }
     fill_row(r, slot, &columns, count, corners);
     nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
@@ -208,7 +212,7 @@ static trocar_status nested_add(remesher *shared, int slot, report *why) {
     for (int i = 0; i < 4; i++)
         if (fabs(border->weights[i]) < ROUNDING) border->weights[i] = 0.0;
     if (border->on_face) couple(r, slot, &touched);
-    trocar_status status = invite_all(r, slot, why);
+    trocar_status status = add_all_extra(r, slot, why);
     if (status != TROCAR_OK) return status;
     nested_interpolate(r, slot);
     if (border->on_face) status = border_face(r, slot, &touched, why);
@@ -218,7 +222,7 @@ static trocar_status nested_add(remesher *shared, int slot, report *why) {
     if (border->on_face) nested_update_rows(r, slot, 1.0);
     add_row(r, slot);
     find_between_contacts(r, slot);
-    r->guest_count = 0;
+    r->extra_count = 0;
     return TROCAR_OK;
 }
 
@@ -236,7 +240,7 @@ static void nested_remove(remesher *shared, int slot, int position) {
 static trocar_status nested_take_nodes(remesher *shared, int count, const int *places, report *why) {
     nested_remesher *r = (nested_remesher *)shared;
     int handles[MAX_HANDLES], all = handles_in_use(shared, handles);
-    r->guest_count = 0;
+    r->extra_count = 0;
     trocar_status status = nested_enter(r, count, places, why);
     column_ranges columns = nested_columns(r, -1);
     for (int i = 0; i < count && status == TROCAR_OK; i++) {

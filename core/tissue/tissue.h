@@ -39,6 +39,7 @@ typedef struct {
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
     atomic_bool assembled;     /* K is there, for any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
+    double refused;            /* bytes that the last tissue_factor would have taken, had they been available; 0: it was not refused for that */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
@@ -54,7 +55,8 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
                               tissue *t, report *why);
 
 /* Factorises K, which it assembles if need be. The given nodes are eliminated last, so that blocks of the inverse between them need only a
-   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body; after an error there is no factor. */
+   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor is larger than the machine's memory or than CHOLMOD's
+   indices allow; NO_MEMORY, before it is computed, if there is too little just now. After an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 /* Ratio of the smallest to the largest eigenvalue of K below which the body counts as loose, and what is said then (BAD_INPUT). */

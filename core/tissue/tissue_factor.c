@@ -66,15 +66,22 @@ trocar_status tissue_loose(report *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
+/* The factor, the largest update of a supernode, and K in the order of elimination. */
+static double factor_bytes(tissue *t) {
+    double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
+    return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
+}
+
 /* Predicted, because a system that runs out of memory may end the process without a word. */
-static trocar_status check_memory(const tissue *t, report *why) {
+static trocar_status check_memory(tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
-    double needed = t->factor ? sizeof(double) * (double)t->factor->xsize : INFINITY, available = memory_available();
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
-        return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s",
+        return fail(why, TROCAR_BAD_INPUT, "the factor of the whole stiffness matrix (%d unknowns) has more than 2^31 entries, too many: %s",
                     t->dof_count, remedy);
+    double needed = factor_bytes(t), available = memory_available();
     if (needed <= available) return TROCAR_OK;
-    return fail(why, TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) takes %.3g GB of memory, and %.3g GB are available: %s",
+    t->refused = needed;
+    return fail(why, needed > memory_most() ? TROCAR_BAD_INPUT : TROCAR_NO_MEMORY, "the factor of the whole stiffness matrix (%d unknowns) takes %.3g GB of memory, and %.3g GB are available: %s",
                 t->dof_count, 1e-9 * needed, 1e-9 * available, remedy);
 }
 
@@ -101,6 +108,7 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
 }
 
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why) {
+    t->refused = 0.0;
     trocar_status status = tissue_stiffness(t, why);
     if (status == TROCAR_OK) status = factor(t, count, nodes, why);
     if (status != TROCAR_OK) cholmod_free_factor(&t->factor, &t->common);

@@ -106,7 +106,7 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
 static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     enum { NEAR = 6, FAR = 2 };
     vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
-    double z = fmin(fmax(middle.z, line->from), line->to), size = fmax(v3_norm(b), v3_norm(c));
+    double z = fmin(fmax(middle.z, line->from), line->to), size = fmax(v3_norm(v3_sub(b, c)), fmax(v3_norm(b), v3_norm(c)));
     return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
 }
 

@@ -314,18 +314,23 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
+/* With the body's own tissue, which the caller frees: no inverse comes of it. */
+static report refused(tissue *t, condensed_region wanted, trocar_status expected) {
+    inverse *inv;
+    report notice, why;
+    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, t, &why), TROCAR_OK);
+    progress_calls = 0;
+    assert_int_equal(inverse_create_condensed(t, &wanted, &inv, &notice, &why), expected);
+    assert_null(inv);
+    return why;
+}
+
 /* Before anything is eliminated; the message has both numbers, the remedy, and where a file from elsewhere would go. The same for the whole factor. */
 static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;
-    inverse *inv;
-    report notice, why;
-    condensed_region wanted = {.count = REGION, .nodes = region, .directory = directory, .progress = {note_progress, NULL}};
-    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
     memory_left = 1e5;
-    progress_calls = 0;
-    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_NO_MEMORY);
-    assert_null(inv);
+    report why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory, .progress = {note_progress, NULL}}, TROCAR_NO_MEMORY);
     assert_int_equal(progress_calls, 0);
     assert_non_null(strstr(why.text, "0.0001 GB are available"));
     assert_non_null(strstr(why.text, "region_of_interest"));
@@ -342,13 +347,8 @@ static void too_little_memory_is_reported_beforehand(void **state) {
 static void more_than_the_machine_has_is_bad_input(void **state) {
     (void)state;
     tissue t;
-    inverse *inv;
-    report notice, why;
-    condensed_region wanted = {.count = REGION, .nodes = region, .directory = directory};
-    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
     memory_left = memory_ever = 1e4;
-    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_BAD_INPUT);
-    assert_null(inv);
+    report why = refused(&t, (condensed_region){.count = REGION, .nodes = region, .directory = directory}, TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "1e-05 GB are available"));
     assert_non_null(strstr(why.text, condensed_cache_find(directory, &t, REGION, region, false).path));
     assert_int_equal(tissue_factor(&t, REGION, region, &why), TROCAR_BAD_INPUT);
@@ -379,11 +379,7 @@ static void a_passing_shortage_is_not_final(void **state) {
 static void fully_fixed_region_is_refused(void **state) {
     (void)state;
     tissue t;
-    inverse *inv;
-    report notice, why;
-    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_condensed(&t, &(condensed_region){.count = 3, .nodes = all, .directory = directory}, &inv, &notice, &why), TROCAR_BAD_INPUT);
-    assert_null(inv);
+    refused(&t, (condensed_region){.count = 3, .nodes = all, .directory = directory}, TROCAR_BAD_INPUT);
     tissue_free(&t);
 }
 
@@ -403,17 +399,10 @@ static void progress_is_reported_and_unwritable_cache_is_tolerated(void **state)
 static void what_cannot_be_kept_is_not_made(void **state) {
     (void)state;
     tissue t;
-    inverse *inv;
-    report notice, why = {""};
-    condensed_region wanted = {.count = REGION, .nodes = region, .directory = "/proc/nowhere", .progress = {note_progress, NULL}};
-    assert_int_equal(tissue_assemble(&body.mesh, body.materials, body.fixed, STRAIN_BY_ELEMENT, &t, &why), TROCAR_OK);
-    progress_calls = 0;
-    inverse_must_be_saved(true);
-    assert_int_equal(inverse_create_condensed(&t, &wanted, &inv, &notice, &why), TROCAR_SYSTEM);
-    inverse_must_be_saved(false);
+    condensed_region wanted = {.count = REGION, .nodes = region, .directory = "/proc/nowhere", .must_be_saved = true, .progress = {note_progress, NULL}};
+    report why = refused(&t, wanted, TROCAR_SYSTEM);
     assert_non_null(strstr(why.text, "cannot be written"));
     assert_int_equal(progress_calls, 0);
-    assert_null(inv);
     tissue_free(&t);
 }
 

@@ -40,13 +40,12 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     if (status != TROCAR_OK) return status;
     if (options) {
         config.progress = (inverse_progress){options->progress, options->context};
+        config.keep_inverse = options->keep_inverse;
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
     }
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
-    inverse_must_be_saved(options && options->keep_inverse);
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
-    inverse_must_be_saved(false);
     restore_floating_mode(before);
     return end_model(m, status, model);
 }

@@ -5,23 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-/* A line of /proc/meminfo. */
-static double read_line(const char *format) {
-    double kilobytes = 8e6;
-    char line[128];
-    FILE *file = fopen("/proc/meminfo", "r");
-    while (file && fgets(line, sizeof line, file) && sscanf(line, format, &kilobytes) != 1) continue;
-    if (file) fclose(file);
-    return 1024.0 * kilobytes;
-}
-
-/* ---- control groups --------------------------------------------------------------------------------------------------- */
-
-/* A version of control groups: where its files are below a root folder, and what they are called. */
-typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
-static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lf"};
-static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lf"};
-
 enum { LONGEST = 8192 };     /* of a path, with all that is added */
 
 /* The first line of this form in a file of a folder, else `otherwise`. */
@@ -34,6 +17,13 @@ static double read_number(const char *folder, const char *name, const char *form
     if (file) fclose(file);
     return number;
 }
+
+/* ---- control groups --------------------------------------------------------------------------------------------------- */
+
+/* A version of control groups: where its files are below a root folder, and what they are called. */
+typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
+static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lf"};
+static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lf"};
 
 /* A group's own limit: "max" is none. The pages of files that are not in use count as used, but are given back on demand. */
 static void add_group(const group_files *files, const char *folder, memory_limits *least) {
@@ -84,8 +74,11 @@ memory_limits memory_of_groups(const char *root) {
 
 /* ---- all -------------------------------------------------------------------------------------------------------------- */
 
-double memory_total(void) { return read_line("MemTotal: %lf"); }
+/* In bytes; the file has kilobytes. */
+static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
+
+double memory_total(void) { return read_meminfo("MemTotal: %lf"); }
 
 double memory_most(void) { return fmin(memory_total(), memory_of_groups("").most); }
 
-double memory_available(void) { return fmin(read_line("MemAvailable: %lf"), memory_of_groups("").available); }
+double memory_available(void) { return fmin(read_meminfo("MemAvailable: %lf"), memory_of_groups("").available); }

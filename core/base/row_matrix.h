@@ -14,10 +14,6 @@ static inline row_matrix rows_of(const mat3 *m) {
     return (row_matrix){{lanes_load(x), lanes_load(x + 3), {x[6], x[7], x[8], 0.0}}};
 }
 
-static inline row_matrix columns_of(const mat3 *m) {
-    return (row_matrix){{{m->m[0][0], m->m[1][0], m->m[2][0], 0.0}, {m->m[0][1], m->m[1][1], m->m[2][1], 0.0}, {m->m[0][2], m->m[1][2], m->m[2][2], 0.0}}};
-}
-
 static inline mat3 matrix_of(row_matrix a) {
     mat3 m;
     double *x = &m.m[0][0];

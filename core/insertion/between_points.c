@@ -1,6 +1,6 @@
 #include "insertion/between_points.h"
 
-#include "base/lanes.h"
+#include "base/row_matrix.h"
 #include "insertion/guides.h"
 
 /* All that is computed is laid out by components, so that four points pass at once. Points are numbered by their places from base to tip. */
@@ -78,9 +78,10 @@ static void interpolate_columns(insertion_workspace *w, const layout *points) {
     int begin = 3 * w->points[points->order[0]].at.first;
     for (int k = 0; k < w->point_count; k++) {
         const needle_point *p = &w->points[points->order[k]].at;
+        row_matrix frame = rows_of(&p->frame);
         lanes by[3 * NEEDLE_POINT_JOINTS];
         for (int m = 0; m < NEEDLE_POINT_JOINTS; m++)
-            for (int a = 0; a < 3; a++) by[3 * m + a] = p->weights[m] * (lanes){p->frame.m[a][0], p->frame.m[a][1], p->frame.m[a][2], 0.0};
+            for (int a = 0; a < 3; a++) by[3 * m + a] = p->weights[m] * frame.row[a];
         for (int row = begin; row < 3 * (p->first + NEEDLE_POINT_JOINTS); row++) {
             const double *at = &w->tangent.compliance[row][3 * p->first];
             lanes sum = at[0] * by[0];

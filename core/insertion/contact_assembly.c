@@ -121,7 +121,8 @@ void find_local_compliance(const tick_context *tick) {
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
     shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
     double axial = local_logarithm(model, &tip->resolved).axial;
-    plane_tensor lateral = local_logarithm_behind_tip(local_logarithm_across(model, &tip->resolved, tip->direction), &tip->resolved.end, behind_tip(tick, t));
+    plane_tensor endless = local_logarithm_across(model, &tip->resolved, tip->direction);
+    plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolved.end, behind_tip(tick, t));
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
     double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
     w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, lateral), tip->direction);
@@ -194,8 +195,8 @@ static double work_of_hold(const tick_context *tick) {
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
 static void bound_tip(const tick_context *tick) {
     const insertion_model *model = tick->model;
-    contact_problem *p = &tick->scratch->problem;
-    const insertion_workspace *w = tick->scratch;
+    insertion_workspace *w = tick->scratch;
+    contact_problem *p = &w->problem;
     const needle_tip *tip = &tick->state->tip;
     int t = p->count - 1;
     bool stops = w->tip_law == TIP_STOPS, blocked = stops || tip->blocked_by != NOT_BLOCKED;
@@ -210,7 +211,7 @@ static void bound_tip(const tick_context *tick) {
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = blocked ? 0.0 : viscosity;
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, tick->scratch->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
+    bound_friction(tick, t + 1, w->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }
 
 void bound_contacts(const tick_context *tick) {

@@ -123,6 +123,12 @@ void plan_exit(const tick_context *tick, vec3 way, double left) {
     add_contact(tick, exit, tip->depth + left, way);
 }
 
+void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved) {
+    contact->log_axial = local_logarithm(model, resolved).axial;
+    contact->log_lateral = local_logarithm_across(model, resolved, contact->direction);
+    contact->end = resolved->end;
+}
+
 void leave_contact(const tick_context *tick) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
@@ -135,11 +141,7 @@ void leave_contact(const tick_context *tick) {
         state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
                                                 .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
                                                 .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction, .roll = tip->roll};
-        if (tip->resolved_known) {
-            state->contacts[slot].log_axial = local_logarithm(tick->model, &tip->resolved).axial;
-            state->contacts[slot].log_lateral = local_logarithm_across(tick->model, &tip->resolved, tip->direction);
-            state->contacts[slot].end = tip->resolved.end;
-        }
+        if (tip->resolved_known) set_resolution(tick->model, &state->contacts[slot], &tip->resolved);
     }
     tip->next_contact = INFINITY;
 }

@@ -20,6 +20,9 @@ void drop_plan(insertion_state *state); /* RT */
 bool leaves_contact_at_exit(const tick_context *tick, double depth);
 void plan_exit(const tick_context *tick, vec3 way, double left);
 
+/* What the mesh resolves at a contact. RT */
+void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved);
+
 /* Leaves a contact node at the tip: the planned one, or a new one if the tip came elsewhere. It takes part as soon as the worker
    has its row. RT */
 void leave_contact(const tick_context *tick);

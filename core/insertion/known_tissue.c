@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/contact_nodes.h"
 #include "insertion/creep.h"
 #include "insertion/local_compliance.h"
 
@@ -34,14 +35,9 @@ static void activate_contact(const tick_context *tick, int k) {
     insertion_state *state = tick->state;
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
-    const resolved_field *resolved = &tick->snapshot->resolved[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    if (contact->log_axial == 0.0) { /* the tip that left it did not know it yet */
-        contact->log_axial = local_logarithm(model, resolved).axial;
-        contact->log_lateral = local_logarithm_across(model, resolved, contact->direction);
-        contact->end = resolved->end;
-    }
+    if (contact->log_axial == 0.0) set_resolution(model, contact, &tick->snapshot->resolved[slot]); /* the tip that left it did not know it yet */
     double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
     vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
     needle_point p = needle_at(model->needle, &state->needle, contact->arc);
@@ -84,11 +80,6 @@ bool follow_known_point(const tick_context *tick, int handles[4]) {
    moves on by about a diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-static void fade_end(line_end *now, const line_end *then, const line_end *used, double fading) {
-    now->reach = fmax(faded(now->reach, then->reach, used->reach, fading), 0.0);
-    for (int k = 0; k < LINE_ENDS; k++) now->more[k] = faded(now->more[k], then->more[k], used->more[k], fading);
-}
-
 bool follow_resolution(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     const line_piece *piece = snapshot_piece(tick->snapshot, tip->tet);
@@ -102,7 +93,9 @@ bool follow_resolution(const tick_context *tick) {
         used.uneven = m3_scaled(1.0, now.uneven);
         m3_add_scaled(&used.uneven, fading, &tip->resolved.uneven);
         m3_add_scaled(&used.uneven, -fading, &then.uneven);
-        fade_end(&used.end, &then.end, &tip->resolved.end, fading);
+        line_end_add_scaled(&used.end, fading, &tip->resolved.end);
+        line_end_add_scaled(&used.end, -fading, &then.end);
+        used.end.reach = fmax(used.end.reach, 0.0);
         used.point = faded(now.point, then.point, tip->resolved.point, fading);
     }
     tip->resolved = used;

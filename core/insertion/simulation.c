@@ -169,8 +169,9 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
                            .memory = memory_total()}; /* not what is free just now: the same scene shall have the same owner each time */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        trocar_status status = inverse_create_condensed(&s->tissue, &(condensed_region){.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count),
-                                                                                                .directory = config->cache, .progress = config->progress}, &s->inverse, &notice, why);
+        condensed_region region = {.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count), .directory = config->cache,
+                                   .must_be_saved = config->keep_inverse, .progress = config->progress};
+        trocar_status status = inverse_create_condensed(&s->tissue, &region, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;

@@ -41,6 +41,7 @@ typedef struct {
     probe_config probe;
     roi_config roi;                  /* region of interest; nothing given: see roi_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's */
+    bool keep_inverse;                   /* a condensed inverse that cannot be saved there is an error */
     volumetric_strain volumetric;
     inverse_progress progress;           /* told how far a long start has come; its function may be NULL */
 } simulation_config;

@@ -195,19 +195,20 @@ static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]
     return bytes;
 }
 
-void condensed_cache_trim(const condensed_cache *kept, double bytes) {
-    char folder[sizeof kept->path], oldest[NAME_MAX + 1];
-    strcpy(folder, kept->path);
+/* The part of the path before the file's name, which is returned. */
+static const char *find_folder(const condensed_cache *cache, char folder[sizeof cache->path]) {
+    strcpy(folder, cache->path);
     char *slash = strrchr(folder, '/');
     *slash = '\0';
-    DIR *directory = opendir(folder);
-    while (directory && survey(directory, slash + 1, oldest) > bytes && oldest[0] && unlinkat(dirfd(directory), oldest, 0) == 0) continue;
-    if (directory) closedir(directory);
+    return slash + 1;
 }
 
-static void find_folder(const condensed_cache *cache, char folder[sizeof cache->path]) {
-    strcpy(folder, cache->path);
-    *strrchr(folder, '/') = '\0';
+void condensed_cache_trim(const condensed_cache *kept, double bytes) {
+    char folder[sizeof kept->path], oldest[NAME_MAX + 1];
+    const char *name = find_folder(kept, folder);
+    DIR *directory = opendir(folder);
+    while (directory && survey(directory, name, oldest) > bytes && oldest[0] && unlinkat(dirfd(directory), oldest, 0) == 0) continue;
+    if (directory) closedir(directory);
 }
 
 trocar_status condensed_cache_check(const condensed_cache *cache, const symmetric_blocks *matrix, report *why) {

@@ -29,6 +29,7 @@ typedef struct {
     const int *nodes;
     bool single;             /* precision */
     const char *directory;   /* of the cache */
+    bool must_be_saved;      /* an inverse that cannot be saved there is not made (SYSTEM) */
     inverse_progress progress;
 } condensed_region;
 
@@ -36,9 +37,6 @@ typedef struct {
    condensed_cache.h), else computed and saved. Other nodes are handled by a sparse inverse, for which `t` is factorised when the first of them is
    needed. K is assembled when it is needed. `notice` receives its source. */
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
-
-/* Of this thread, until it is set otherwise: a condensed inverse that cannot be saved is not made (SYSTEM). */
-void inverse_must_be_saved(bool must);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);

@@ -136,10 +136,6 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
-static _Thread_local bool must_be_saved;
-
-void inverse_must_be_saved(bool must) { must_be_saved = must; }
-
 /* Maps the matrix from the cache, or computes and caches it. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
     const tissue *t = c->shared.tissue;
@@ -156,7 +152,7 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     c->mapping = (file_mapping){0};
     c->matrix.numbers = NULL;
     double needed;
-    trocar_status status = must_be_saved ? condensed_cache_check(&cache, &c->matrix, why) : TROCAR_OK;
+    trocar_status status = region->must_be_saved ? condensed_cache_check(&cache, &c->matrix, why) : TROCAR_OK;
     if (status != TROCAR_OK) return status;
     status = condense(c->shared.tissue, region, c->nodes, &c->matrix, &needed, why);
     if (status == TROCAR_NO_MEMORY || needed == INFINITY) {
@@ -170,8 +166,8 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
     report unwritten;
     status = condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten);
     if (status == TROCAR_OK) return status;
-    *(must_be_saved ? why : notice) = unwritten;
-    return must_be_saved ? status : TROCAR_OK;
+    *(region->must_be_saved ? why : notice) = unwritten;
+    return region->must_be_saved ? status : TROCAR_OK;
 }
 
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {

@@ -39,18 +39,18 @@ void panel_release(panel *p) {
     p->values = NULL;
 }
 
+void panel_square(const panel *from, int first, int rows, int width, double alpha, double beta, double *c, int ld) {
+    const double *a = (const double *)from->values + (first - from->first);
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, width, from->width, alpha, a, from->rows, beta, c, ld);
+    if (rows > width)
+        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows - width, width, from->width, alpha, a + width, from->rows, a, from->rows, beta, c + width, ld);
+}
+
 bool panels_eliminate(panels *p, int j, int pivots) {
     const panel *to = &p->panels[j];
     double *c = to->values;
     int width = to->width, below = to->rows - width;
-    for (int k = 0; k < j && k < pivots; k++) {
-        const panel *from = &p->panels[k];
-        const double *a = (const double *)from->values + (to->first - from->first);
-        cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, width, from->width, -1.0, a, from->rows, 1.0, c, to->rows);
-        if (below > 0)
-            cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, below, width, from->width, -1.0, a + width, from->rows, a, from->rows, 1.0, c + width,
-                        to->rows);
-    }
+    for (int k = 0; k < j && k < pivots; k++) panel_square(&p->panels[k], to->first, to->rows, width, -1.0, 1.0, c, to->rows);
     if (j >= pivots) return true;
     if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'L', width, c, to->rows) != 0) return false;
     if (below > 0)

@@ -29,6 +29,9 @@ double panels_bytes(int rows, int columns);
 bool panel_allocate(panel *p);
 void panel_release(panel *p);
 
+/* C = alpha A A^T + beta C, its columns [0, width), from the diagonal down: A are `rows` rows of a panel from row `first` of the matrix on. */
+void panel_square(const panel *from, int first, int rows, int width, double alpha, double beta, double *c, int ld);
+
 /* Left-looking Cholesky factorisation, panel by panel: subtracts from panel j what the factored panels k < min(j, pivots) contribute, and
    factors it if j < pivots. False if a pivot is not positive. */
 bool panels_eliminate(panels *p, int j, int pivots);

@@ -178,9 +178,7 @@ static bool list_nodes(const substructure *s, int count, const int *region, int 
 
 trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why) {
     *s = (substructure){.tissue = t, .nodes = t->dof_count / 3};
-    bool *last = calloc((size_t)s->nodes, sizeof *last);
-    for (int i = 0; last && i < count; i++)
-        if (t->dof[region[i]] >= 0) last[t->dof[region[i]] / 3] = true;
+    bool *last = mark_free_nodes(t, count, region);
     bool planned = plan(s, last) && list_nodes(s, count, region, nodes);
     free(last);
     if (planned) return TROCAR_OK;
@@ -259,10 +257,7 @@ static front *front_create(const extent *e) {
     return f;
 }
 
-/* A load that is not orthogonal to any rigid motion. */
-static double test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
-
-static double load_at(const substructure *s, int row) { return test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
+static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
 /* A column of a panel, both numbered as in the whole matrix: its rows begin with p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
@@ -309,15 +304,8 @@ static void subtract_from_region(const elimination *e, const front *f) {
     int count = 3 * (f->size.count - f->size.columns);
     for (int first = 0; first < count; first += PANEL_WIDTH) {
         int width = count - first < PANEL_WIDTH ? count - first : PANEL_WIDTH, left = count - first;
-        for (int k = 0; k < f->pivot_panels; k++) {
-            const panel *p = &f->matrix.panels[k];
-            const double *a = (const double *)p->values + (3 * f->size.columns + first - p->first);
-            double beta = k == 0 ? 0.0 : 1.0;
-            cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, width, p->width, 1.0, a, p->rows, beta, e->product, left);
-            if (left > width)
-                cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, left - width, width, p->width, 1.0, a + width, p->rows, a, p->rows, beta,
-                            e->product + width, left);
-        }
+        for (int k = 0; k < f->pivot_panels; k++)
+            panel_square(&f->matrix.panels[k], 3 * f->size.columns + first, left, width, 1.0, k == 0 ? 0.0 : 1.0, e->product, left);
         for (int column = 0; column < width; column++) {
             int at = 3 * region[rows[(first + column) / 3]] + column % 3;
             const panel *p = &e->corner->panels[at / PANEL_WIDTH];

@@ -57,12 +57,6 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
     return NULL;
 }
 
-static line_end end_between(const line_end *a, const line_end *b, double t) {
-    line_end end = {.reach = (1.0 - t) * a->reach + t * b->reach};
-    for (int k = 0; k < LINE_ENDS; k++) end.more[k] = (1.0 - t) * a->more[k] + t * b->more[k];
-    return end;
-}
-
 /* Along the line, displacements by a line force are linear within an element, and by a force at the place itself quadratic. */
 resolved_field piece_at(const line_piece *piece, vec3 x) {
     const resolved_field *f = piece->at;
@@ -70,7 +64,10 @@ resolved_field piece_at(const line_piece *piece, vec3 x) {
     double s = piece->length > 0.0 ? fmin(fmax(way / piece->length, 0.0), 1.0) : 0.0, t = 1.0 - s;
     mat3 uneven = m3_scaled(t, f[0].uneven);
     m3_add_scaled(&uneven, s, &f[2].uneven);
-    return (resolved_field){.uneven = uneven, .end = end_between(&f[0].end, &f[2].end, s), .lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
+    line_end end = {0};
+    line_end_add_scaled(&end, t, &f[0].end);
+    line_end_add_scaled(&end, s, &f[2].end);
+    return (resolved_field){.uneven = uneven, .end = end, .lateral = exp(t * log(f[0].lateral) + s * log(f[2].lateral)),
                             .axial = exp(t * log(f[0].axial) + s * log(f[2].axial)),
                             .point = t * (t - s) * f[0].point + 4.0 * s * t * f[1].point + s * (s - t) * f[2].point};
 }

@@ -18,6 +18,13 @@ cholmod_sparse *node_graph(tissue *t) {
     return graph;
 }
 
+bool *mark_free_nodes(const tissue *t, int count, const int *nodes) {
+    bool *marked = calloc((size_t)t->dof_count / 3, sizeof *marked);
+    for (int i = 0; marked && i < count; i++)
+        if (t->dof[nodes[i]] >= 0) marked[t->dof[nodes[i]] / 3] = true;
+    return marked;
+}
+
 bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order) {
     int nodes = t->dof_count / 3, filled = 0, *scratch = malloc(3 * (size_t)nodes * sizeof *scratch);
     bool done = scratch && cholmod_nested_dissection(graph, NULL, 0, scratch, scratch + nodes, scratch + 2 * nodes, &t->common) >= 0;

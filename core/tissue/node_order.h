@@ -7,6 +7,9 @@
 /* Sparsity pattern of K by free nodes, lower triangle: the three dofs of a node have the same neighbours. K must be there. NULL: no memory. */
 cholmod_sparse *node_graph(tissue *t);
 
+/* Marks the free ones of these nodes, indexed by first dof / 3; the caller frees it. NULL: no memory. */
+bool *mark_free_nodes(const tissue *t, int count, const int *nodes);
+
 /* Nested dissection of the free nodes, order[dof_count / 3]; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators
    of the mesh still separate the remaining nodes. False: no memory. */
 bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order);

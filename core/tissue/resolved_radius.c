@@ -325,6 +325,11 @@ double line_end_at(const line_end *end, double ahead) {
     return (1.0 - t) * end->more[k] + t * (k + 1 < LINE_ENDS ? end->more[k + 1] : 0.0);
 }
 
+void line_end_add_scaled(line_end *to, double scale, const line_end *from) {
+    to->reach += scale * from->reach;
+    for (int k = 0; k < LINE_ENDS; k++) to->more[k] += scale * from->more[k];
+}
+
 double line_end_total(const line_end *end) {
     double sum = end->reach;
     for (int k = 0; k < LINE_ENDS; k++) sum += end->more[k];

@@ -18,6 +18,9 @@ typedef struct {
 /* For a line that ends so far ahead (m). RT */
 double line_end_at(const line_end *end, double ahead);
 
+/* Like m3_add_scaled. RT */
+void line_end_add_scaled(line_end *to, double scale, const line_end *from);
+
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 

@@ -63,6 +63,9 @@ trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why)
 static const double LOOSE_BODY = 1e-13;
 trocar_status tissue_loose(report *why);
 
+/* A load that is not orthogonal to any rigid motion, to find loose bodies with. */
+static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
+
 /* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);

@@ -45,9 +45,9 @@ static bool analyse(tissue *t, const bool *last) {
 static double least_stiffness(tissue *t) {
     int n = t->dof_count;
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
-    cholmod_dense *x = cholmod_ones((size_t)n, 1, CHOLMOD_REAL, &t->common);
+    cholmod_dense *x = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
     cholmod_dense *force = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
-    for (int i = 0; x && i < n; i++) ((double *)x->x)[i] += 0.37 * (i % 7); /* not orthogonal to any rigid motion */
+    for (int i = 0; x && i < n; i++) ((double *)x->x)[i] = tissue_test_load(i);
     for (int step = 0; step < 2 && x; step++) {
         cholmod_dense *next = cholmod_solve(CHOLMOD_A, t->factor, x, &t->common);
         cholmod_free_dense(&x, &t->common);
@@ -86,9 +86,7 @@ static trocar_status check_memory(tissue *t, report *why) {
 }
 
 static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
-    bool *last = calloc((size_t)t->dof_count / 3, sizeof *last);
-    for (int i = 0; last && i < count; i++)
-        if (t->dof[nodes[i]] >= 0) last[t->dof[nodes[i]] / 3] = true;
+    bool *last = mark_free_nodes(t, count, nodes);
     if (count > 0) { /* a region of interest is for large meshes: more and narrower supernodes, with fewer zeros, save 5 % of the memory */
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
         memcpy(t->common.zrelax, LEAST_FULL, sizeof LEAST_FULL);

@@ -39,8 +39,8 @@ static const struct argp_option option_list[] = {
 static error_t parse_option(int key, char *text, struct argp_state *state) {
     options *o = state->input;
     switch (key) {
-    case OPTION_SIDE: o->side = (int)parse_number(state, "side", text, 1, 500); break;
-    case OPTION_SEEDS: o->seeds = (int)parse_number(state, "seeds", text, 1, TROCAR_MAX_DOSE_SEEDS); break;
+    case OPTION_SIDE: o->side = parse_whole(state, "side", text, 1, 500); break;
+    case OPTION_SEEDS: o->seeds = parse_whole(state, "seeds", text, 1, TROCAR_MAX_DOSE_SEEDS); break;
     case OPTION_JSON: o->json_path = text; break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     default: return ARGP_ERR_UNKNOWN;

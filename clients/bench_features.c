@@ -50,7 +50,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     switch (key) {
     case 's': o->scene_path = text; break;
     case 'c': o->contacts = parse_whole(state, "contacts", text, 1, TROCAR_MAX_CONTACTS); break;
-    case OPTION_TICKS: o->ticks = (int)parse_number(state, "ticks", text, ROUNDS, 1e6); break;
+    case OPTION_TICKS: o->ticks = parse_whole(state, "ticks", text, ROUNDS, 1000000); break;
     case OPTION_JSON: o->json_path = text; break;
     case OPTION_SPACING: o->spacing = parse_number(state, "spacing", text, 1e-5, 1); break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;

@@ -63,7 +63,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     switch (key) {
     case 's': o->scene_path = text; break;
     case 'c': parse_counts(state, text, o); break;
-    case OPTION_TICKS: o->ticks = (int)parse_number(state, "ticks", text, 1, 1e6); break;
+    case OPTION_TICKS: o->ticks = parse_whole(state, "ticks", text, 1, 1000000); break;
     case OPTION_JSON: o->json_path = text; break;
     case OPTION_SPACING: o->spacing = parse_number(state, "spacing", text, 1e-5, 1); break;
     case OPTION_START: o->start = parse_vector(state, "start", text); break;

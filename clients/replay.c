@@ -116,7 +116,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_VTU: o->vtu_prefix = text; break;
     case OPTION_PVD: o->pvd_prefix = text; break;
     case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6); break;
-    case OPTION_EVERY: o->every = (int)parse_number(state, "every", text, 1, 1e6); break;
+    case OPTION_EVERY: o->every = parse_whole(state, "every", text, 1, 1000000); break;
     case OPTION_COMPARE: o->golden_path = text; break;
     case OPTION_TOLERANCE: o->tolerance = 0.01 * parse_number(state, "tolerance", text, 0, 100); break;
     case OPTION_SHIFT: o->shift_path = text; break;

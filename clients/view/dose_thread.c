@@ -349,8 +349,9 @@ trocar_status dose_thread_create(const trocar_model *model, const dose_settings 
     t->ready = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     trocar_status status = t->news >= 0 && t->ready >= 0 ? prepare(t, model, why) : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (status == TROCAR_OK && plan) status = note_plan(t, plan, trocar_model_guide(model, find_template(model)).normal, why);
-    if (status == TROCAR_OK) t->started = pthread_create(&t->thread, NULL, run, t) == 0;
-    if (status == TROCAR_OK && !t->started) status = fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
+    int error = status == TROCAR_OK ? pthread_create(&t->thread, NULL, run, t) : 0;
+    t->started = status == TROCAR_OK && error == 0;
+    if (error) status = fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(error));
     if (status == TROCAR_OK) *created = t;
     else dose_thread_free(t);
     return status;

@@ -1,8 +1,7 @@
 /* trocar-view: shows a live scene or a recorded log in browsers, and makes pictures of a log. */
 #define _GNU_SOURCE
-#include <argp.h>
 #include <errno.h>
-#include <pthread.h>
+#include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,56 +9,26 @@
 #include <unistd.h>
 
 #include "chromium.h"
-#include "exchange.h"
-#include "subscriber.h"
 #include "events.h"
-#include "hole_approach.h"
+#include "exchange.h"
+#include "homes.h"
 #include "implant.h"
 #include "json.h"
-#include "messages.h"
 #include "options.h"
 #include "output.h"
-#include "patient.h"
-#include "pose_publisher.h"
+#include "pilot.h"
 #include "playback.h"
 #include "realtime.h"
 #include "timing.h"
-#include "web.h"
-
-const char *argp_program_version = "trocar-view " TROCAR_VERSION;
-error_t argp_err_exit_status = EXIT_BAD_INPUT;
+#include "view_options.h"
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
-static const double FAR = 0.5;  /* m from its home: a needle that was removed */
-
-/* Content and size of a picture. */
-typedef struct {
-    int width, height;       /* pixels */
-    int view;                /* 1 .. 4, as the keys of the page */
-    const char *theme;
-    char cut;                /* axis normal to the cut, 0: none */
-    double place;            /* m, position of the cut on its axis; NAN: at the tip */
-} picture;
 
 typedef struct {
-    const char *scene_path, *lcm_url, *log_path, *png_path;
-    double at;               /* s; INFINITY: the end of the log */
-    picture picture;
-    const char *picture_option;   /* last option that needs --png, NULL: none */
-    const char *live_option; /* last option that needs a live server, NULL: none */
-    implant_settings implant;
-    web_settings web;
-} options;
-
-/* A resting needle changes hands: until the server has answered, the browser keeps it although it rests. */
-typedef enum { HANDING_NOTHING, HANDING_LEFT, HANDING_TAKEN } handover;
-
-typedef struct {
-    const options *options;
+    const view_options *options;
     trocar_scene *scene;
     trocar_model *model;     /* its mesh alone */
     double needle_length;    /* m */
-    vec3 low, high;          /* m, corners of the box around the mesh */
     int needle_count;        /* live; a log shows one */
     pose homes[TROCAR_MAX_NEEDLES]; /* where each waits outside */
     timeline timeline;
@@ -71,136 +40,13 @@ typedef struct {
 
     lcm_t *lcm;              /* live only */
     subscriber feed;
-    pose_publisher pilot;
+    pilot pilot;
     implant implant;
-    int driven;              /* needle that a browser drives, or drove last */
-    bool driving;            /* a browser drives it */
-    handover handing;        /* whether that needle is being left or taken, */
-    int64_t handing_since;   /* ns, monotonic */
-    int64_t replies_heeded;  /* value of subscriber.replies_heard */
-    pthread_t pilot_thread;
-    bool piloting;           /* the publisher's thread runs */
-    int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
     report cut;              /* where the log is truncated, empty if it is complete */
 
     output png;              /* --png only */
     bool png_taken;
 } view;
-
-/* ---- command line ---- */
-
-enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
-       OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_SWELLING, OPTION_PLAN };
-
-enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; rendered at twice the resolution for anti-aliasing */ };
-
-static const struct argp_option option_list[] = {
-    {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
-    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
-    {0, 0, 0, 0, "Web server:", 1},
-    {"port", 'p', "PORT", 0, "TCP port (default 8686; 0: any free one)", 1},
-    {"bind", OPTION_BIND, "ADDRESS", 0, "Address to listen on (default 127.0.0.1: this machine only)", 1},
-    {"socket", OPTION_SOCKET, "PATH", 0, "Listen on a Unix socket instead, for a proxy", 1},
-    {"host", OPTION_HOST, "NAME", 0, "Host name under which the page may be opened, besides localhost and ADDRESS", 1},
-    {"page", OPTION_PAGE, "FOLDER", 0, "The built page (default: the one built with this program)", 1},
-    {0, 0, 0, 0, "Recorded logs:", 2},
-    {"log", OPTION_LOG, "FILE", 0, "Show this LCM event log by simulating its poses in lockstep; needs no network", 2},
-    {"png", OPTION_PNG, "FILE", 0, "Write one picture of the log and exit; uses headless Chromium", 2},
-    {"at", OPTION_AT, "SECONDS", 0, "Time of the picture after the first pose of the log (default: the end)", 2},
-    {"size", OPTION_SIZE, "WIDTHxHEIGHT", 0, "Size of the picture in pixels, 320 to 4096 each (default 1600x1000)", 2},
-    {"view", OPTION_VIEW, "NAME", 0, "View: oblique (default), side, above, or along the needle", 2},
-    {"cut", OPTION_CUT, "PLANE[:MM]", 0, "Cut the tissue in a sagittal, coronal or axial plane, at MM along x, y or z (default: at the tip)", 2},
-    {"theme", OPTION_THEME, "NAME", 0, "Theme: light (default) or dark", 2},
-    {0, 0, 0, 0, "Implants, in a scene with a template:", 3},
-    {"source", OPTION_SOURCE, "NAME", 0, "Seed model: \"I-125 6711\" (default), \"Pd-103 200\", or the path of a table that ends in .yaml", 3},
-    {"strength", OPTION_STRENGTH, "U", 0, "Air-kerma strength of each seed (default 0.5)", 3},
-    {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
-    {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the gland on the day of the implant over that when its swelling has gone (default 1.18)", 3},
-    {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.plan show --out writes", 3},
-    {0},
-};
-
-/* Index of `text` in `names`; otherwise exits through argp_error. */
-static int parse_name(struct argp_state *state, const char *option, const char *text, const char *const *names, int count) {
-    int place = 0;
-    while (place < count && strcmp(text, names[place]) != 0) place++;
-    if (place == count) argp_error(state, "--%s %s: not one of the names in --help", option, text);
-    return place;
-}
-
-static void parse_size(struct argp_state *state, const char *text, picture *p) {
-    int end = 0;
-    bool read = sscanf(text, "%5dx%5d%n", &p->width, &p->height, &end) == 2 && text[end] == '\0';
-    if (!read || p->width < LEAST_SIDE || p->height < LEAST_SIDE || p->width > GREATEST_SIDE || p->height > GREATEST_SIDE)
-        argp_error(state, "--size %s: not WIDTHxHEIGHT with %d to %d pixels each, such as 1600x1000", text, LEAST_SIDE, GREATEST_SIDE);
-}
-
-static void parse_cut(struct argp_state *state, const char *text, picture *p) {
-    static const char *const planes[] = {"sagittal", "coronal", "axial"};
-    char plane[16];
-    const char *colon = strchrnul(text, ':');
-    snprintf(plane, sizeof plane, "%.*s", (int)(colon - text), text);
-    p->cut = "xyz"[parse_name(state, "cut", plane, planes, 3)];
-    p->place = *colon ? 1e-3 * parse_number(state, "cut", colon + 1, -1e4, 1e4) : NAN;
-}
-
-static error_t parse_implant_option(int key, char *text, struct argp_state *state) {
-    options *o = state->input;
-    implant_settings *i = &o->implant;
-    switch (key) {
-    case OPTION_SOURCE: i->dose.source = text, o->live_option = "--source"; break;
-    case OPTION_STRENGTH: i->dose.strength = parse_number(state, "strength", text, 1e-3, 1000), o->live_option = "--strength"; break;
-    case OPTION_PRESCRIPTION: i->dose.prescription = parse_number(state, "prescription", text, 1, 1e4), o->live_option = "--prescription"; break;
-    case OPTION_SWELLING: i->dose.swelling = parse_number(state, "swelling", text, 1, 2), o->live_option = "--swelling"; break;
-    case OPTION_PLAN: i->plan = text, o->live_option = "--plan"; break;
-    default: return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
-}
-
-static error_t parse_picture_option(int key, char *text, struct argp_state *state) {
-    static const char *const views[] = {"oblique", "side", "above", "along"}, *const themes[] = {"light", "dark"};
-    options *o = state->input;
-    switch (key) {
-    case OPTION_AT: o->at = parse_number(state, "at", text, 0, 1e6), o->picture_option = "--at"; break;
-    case OPTION_SIZE: parse_size(state, text, &o->picture), o->picture_option = "--size"; break;
-    case OPTION_VIEW: o->picture.view = 1 + parse_name(state, "view", text, views, 4), o->picture_option = "--view"; break;
-    case OPTION_CUT: parse_cut(state, text, &o->picture), o->picture_option = "--cut"; break;
-    case OPTION_THEME: o->picture.theme = themes[parse_name(state, "theme", text, themes, 2)], o->picture_option = "--theme"; break;
-    default: return parse_implant_option(key, text, state);
-    }
-    return 0;
-}
-
-static error_t parse_option(int key, char *text, struct argp_state *state) {
-    options *o = state->input;
-    switch (key) {
-    case 's': o->scene_path = text; break;
-    case 'p': o->web.port = (int)parse_number(state, "port", text, 0, 65535); break;
-    case OPTION_URL: o->lcm_url = text; break;
-    case OPTION_BIND: o->web.address = text; break;
-    case OPTION_SOCKET: o->web.socket = text; break;
-    case OPTION_HOST: o->web.host = text; break;
-    case OPTION_PAGE: o->web.page = text; break;
-    case OPTION_LOG: o->log_path = text; break;
-    case OPTION_PNG: o->png_path = text; break;
-    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
-    case ARGP_KEY_END:
-        if (!o->scene_path) argp_error(state, "--scene is missing");
-        if (o->png_path && !o->log_path) argp_error(state, "--png needs --log");
-        if (o->picture_option && !o->png_path) argp_error(state, "%s needs --png", o->picture_option);
-        if (o->live_option && o->log_path) argp_error(state, "%s needs a live server, not --log", o->live_option);
-        if (o->png_path) o->web.port = 0, o->web.address = o->web.socket = NULL;
-        break;
-    default: return parse_picture_option(key, text, state);
-    }
-    return 0;
-}
-
-static const struct argp parser = {
-    option_list, parse_option, NULL,
-    "Shows a running trocar-server, or a recorded log, in any number of browsers, and lets one of them drive a needle.",
-    NULL, NULL, NULL};
 
 /* ---- callbacks of the web server ---- */
 
@@ -211,7 +57,7 @@ static void write_needle(const view *v, const trocar_status_t *s, json *j) {
     const char *word;
     json_text(j, "message", s->message);
     json_text(j, "state", (size_t)s->state < sizeof states / sizeof *states ? states[s->state] : "");
-    json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.session ? "here" : "elsewhere");
+    json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.publisher.session ? "here" : "elsewhere");
     json_open(j, "flags", '[');
     for (int i = 0; flag_at(i, &bit, &word); i++)
         if ((unsigned)s->flags & bit) json_text(j, NULL, word);
@@ -233,7 +79,7 @@ static void write_needles(const view *v, json *j) {
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
-    json_text(j, "owned", v->feed.probe_owner == 0 ? "nobody" : v->feed.probe_owner == v->pilot.session ? "here" : "elsewhere");
+    json_text(j, "owned", v->feed.probe_owner == 0 ? "nobody" : v->feed.probe_owner == v->pilot.publisher.session ? "here" : "elsewhere");
     json_numbers(j, "force", p->force, 3);
     json_integer(j, "contacts", p->contacts);
     json_close(j, '}');
@@ -257,7 +103,7 @@ static char *describe(void *context, bool drives, bool driven) {
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
         json_bool(&j, "shown", subscriber_shows(&v->feed));
-        json_integer(&j, "needle", v->driven);
+        json_integer(&j, "needle", v->pilot.needle);
         if (v->feed.probe.placed) write_probe(v, &j);
         write_needles(v, &j);
     }
@@ -267,135 +113,23 @@ static char *describe(void *context, bool drives, bool driven) {
     return text;
 }
 
-/* The order to go to a hole that a browser has chosen. False: there is no such hole, or the needle is not known to be outside of the tissue: of one that
-   has just been taken the last wrench may be from before it rested. */
-static bool order_hole(const view *v, const float *asked, publisher_order *order) {
-    trocar_guide guide = trocar_model_guide(v->model, (int)fmaxf(-1, fminf(asked[0], 1000)));
-    double column = asked[1], row = asked[2];
-    if (!(column >= 0 && column <= guide.columns - 1 && row >= 0 && row <= guide.rows - 1)) return false;
-    *order = (publisher_order){.kind = ORDER_HOLE, .home = hole_home(&guide, column, row, v->needle_length)};
-    const trocar_needle_wrench_t *wrench = &v->feed.needles[v->driven].wrench;
-    return wrench->session == v->pilot.session && wrench->depth == 0.0;
-}
-
-static bool rests(const view *v, int needle) {
-    const trocar_status_t *status = v->feed.needles[needle].status;
-    return status && status->state == TROCAR_STATUS_T_RESTING;
-}
-
-/* In front of the template's hole that is closest to a base; `otherwise` without a template. */
-static pose home_of_base(const view *v, pose base, pose otherwise) {
-    int template = find_template(v->model);
-    if (template < 0) return otherwise;
-    trocar_guide guide = trocar_model_guide(v->model, template);
-    return hole_home_beside(&guide, base, v->needle_length);
-}
-
-static void begin_handover(view *v, handover what) {
-    v->handing = what;
-    v->handing_since = monotonic_ns();
-}
-
-static publisher_order order_take(view *v, int needle) {
-    publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(v, needle), .home = v->homes[needle], .base = v->homes[needle]};
-    pose base;
-    if (subscriber_base(&v->feed, needle, &base) && v3_norm(v3_sub(base.position, order.home.position)) < FAR) order.base = base;
-    if (order.rests) order.home = home_of_base(v, order.base, order.home);
-    v->driven = needle;
-    v->driving = true;
-    begin_handover(v, order.rests ? HANDING_TAKEN : HANDING_NOTHING);
-    return order;
-}
-
 static void act(void *context, const web_action *action) {
     view *v = context;
-    if (!v->lcm) return;
-    const float *c = action->steer;
-    publisher_order order = {.command = {c[0], c[1], c[2], c[3], c[4], c[5]}};
-    switch (action->kind) {
-    case ACTION_TAKE: order = order_take(v, (int)action->needle); break;
-    case ACTION_STEER: order.kind = ORDER_STEER; break;
-    case ACTION_RESET: order.kind = ORDER_RESET; break;
-    case ACTION_DROP:
-        order.kind = ORDER_DROP;
-        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* one if it is no number */
-        break;
-    case ACTION_UNDO: order.kind = ORDER_UNDO; break;
-    case ACTION_PROBE:
-        if (!v->feed.probe.placed) return;
-        order.kind = ORDER_PROBE;
-        order.base = load_pose(v->feed.probe.base.position, v->feed.probe.base.orientation);
-        break;
-    case ACTION_HOLE:
-        if (v->handing != HANDING_NOTHING || !order_hole(v, c, &order)) return;
-        break;
-    case ACTION_LEAVE:
-        if (v->handing != HANDING_NOTHING) return;
-        order.kind = ORDER_LEAVE;
-        begin_handover(v, HANDING_LEFT);
-        break;
-    case ACTION_REMOVE:
-        if (action->needle >= (uint32_t)v->needle_count || !rests(v, (int)action->needle)) return;
-        order.kind = ORDER_REMOVE;
-        order.needle = (int)action->needle;
-        break;
-    default:
-        order.kind = ORDER_RELEASE;
-        v->driving = false;
-        v->handing = HANDING_NOTHING;
-        break;
-    }
-    publisher_tell(&v->pilot, &order);
+    if (v->lcm) pilot_act(&v->pilot, action);
 }
 
-/* The server's answer to the hand-over of the driven needle. Its next status may come a while later: until then, a needle that has been left would look as
-   if it could be driven without being taken. */
-static void heed_reply(view *v) {
-    const trocar_command_reply_t *reply = v->feed.reply;
-    bool is_new = v->feed.replies_heard != v->replies_heeded;
-    v->replies_heeded = v->feed.replies_heard;
-    if (!is_new || !reply || reply->needle != v->driven || v->handing == HANDING_NOTHING) return;
-    bool left = reply->command == TROCAR_COMMAND_T_LEAVE, taken = reply->command == TROCAR_COMMAND_T_TAKE, done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
-    if (!left && !taken) return;
-    trocar_status_t *status = v->feed.needles[v->driven].status;
-    if (left && done && status) status->state = TROCAR_STATUS_T_RESTING;
-    if (left == done) web_let_go(v->web); /* it rests */
-    else publisher_tell(&v->pilot, &(publisher_order){.kind = ORDER_GO_ON});
-    if (left) v->handing = HANDING_NOTHING; /* that it has been taken is seen in its status a little later */
-}
-
-/* Ends a hand-over of which no more is to be expected. */
-static void watch_handover(view *v) {
-    const trocar_status_t *status = v->feed.needles[v->driven].status;
-    bool taken = v->handing == HANDING_TAKEN && status && status->state == TROCAR_STATUS_T_HELD;
-    if (taken || monotonic_ns() - v->handing_since > HANDOVER_PATIENCE) v->handing = HANDING_NOTHING;
-}
-
-/* Receives messages. After a change of server the driving browser loses the needle, because the new server starts without an
-   insertion. */
 static void receive(view *v) {
     while (lcm_handle_timeout(v->lcm, 0) > 0) continue;
-    if (v->feed.servers != v->servers) web_let_go(v->web);
-    v->servers = v->feed.servers;
-    heed_reply(v);
-    watch_handover(v);
+    pilot_hear(&v->pilot);
     implant_hear(&v->implant, &v->feed);
 }
 
-/* Whether a server is running and this needle neither rests, unless it is being handed over, nor is owned by another client. */
-static bool is_free(const view *v, int needle) {
-    int64_t owner = subscriber_owner(&v->feed, needle);
-    const trocar_status_t *status = v->feed.needles[needle].status;
-    bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD || (needle == v->driven && v->handing != HANDING_NOTHING);
-    return subscriber_alive(&v->feed) && held && (owner == 0 || owner == v->pilot.session);
-}
-
-/* Receives pending messages first. A browser that drives none may take a needle that rests. */
+/* Receives pending messages first. */
 static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
     if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
     receive(v);
-    return is_free(v, (int)needle) || (!v->driving && subscriber_alive(&v->feed) && rests(v, (int)needle));
+    return pilot_may_take(&v->pilot, (int)needle);
 }
 
 static void take_png(void *context, const void *png, size_t size) {
@@ -409,8 +143,8 @@ static void take_png(void *context, const void *png, size_t size) {
 static void on_lcm(void *context) {
     view *v = context;
     receive(v);
-    if (!is_free(v, v->driven)) web_let_go(v->web);
-    publisher_hear(&v->pilot, v->feed.heard);
+    if (!pilot_has(&v->pilot, v->pilot.needle)) web_let_go(v->web);
+    publisher_hear(&v->pilot.publisher, v->feed.heard);
     web_news(v->web);
 }
 
@@ -444,39 +178,8 @@ static trocar_status watch_signals(view *v, report *why) {
 
 /* ---- set-up ---- */
 
-static void find_box(view *v) {
-    const double *nodes = trocar_model_nodes(v->model);
-    v->low = v3(INFINITY, INFINITY, INFINITY);
-    v->high = v3_scale(-1, v->low);
-    for (int n = 0; n < trocar_model_node_count(v->model); n++) {
-        const double *x = nodes + 3 * n;
-        v->low = v3(fmin(v->low.x, x[0]), fmin(v->low.y, x[1]), fmin(v->low.z, x[2]));
-        v->high = v3(fmax(v->high.x, x[0]), fmax(v->high.y, x[1]), fmax(v->high.z, x[2]));
-    }
-}
-
-/* The scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface at the middle of the body; further needles beside it. */
-static pose find_home(const view *v, int needle) {
-    double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, to both sides in turn */
-    pose start;
-    if (find_start(v->scene, NULL, NULL, &start)) {
-        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0)));
-        return start;
-    }
-    int template = find_template(v->model);
-    if (template >= 0) {
-        trocar_guide guide = trocar_model_guide(v->model, template);
-        return hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), v->needle_length);
-    }
-    double x = 0.5 * (v->low.x + v->high.x) + aside, y = 0.5 * (v->low.y + v->high.y), margin = 0.002;
-    const double from[3] = {x, y, v->low.z - margin}, to[3] = {x, y, v->high.z + margin};
-    double skin[3] = {x, y, v->low.z};
-    trocar_model_entry(v->model, from, to, skin);
-    return (pose){v3(x, y, skin[2] - margin - v->needle_length), {1, 0, 0, 0}};
-}
-
 /* The page is in the build folder of the program, or in share/trocar if it is installed. */
-static const char *page_folder(const options *o, char *place, size_t size) {
+static const char *page_folder(const view_options *o, char *place, size_t size) {
     static const char beside[] = "/page", installed[] = "/../share/trocar/page";
     if (o->web.page) return o->web.page;
     ssize_t length = readlink("/proc/self/exe", place, size - sizeof installed);
@@ -513,18 +216,14 @@ static trocar_status open_live(view *v, report *why) {
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);
     if (status == TROCAR_OK) status = web_watch(v->web, lcm_get_fileno(v->lcm), on_lcm, why);
-    if (status == TROCAR_OK) status = publisher_create(&v->pilot, v->lcm, v->needle_length, why);
     if (status == TROCAR_OK && v->implant.dose) status = web_watch(v->web, dose_thread_descriptor(v->implant.dose), on_dose, why);
     if (status != TROCAR_OK) return status;
-    v->feed.session = v->pilot.session;
-    v->piloting = pthread_create(&v->pilot_thread, NULL, publisher_run, &v->pilot) == 0;
-    if (v->piloting) return TROCAR_OK;
-    publisher_free(&v->pilot);
-    return fail(why, TROCAR_SYSTEM, "cannot create a thread: %s", strerror(errno));
+    v->pilot = (pilot){.model = v->model, .homes = v->homes, .needle_length = v->needle_length, .feed = &v->feed, .web = v->web};
+    return pilot_open(&v->pilot, v->lcm, why);
 }
 
 static trocar_status open_log(view *v, report *why) {
-    const options *o = v->options;
+    const view_options *o = v->options;
     trocar_status status = TROCAR_OK;
     if (o->png_path) status = output_open(&v->png, o->png_path, why);
     if (status != TROCAR_OK) return status;
@@ -537,7 +236,8 @@ static trocar_status open_log(view *v, report *why) {
 static trocar_status check_cut(const view *v, report *why) {
     const picture *p = &v->options->picture;
     if (!p->cut || isnan(p->place)) return TROCAR_OK;
-    vec3 low = v->low, high = v->high;
+    vec3 low, high;
+    find_mesh_box(v->model, &low, &high);
     double from = p->cut == 'x' ? low.x : p->cut == 'y' ? low.y : low.z, to = p->cut == 'x' ? high.x : p->cut == 'y' ? high.y : high.z;
     if (p->place > from && p->place < to) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "--cut: %c = %g mm does not cross the body, which extends from %.1f to %.1f mm", p->cut, 1e3 * p->place,
@@ -545,19 +245,18 @@ static trocar_status check_cut(const view *v, report *why) {
 }
 
 static trocar_status prepare(view *v, report *why) {
-    const options *o = v->options;
+    const view_options *o = v->options;
     const trocar_model_options mesh_only = {.mesh_only = 1};
     trocar_status status = trocar_scene_load(o->scene_path, &v->scene, why);
     if (status == TROCAR_OK) status = trocar_model_create(v->scene, &mesh_only, &v->model, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(v->scene, "needle.length", &v->needle_length, why);
     if (status != TROCAR_OK) return status;
-    find_box(v);
     status = check_cut(v, why);
     if (status != TROCAR_OK) return status;
     const char *remarks = trocar_model_remarks(v->model);
     if (remarks[0]) fprintf(stderr, "trocar-view: warning: %s\n", remarks);
     v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
-    for (int i = 0; i < v->needle_count; i++) v->homes[i] = find_home(v, i);
+    for (int i = 0; i < v->needle_count; i++) v->homes[i] = find_home(v->scene, v->model, v->needle_length, i);
     status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);
     if (status == TROCAR_OK) status = o->log_path ? open_log(v, why) : implant_open(&v->implant, v->model, &o->implant, why);
     if (status == TROCAR_OK) status = open_web(v, why);
@@ -566,11 +265,7 @@ static trocar_status prepare(view *v, report *why) {
 
 static void clean_up(view *v) {
     if (v->web) web_free(v->web); /* first, because a driving browser releases the needle when its connection closes */
-    if (v->piloting) {
-        publisher_tell(&v->pilot, &(publisher_order){.kind = ORDER_END});
-        pthread_join(v->pilot_thread, NULL);
-        publisher_free(&v->pilot);
-    }
+    pilot_close(&v->pilot);
     subscriber_close(&v->feed);
     implant_close(&v->implant);
     if (v->lcm) lcm_destroy(v->lcm);
@@ -625,8 +320,7 @@ static trocar_status take_picture(view *v, report *why) {
 }
 
 int main(int count, char **arguments) {
-    options o = {.at = INFINITY, .implant.dose = {"I-125 6711", 0.5, 145.0, 1.18}, .web.port = WEB_PORT, .picture = {.width = 1600, .height = 1000, .view = 1, .theme = "light"}};
-    argp_parse(&parser, count, arguments, 0, NULL, &o);
+    view_options o = read_view_options(count, arguments);
     realtime_flush_denormals();   /* as in trocar-replay, so that results are the same */
 
     static view v;

@@ -1,0 +1,18 @@
+/* Where the needles wait outside of the tissue. */
+#ifndef TROCAR_HOMES_H
+#define TROCAR_HOMES_H
+
+#include "base/vec.h"
+#include "trocar.h"
+
+/* Pose of the base of needle `needle`: the scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface,
+   at the middle of the mesh. Further needles wait beside it. */
+pose find_home(const trocar_scene *scene, const trocar_model *model, double needle_length, int needle);
+
+/* In front of the template's hole that is closest to a base; `otherwise` without a template. */
+pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise);
+
+/* Corners of the box around the mesh, m. */
+void find_mesh_box(const trocar_model *model, vec3 *low, vec3 *high);
+
+#endif

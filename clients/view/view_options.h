@@ -1,0 +1,30 @@
+/* The command line of trocar-view. */
+#ifndef TROCAR_VIEW_OPTIONS_H
+#define TROCAR_VIEW_OPTIONS_H
+
+#include "implant.h"
+#include "web.h"
+
+/* Content and size of a picture. */
+typedef struct {
+    int width, height;       /* pixels */
+    int view;                /* 1 .. 4, as the keys of the page */
+    const char *theme;
+    char cut;                /* axis normal to the cut, 0: none */
+    double place;            /* m, position of the cut on its axis; NAN: at the tip */
+} picture;
+
+typedef struct {
+    const char *scene_path, *lcm_url, *log_path, *png_path;
+    double at;               /* s; INFINITY: the end of the log */
+    picture picture;
+    const char *picture_option;   /* last option that needs --png, NULL: none */
+    const char *live_option; /* last option that needs a live server, NULL: none */
+    implant_settings implant;
+    web_settings web;
+} view_options;
+
+/* The options with their defaults. Exits with EXIT_BAD_INPUT and a message for mistakes, and with 0 after --help and --version. */
+view_options read_view_options(int count, char **arguments);
+
+#endif

@@ -9,10 +9,9 @@ directions across. No code of the simulator takes part. Needs python3-scipy; tak
 import math
 
 import numpy as np
-import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-import needle_meshes as nm
+from kuhn_block import KuhnBlock
 
 CUBES, CUBE = (10, 10, 8), (0.012, 0.012, 0.0125)
 POISSON, LAME = 0.45, 9.0               # for a shear modulus of 1
@@ -22,34 +21,12 @@ SIZE = (math.sqrt(2) * math.prod(CUBE)) ** (1 / 3)
 PLACES = (((0, 0), 0.150), ((0.0031, -0.0027), 0.464))  # x and y, and the line's resolved radius over SIZE
 
 
-class Block:
+class Block(KuhnBlock):
     def __init__(self):
-        self.nodes, self.tets = nm.structured("Kuhn", CUBES)
-        corners = self.nodes[self.tets]
-        self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
-        self.stiffness = self.assembled(self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets)))
-        self.outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
+        super().__init__(CUBES)
+        self.matrix = self.stiffness(1.0, LAME, self.by_node())
         self.free = np.repeat(~self.outer, 3)
-        self.factor = splu(self.stiffness[self.free][:, self.free])
-
-    def assembled(self, gradient, volume):
-        dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
-        blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
-        blocks = volume[:, None, None] * (blocks + np.einsum("taj,tbi->taibj", gradient, gradient)).reshape(-1, 12, 12)
-        deviatoric = sparse.coo_matrix((blocks.ravel(), (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, (1, 12)).ravel())), (size, size))
-        quarters = np.repeat((0.25 * gradient * volume[:, None, None]).reshape(-1, 1, 12), 4, axis=1)  # an element's flux, to each of its nodes
-        places = np.repeat(self.tets[:, :, None], 12, axis=2), np.repeat(dofs[:, None, :], 4, axis=1)
-        flux = sparse.coo_matrix((quarters.ravel(), (places[0].ravel(), places[1].ravel())), (len(self.nodes), size)).tocsr()
-        at_nodes = np.bincount(self.tets.ravel(), np.repeat(volume / 4, 4))
-        return (deviatoric.tocsr() + LAME * flux.T @ sparse.diags(1 / at_nodes) @ flux).tocsc()
-
-    def interpolation(self, points):
-        rows = sparse.lil_matrix((len(points), len(self.nodes)))
-        for i, point in enumerate(points):
-            weights = self.inverse.transpose(0, 2, 1) @ np.append(1.0, point)
-            inside = np.argmax(weights.min(axis=1))
-            rows[i, self.tets[inside]] = weights[inside]
-        return rows.tocsr()
+        self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
         """The displacement along an axis at a point, by a unit force per length along it at the points of the line."""
@@ -57,7 +34,7 @@ class Block:
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))
         load[axis::3] = self.interpolation(line).T @ np.full(len(line), STEP)
-        moved[self.free] = self.factor.solve((load - self.stiffness @ moved)[self.free])
+        moved[self.free] = self.factor.solve((load - self.matrix @ moved)[self.free])
         return (self.interpolation(at[None]) @ moved[axis::3])[0]
 
 

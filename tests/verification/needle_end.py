@@ -17,6 +17,7 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
 import needle_meshes as nm
+from kuhn_block import KuhnBlock
 
 RADIUS, POISSON, YOUNG = 0.000635, 0.45, 20000.0
 SHEAR = YOUNG / 2 / (1 + POISSON)
@@ -27,35 +28,17 @@ ALONG, ACROSS = np.array([-1.0, 0.0, -1.0]) / math.sqrt(2), np.array([0.0, 1.0, 
 SIDEWAYS = np.cross(ACROSS, ALONG)
 
 
-class Block:
+class Block(KuhnBlock):
     def __init__(self, cubes):
-        self.nodes, self.tets = nm.structured("Kuhn", (12 * cubes, 12 * cubes, 10 * cubes))
-        corners = self.nodes[self.tets]
-        self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
-        self.low, self.high = corners.min(axis=1) - 1e-9, corners.max(axis=1) + 1e-9
-        self.stiffness = self.assembled(self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets)))
-
-    def assembled(self, gradient, volume):
-        dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
-        blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
-        blocks = SHEAR * volume[:, None, None] * (blocks + np.einsum("taj,tbi->taibj", gradient, gradient)).reshape(-1, 12, 12)
-        deviatoric = sparse.coo_matrix((blocks.ravel(), (np.repeat(dofs, 12, axis=1).ravel(), np.tile(dofs, (1, 12)).ravel())), (size, size))
-        cube = np.arange(len(self.tets)) // 6
-        flux = sparse.coo_matrix(((gradient * volume[:, None, None]).ravel(), (np.repeat(cube, 12), dofs.ravel())), (cube[-1] + 1, size)).tocsr()
-        return (deviatoric.tocsr() + LAME * flux.T @ sparse.diags(1 / np.bincount(cube, volume)) @ flux).tocsc()
+        super().__init__((12 * cubes, 12 * cubes, 10 * cubes))
+        self.matrix = self.stiffness(SHEAR, LAME, self.by_cube())
 
     def sideways_at(self, points):
         """Rows that take the sideways displacement at points from those of the nodes."""
-        rows = sparse.lil_matrix((len(points), len(self.nodes)))
-        for i, point in enumerate(points):
-            near = np.flatnonzero(((point >= self.low) & (point <= self.high)).all(axis=1))
-            weights = self.inverse[near].transpose(0, 2, 1) @ np.append(1.0, point)
-            inside = np.argmax(weights.min(axis=1))
-            rows[i, self.tets[near[inside]]] = weights[inside]
-        return sparse.kron(rows, SIDEWAYS.reshape(1, 3)).tocsc()
+        return sparse.kron(self.interpolation(points), SIDEWAYS.reshape(1, 3)).tocsc()
 
     def solve(self, free, right):
-        return splu(self.stiffness[free][:, free]).solve(right)
+        return splu(self.matrix[free][:, free]).solve(right)
 
     def resolved_radius(self, entry):
         """Of an endless line through the block whose surface moves as in the exact solution."""
@@ -66,9 +49,8 @@ class Block:
         x, y = (self.nodes - entry) @ SIDEWAYS, (self.nodes - entry) @ ACROSS
         square, c = np.maximum(x * x + y * y, 1e-12), LINE / (3 - 4 * POISSON)
         exact = (-0.5 * LINE * np.log(square) + c * (x * x / square - 0.5))[:, None] * SIDEWAYS + (c * x * y / square)[:, None] * ACROSS
-        outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
-        free, moved = np.repeat(~outer, 3), np.where(outer[:, None], exact, 0).ravel()
-        moved[free] = self.solve(free, (rows.T @ np.full(rows.shape[0], SEGMENT) - self.stiffness @ moved)[free])
+        free, moved = np.repeat(~self.outer, 3), np.where(self.outer[:, None], exact, 0).ravel()
+        moved[free] = self.solve(free, (rows.T @ np.full(rows.shape[0], SEGMENT) - self.matrix @ moved)[free])
         along = rows @ moved
         return math.exp(-along[len(along) // 6 : -(len(along) // 6)].mean() / LINE)
 

@@ -9,6 +9,8 @@ from .contours import Unusable
 
 AHEAD = 1e-3            # m from the tip to the skin before the insertion
 NEEDLE = 0.2            # m, length of the scene's needle
+PUSH = 0.066            # m that the scripts of trocar-device insert the needle unless the scene says more
+BEYOND = 0.010          # m past the target: tissue gives way before the tip
 SAMPLES = 14            # along each side of a region's box, to find its deepest point
 CANDIDATES = 400        # entries that are tried, nearest first
 FAR = 1e3               # mm: longer than any path
@@ -126,12 +128,17 @@ def on_skin(skin, entry, target):
     return min(met, key=lambda point: (point - entry) @ way)
 
 
-def through_face(target, low, high, bones):
-    """The path through a box's low z face: along z, or with the least tilt at which no bone is in the way."""
-    x, y = np.meshgrid(np.linspace(low[0] + 5, high[0] - 5, 15), np.linspace(low[1] + 5, high[1] - 5, 15))
-    places = np.vstack([[target[0], target[1], low[2]], np.column_stack([x.ravel(), y.ravel(), np.full(x.size, low[2])])])
+def through_face(target, low, high, bones, face):
+    """The path through a face of a box (axis, and side: -1 low, 1 high) on which no bone is in the way: straight, or with the least tilt; or None."""
+    axis, side = face
+    aside = [a for a in range(3) if a != axis]
+    grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
+    places = np.empty((1 + grid[0].size, 3))
+    places[0] = target
+    places[1:, aside] = np.column_stack([each.ravel() for each in grid])
+    places[:, axis] = (low if side < 0 else high)[axis]
     entry = nearest_free(target, places, bones)
-    return Path(places[0] if entry is None else entry, target, False)
+    return None if entry is None else Path(entry, target, False)
 
 
 def orientation(direction):
@@ -150,6 +157,7 @@ class Start:
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # on the mesh's skin
     remark: str
+    depth: float = PUSH      # that a scripted motion must push the needle to come to the target
 
 
 def start_in(mesh, entry, target, gland):
@@ -168,7 +176,8 @@ def start_in(mesh, entry, target, gland):
         depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the way with --entry and --target"
     if np.linalg.norm(target - skin) > NEEDLE:
         depth += f"; its target is {1e3 * np.linalg.norm(target - skin):.0f} mm deep, and the needle {1e3 * NEEDLE:.0f} mm long"
-    return Start(skin - (NEEDLE + AHEAD) * way, orientation(way), skin, depth)
+    push = max(PUSH, min(AHEAD + np.linalg.norm(target - skin) + BEYOND, NEEDLE))
+    return Start(skin - (NEEDLE + AHEAD) * way, orientation(way), skin, depth, push)
 
 
 def check_template(template, skin):

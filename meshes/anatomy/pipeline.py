@@ -20,8 +20,9 @@ LOSS = 0.03             # of a region's volume: if keeping the gap costs more, r
 MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
 TOLD = 0.01             # of a bone's surface: if more is missing, it is reported; more than MOST_LOSS is refused
 MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
-SMALL = 100.0           # mm^3: if the largest region is smaller, or
-LARGE = 2000.0          # mm: if one is longer, the unit is probably another one
+SHORT = 20.0            # mm: if the largest region is shorter, the unit may be another one,
+SMALL = 100.0           # mm^3: and if that is smaller,
+LARGE = 2000.0          # mm: or one is longer, it probably is
 LEAST = 1.0             # mm^3: smaller regions are refused
 STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
 FEW = 4                 # edges that may be longer
@@ -124,6 +125,8 @@ def check_sizes(organs, unit=None):
             raise Unusable(organ.roi, f"{measured}: too small to be meshed: leave it out")
         if organ.volume < SMALL:
             organ.note(f"{measured}: few of the mesh's elements are in it")
+        elif n == 0 and size.max() < SHORT and not unit:
+            organ.note(f"{measured}: is the file's unit right? (--unit)")
 
 
 def note_parts(organ):

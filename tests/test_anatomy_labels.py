@@ -283,12 +283,13 @@ class Approach(unittest.TestCase):
 
     def test_the_scripts_go_as_deep_as_the_target(self):
         skin = approach_sphere((0, 0, 0), 0.1)
-        mesh = quality.Mesh(skin.points, np.zeros((0, 4), int), np.zeros(0, int), ["gland"], {"skin": skin})
-        for depth, wanted in ((0.04, 0.066), (0.08, 0.091), (0.195, 0.2)):
+        mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
+        for depth, wanted in ((0.04, 0.066), (0.08, 0.091), (0.195, 0.206)):
             start = approach.start_in(mesh, np.array([0, 0, -0.1]), np.array([0, 0, -0.1 + depth]), "gland")
             self.assertAlmostEqual(start.depth, wanted, delta=1e-3)
             words = "\n".join(sum(scene.place(np.eye(4), start), []))
-            self.assertEqual("depth:" in words, depth > 0.05)
+            self.assertEqual(("depth:" in words, "  length: 0.25 " in words), (depth > 0.05, depth > 0.19))
+            self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + (0.25 if depth > 0.19 else 0.2))
 
     def test_the_orientation_turns_z_into_the_direction(self):
         for direction in ([0, 0, 1], [0, 0, -1], [1, 0, 0], [0.6, -0.8, 0], [-0.36, 0.48, -0.8]):

@@ -102,7 +102,7 @@ class Crossing(unittest.TestCase):
         """Makes every search for a mesh return this one."""
         def found(_domain, _nodes, path):
             with open(path, "w", encoding="ascii"):
-                return meshing.Attempt(mesh, [], {})
+                return meshing.Attempt(mesh, {})
         return unittest.mock.patch.object(meshing, "search", found)
 
     def test_a_bone_that_is_missing_is_told_or_refused(self):
@@ -125,7 +125,7 @@ class Crossing(unittest.TestCase):
             def attempt(_stage, _work, _domain, fine, path, sizes=sizes):
                 sizes.append(fine)
                 with open(path, "w", encoding="ascii"):
-                    return meshing.Attempt(mesh, [], {})
+                    return meshing.Attempt(mesh, {})
             with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(meshing.limits, "SECONDS", 0), \
                     unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 2.0), unittest.mock.patch.object(meshing, "MOST_WORK", work):
                 meshing.search(self.sphere, 570, self.path)
@@ -138,7 +138,7 @@ class Crossing(unittest.TestCase):
             sizes.append(fine)
             points = np.zeros((round(0.2 * wanted * (sizes[0] / fine) ** 5), 3))
             with open(path, "w", encoding="ascii"):
-                return meshing.Attempt(quality.Mesh(points, np.zeros((1, 4), int), np.array([0]), ["gland"]), [], {})
+                return meshing.Attempt(quality.Mesh(points, np.zeros((1, 4), int), np.array([0]), ["gland"]), {})
         with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 0.5):
             found = meshing.search(self.sphere, wanted, self.path)
         self.assertEqual((len(sizes), len(found.mesh.points)), (3, wanted))
@@ -152,7 +152,7 @@ class Crossing(unittest.TestCase):
                 nodes, badness, missed = next(coming)
                 made = quality.Mesh(np.full((nodes, 3), badness), np.zeros((1, 4), int), np.array([0]), ["gland"])
                 with open(path, "w", encoding="ascii"):
-                    return meshing.Attempt(made, [], {}, {"gland": missed})
+                    return meshing.Attempt(made, {}, {"gland": missed})
             with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(meshing, "TRIES", count), \
                     unittest.mock.patch.object(quality.Mesh, "badness", lambda mesh: mesh.points[0, 0]):
                 found = meshing.search(self.sphere, 1500, self.path)
@@ -187,8 +187,8 @@ class Crossing(unittest.TestCase):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
         with unittest.mock.patch.object(meshing, "TRIES", 2), \
-                self.assertRaisesRegex(contours.Unusable, r'"urethra": no mesh has 200 nodes; the closest has \d+: its surface alone has \d+'):
-            pipeline.mesh_of(organs, 200, None, self.path)
+                self.assertRaisesRegex(contours.Unusable, r'"prostate": no mesh has 60 nodes; the closest has \d+: its surface alone has \d+'):
+            pipeline.mesh_of(organs, 60, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 
 

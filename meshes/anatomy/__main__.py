@@ -109,6 +109,9 @@ def organ_of(roi, name, bone, came):
 def run(given):
     """What was made: the organs, the mesh, the domain, the outlines' volumes; None if only the regions were listed."""
     limits.SECONDS, limits.TELL = given.time_limit, given.progress
+    folder = os.path.dirname(given.output) or "."
+    if not given.list and not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
+        raise reading.BadFile(f"{given.output}: the folder {folder} does not exist, or cannot be written to")
     own = materials.read(given.materials) if given.materials else {}
     available, labels = read_all(given)
     if given.list:
@@ -157,7 +160,8 @@ def write_texts(given, own, organs, domain, made):
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls, found=found, matrix=matrix, start=start, template=plate,
                                              wall_of={organ.name: pipeline.surface_name(organ, organs) for organ in organs}))
     quality.draw(mesh, given.output + "-quality.svg")
-    notes = meshing.remarks_on_number(mesh, given.nodes) + [note for organ in organs + skin for note in organ.notes]
+    notes = [f"needle: {start.remark}"] if start.misses else []
+    notes += meshing.remarks_on_number(mesh, given.nodes) + [note for organ in organs + skin for note in organ.notes]
     entered = ", ".join(f"{value:.1f}" for value in pipeline.patient(start.entry, domain.origin))
     rows.append(("needle", f"enters at ({entered}) mm, {start.remark}", ""))
     write(given.output + "-quality.md", quality.markdown(f"Quality of {title}.msh", rows, notes, title + "-quality.svg",

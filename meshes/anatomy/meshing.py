@@ -1,6 +1,5 @@
 """Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes. Each try runs in
 a separate process with a time limit."""
-import collections
 import dataclasses
 import math
 import os
@@ -202,8 +201,8 @@ def fixed_faces(front):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, the regions' losses to each other, and the
-    share of each one's surface that is missing."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the regions' losses to each other, and the share of each one's
+    surface that is missing."""
     formula = size_formula(domain, fine)
     if domain.regions:
         image, lost = domain.image
@@ -231,7 +230,7 @@ def build(domain, fine):
         fill(domain, found.points if domain.regions else points, patches, names, hollow, formula)
     except Exception as error:  # Gmsh raises no more specific class
         raise failure_of(owners, shells, error) from error
-    return shells, lost, missed
+    return lost, missed
 
 
 @dataclasses.dataclass
@@ -354,7 +353,6 @@ def first_size(extent, nodes):
 class Attempt:
     """A mesh and its source data."""
     mesh: quality.Mesh
-    shells: list         # surfaces of the bodies or regions
     lost: dict           # (region, region that has it now, or None for the box): share
     missed: dict = dataclasses.field(default_factory=dict)      # region -> share of its surface that is not in the mesh
 
@@ -367,12 +365,12 @@ class Attempt:
 def attempt(domain, fine, path):
     """Runs in a separate process."""
     session.start()
-    shells, lost, missed = build(domain, fine)
+    lost, missed = build(domain, fine)
     mesh = current_mesh()
     if domain.regions:
         move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
     gmsh.write(path)
-    return Attempt(mesh, shells, lost, missed)
+    return Attempt(mesh, lost, missed)
 
 
 def held_points(domain, mesh):
@@ -400,7 +398,7 @@ def generate(domain, nodes, path):
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
         if not 1 / MOST_OFF <= len(made.mesh.points) / nodes <= MOST_OFF:
-            raise too_far_off(nodes, len(made.mesh.points), domain.regions or domain.bodies, made.shells)
+            raise too_far_off(nodes, made.mesh)
         if made.mesh.badness() > WORST:
             angles = made.mesh.dihedral_angles()
             raise Unusable('" and "'.join(sorted({owner.name for owner in domain.regions or domain.bodies})),
@@ -467,16 +465,19 @@ def remarks_on_number(mesh, nodes):
     count = len(mesh.points)
     if abs(count / nodes - 1) <= OFF:
         return []
-    on_surface = {name: len(np.unique(mesh.boundary(name).triangles)) for name in mesh.regions if name != "surrounding"}
-    most = max(on_surface, key=on_surface.get)
-    return [f"the mesh has {count} nodes instead of {nodes}, the closest that was found"
-            + (f": the surface of {most} alone has {on_surface[most]}" if count > nodes else "")]
+    name, most = most_on_surface(mesh)
+    return [f"the mesh has {count} nodes instead of {nodes}, the closest that was found" + (f": the surface of {name} alone has {most}" if count > nodes else "")]
 
 
-def too_far_off(nodes, count, bodies, shells):
-    taken = collections.Counter()
-    for body, shell in zip(bodies, shells):
-        taken[body.name] += len(shell.points)
-    name, most = taken.most_common(1)[0]
+def too_far_off(nodes, mesh):
+    count, (name, most) = len(mesh.points), most_on_surface(mesh)
     return Unusable(name, f"no mesh has {nodes} nodes; the closest has {count}"
                     + (f": its surface alone has {most}: raise --nodes, or leave it out" if count > nodes else ""))
+
+
+def most_on_surface(mesh):
+    """The region, or the bones, with the most nodes on its surface, and their number."""
+    surfaces = {name: mesh.boundary(name) for name in mesh.regions if name != "surrounding"}
+    if "bone" in mesh.surfaces:
+        surfaces["bone"] = mesh.surfaces["bone"]
+    return max(((name, len(np.unique(surface.triangles))) for name, surface in surfaces.items()), key=lambda pair: pair[1])

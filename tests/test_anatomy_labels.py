@@ -175,6 +175,8 @@ class Files(unittest.TestCase):
                 file.write(content)
             found = voxels.read_names(path)
             self.assertEqual({k: v for k, v in found.items() if k}, {1: "Prostate", 2: "Rectum"}, path)
+        alike = voxels.numbered(two_halves()[0], {1: "Lobe", 2: "Lobe"})
+        self.assertEqual({name: segment.value for name, segment in alike.items()}, {"Lobe": 1, "Lobe (2)": 2, "3": 3})
 
     def test_own_materials(self):
         with open("m.csv", "w", encoding="utf-8") as file:

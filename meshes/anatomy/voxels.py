@@ -57,7 +57,11 @@ class LabelMap:
 
 def numbered(values, names):
     """name -> Segment for each value other than 0 in the first layer."""
-    return {names.get(int(value), str(int(value))): Segment(0, int(value)) for value in np.unique(values) if value}
+    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane: sorting needs memory
+    segments = {}
+    for value in map(int, found[found > 0]):
+        segments[unique(names.get(value, str(value)), segments)] = Segment(0, value)
+    return segments
 
 
 def whole(path, values):
@@ -75,7 +79,7 @@ def whole(path, values):
         raise BadFile(f"{path}: its values reach from {values.min()} to {values.max()}: labels are 0 to 65535")
     if not values.any():
         raise BadFile(f"{path}: has no label: all voxels are 0")
-    return np.ascontiguousarray(values.T).astype(np.uint16)
+    return np.ascontiguousarray(values.T, np.uint8 if values.max() < 256 else np.uint16)
 
 
 def check_place(path, place):

@@ -411,6 +411,7 @@ def generate(domain, nodes, path):
 def search(domain, nodes, path):
     """The best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
+    limit = min(FAILURES, TRIES)
     best, best_rank, close_size, failures, work, tries = None, (), None, 0, 0, []
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
@@ -418,7 +419,7 @@ def search(domain, nodes, path):
                                   (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
         near = best and abs(len(best.mesh.points) / nodes - 1) <= OFF
-        if best and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
+        if best and not best_rank[1] and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
             break
         try:
             try:
@@ -427,18 +428,26 @@ def search(domain, nodes, path):
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and failures == min(FAILURES, TRIES):
+            if failures == limit and best is None:
                 raise
+            if failures == limit and best_rank[1]:
+                break
             fine *= 0.98
             continue
         mesh = made.mesh
-        count = len(mesh.points)
-        work += count
-        off = abs(count / nodes - 1)
         rank = made.rank(nodes)
         if best is None or rank < best_rank:
             best, best_rank = made, rank
             os.replace(path + ".try.msh", path)
+        if rank[1]:      # part of a surface is missing: a makeshift, if all tries fail
+            failures += 1
+            if failures == limit and best_rank[1]:
+                break
+            fine *= 0.98
+            continue
+        count = len(mesh.points)
+        work += count
+        off = abs(count / nodes - 1)
         if rank <= (False, False, False, 1.0):
             break
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size

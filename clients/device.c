@@ -28,7 +28,7 @@ static const struct argp_option option_list[] = {
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
     {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
-    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction", 0},
+    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and push as deep as it says", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
     {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
@@ -209,9 +209,11 @@ static trocar_status run_implant(const options *o, report *why) {
     return status;
 }
 
-/* With a scene, the start and the coordinates are the scene's. */
+/* With a scene, the start, the depth and the coordinates are the scene's. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
+    static motion script;
     trocar_scene *scene;
+    double depth = MOTION_DEPTH;
     vec3 given = o->play.start.position;
     if (!o->scene_path) return TROCAR_OK;
     trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
@@ -219,7 +221,12 @@ static trocar_status choose_start(options *o, patient_frame *patient, report *wh
     if (o->patient) status = patient_frame_read(scene, patient, why);
     if (status == TROCAR_OK && !find_start(scene, o->patient ? patient : NULL, o->start_given ? &given : NULL, &o->play.start))
         status = fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", o->scene_path);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(scene, "needle.start.depth", &depth, why);
     trocar_scene_free(scene);
+    if (depth != MOTION_DEPTH) {
+        script = motion_to_depth(o->play.script, depth);
+        o->play.script = &script;
+    }
     return status;
 }
 
@@ -227,11 +234,11 @@ int main(int count, char **arguments) {
     options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
                           .speed = 1, .patience = 5, .settle = 0.3}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
 
     report why;
     patient_frame patient;
     trocar_status status = o.plan_path ? run_implant(&o, &why) : choose_start(&o, &patient, &why);
+    if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
     if (status == TROCAR_OK && !o.plan_path) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-device: %s\n", why.text);

@@ -47,6 +47,19 @@ const motion *motion_find(const char *name) {
     return NULL;
 }
 
+motion motion_to_depth(const motion *script, double depth) {
+    motion deep = *script;
+    double factor = depth / MOTION_DEPTH;
+    deep.duration *= factor;
+    deep.period *= factor;
+    for (int i = 0; i < deep.leg_count; i++) {
+        deep.legs[i].from *= factor;
+        deep.legs[i].to *= factor;
+        deep.legs[i].shift.z *= factor;
+    }
+    return deep;
+}
+
 double motion_fraction(double from, double to, double t) {
     if (t <= from) return 0;
     if (t >= to) return 1;

@@ -14,6 +14,8 @@ typedef struct {
 
 #define MOTION_START ((pose){{0.005, 0.003, -0.201}, {1, 0, 0, 0}}) /* the tip of a 200 mm needle is then 1 mm before the skin */
 
+#define MOTION_DEPTH 0.066 /* m that the scripts insert the needle, from there */
+
 enum { MOTION_MAX_LEGS = 8 };
 
 typedef struct {
@@ -29,6 +31,9 @@ const motion *motion_find(const char *name);
 
 /* All scripts in order, NULL after the last. */
 const motion *motion_at(int index);
+
+/* A script that inserts the needle this far (m) in place of MOTION_DEPTH, at the same speed. */
+motion motion_to_depth(const motion *script, double depth);
 
 /* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: minimum jerk, 10 x^3 - 15 x^4 + 6 x^5
    (Flash and Hogan 1985). */

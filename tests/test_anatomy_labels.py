@@ -1,7 +1,9 @@
 #!/usr/bin/python3
 """Label maps, surfaces and volume meshes of every kind, and where the needle goes in: against shapes of known place and volume.
 """
+import bz2
 import contextlib
+import gzip
 import io
 import os
 import re
@@ -14,7 +16,7 @@ import numpy as np
 import pydicom
 
 from anatomy_cases import ellipsoid_volume
-from anatomy import __main__ as command, approach, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, session, shells, trouble, voxels
+from anatomy import __main__ as command, approach, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, scene, session, shells, trouble, voxels
 
 SPACING = (1.0, 1.25, 2.0)
 MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, of the left of two half balls that touch
@@ -139,7 +141,7 @@ class Files(unittest.TestCase):
         with open("whole.nrrd", "rb") as file:
             content = file.read()
         wrong = {"cut.nrrd": content[:-200], "kind.nrrd": b"GIF89a" + content, "no.nrrd": content.replace(b"space directions", b"space conditions"),
-                 "far.nrrd": content.replace(b"encoding: gzip", b"encoding: bzip2"), "x.csv": b"", "x.gif": b"", "half.nrrd": content[:150],
+                 "far.nrrd": content.replace(b"encoding: gzip", b"encoding: hex"), "x.csv": b"", "x.gif": b"", "half.nrrd": content[:150],
                  "zero.nrrd": content.replace(b"(1,0,0)", b"(0,0,0)")}
         for name, changed in wrong.items():
             with open(name, "wb") as file:
@@ -150,6 +152,22 @@ class Files(unittest.TestCase):
             with self.assertRaisesRegex(trouble.BadFile, f"^{name}: .*{word}"):
                 reading.read_image(name)
 
+    def test_values_of_a_nrrd_file_beside_it_and_packed_by_bzip2(self):
+        self.labels, place = two_halves(20)
+        inputs.write_nrrd("a.nrrd", self.labels, place)
+        with open("a.nrrd", "rb") as file:
+            head, data = file.read().split(b"\n\n", 1)
+        by_number = {str(value): value for value in NAMES}
+        for name, content in (("b.nhdr", head + b"\ndata file: b.raw.gz\n"), ("c.nrrd", head.replace(b"gzip", b"bzip2") + b"\n\n" + bz2.compress(gzip.decompress(data)))):
+            with open(name, "wb") as file:
+                file.write(content)
+        with self.assertRaisesRegex(trouble.BadFile, "b.nhdr: .*b.raw.gz, beside it"):
+            reading.read_image("b.nhdr")
+        with open("b.raw.gz", "wb") as file:
+            file.write(data)
+        for name in ("b.nhdr", "c.nrrd"):
+            self.check_map(reading.read_image(name), place, by_number)
+
     def test_names_of_labels(self):
         for content, path in (('{"labels": {"background": 0, "Prostate": 1, "Rectum": 2}}', "a.json"), ("# ITK-SNAP\n1 255 0 0 1 1 1 \"Prostate\"\n2 0 255 0 1 1 1 \"Rectum\"\n", "b.txt"),
                               ("number,name\n1,Prostate\n2,Rectum\n", "c.csv")):
@@ -157,6 +175,8 @@ class Files(unittest.TestCase):
                 file.write(content)
             found = voxels.read_names(path)
             self.assertEqual({k: v for k, v in found.items() if k}, {1: "Prostate", 2: "Rectum"}, path)
+        alike = voxels.numbered(two_halves()[0], {1: "Lobe", 2: "Lobe"})
+        self.assertEqual({name: segment.value for name, segment in alike.items()}, {"Lobe": 1, "Lobe (2)": 2, "3": 3})
 
     def test_own_materials(self):
         with open("m.csv", "w", encoding="utf-8") as file:
@@ -250,6 +270,28 @@ class Approach(unittest.TestCase):
         path = approach.through_skin(target, [skin], [bone])
         self.assertIsNone(approach.first_hit(bone, path.entry, target))
         self.assertLess(np.linalg.norm(path.entry - target), 45)
+
+    def test_the_skin_of_a_box_is_the_first_face_without_bones_in_the_way(self):
+        gland, plate = approach_sphere((0, 0, 0), 15.0), approach_sphere((0, 0, 0), 1.0)
+        below = shells.Shell(plate.points * [200, 200, 4] + [0, 0, -30], plate.triangles)
+        path, low, high, face = pipeline.path_and_block([gland], [below], [], pipeline.Plan())
+        self.assertEqual((face, path.entry.tolist()), ((1, -1), [0, low[1], 0]))
+        self.assertIsNone(approach.first_hit(below, path.entry, path.target))
+        path, low, high, face = pipeline.path_and_block([gland], [], [], pipeline.Plan())
+        self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
+        around = approach_sphere((0, 0, 0), 20.0)      # no way in
+        path, low, high, face = pipeline.path_and_block([gland], [around], [], pipeline.Plan())
+        self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
+
+    def test_the_scripts_go_as_deep_as_the_target(self):
+        skin = approach_sphere((0, 0, 0), 0.1)
+        mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
+        for depth, wanted in ((0.04, 0.066), (0.08, 0.091), (0.195, 0.206)):
+            start = approach.start_in(mesh, np.array([0, 0, -0.1]), np.array([0, 0, -0.1 + depth]), "gland")
+            self.assertAlmostEqual(start.depth, wanted, delta=1e-3)
+            words = "\n".join(sum(scene.place(np.eye(4), start), []))
+            self.assertEqual(("depth:" in words, "  length: 0.25 " in words), (depth > 0.05, depth > 0.19))
+            self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + (0.25 if depth > 0.19 else 0.2))
 
     def test_the_orientation_turns_z_into_the_direction(self):
         for direction in ([0, 0, 1], [0, 0, -1], [1, 0, 0], [0.6, -0.8, 0], [-0.36, 0.48, -0.8]):

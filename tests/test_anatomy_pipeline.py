@@ -102,7 +102,7 @@ class Crossing(unittest.TestCase):
         """Makes every search for a mesh return this one."""
         def found(_domain, _nodes, path):
             with open(path, "w", encoding="ascii"):
-                return meshing.Attempt(mesh, [], {})
+                return meshing.Attempt(mesh, {})
         return unittest.mock.patch.object(meshing, "search", found)
 
     def test_a_bone_that_is_missing_is_told_or_refused(self):
@@ -125,7 +125,7 @@ class Crossing(unittest.TestCase):
             def attempt(_stage, _work, _domain, fine, path, sizes=sizes):
                 sizes.append(fine)
                 with open(path, "w", encoding="ascii"):
-                    return meshing.Attempt(mesh, [], {})
+                    return meshing.Attempt(mesh, {})
             with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(meshing.limits, "SECONDS", 0), \
                     unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 2.0), unittest.mock.patch.object(meshing, "MOST_WORK", work):
                 meshing.search(self.sphere, 570, self.path)
@@ -138,10 +138,39 @@ class Crossing(unittest.TestCase):
             sizes.append(fine)
             points = np.zeros((round(0.2 * wanted * (sizes[0] / fine) ** 5), 3))
             with open(path, "w", encoding="ascii"):
-                return meshing.Attempt(quality.Mesh(points, np.zeros((1, 4), int), np.array([0]), ["gland"]), [], {})
+                return meshing.Attempt(quality.Mesh(points, np.zeros((1, 4), int), np.array([0]), ["gland"]), {})
         with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 0.5):
             found = meshing.search(self.sphere, wanted, self.path)
         self.assertEqual((len(sizes), len(found.mesh.points)), (3, wanted))
+
+    def test_the_search_prefers_usable_angles_then_whole_surfaces_then_the_number_of_nodes(self):
+        tries = [(1490, 50.0, 0.0), (1480, 0.9, 0.05), (1200, 2.0, 0.0), (1000, 0.9, 0.0)]     # nodes, badness, share of a surface that is missing
+        for count in range(1, len(tries) + 1):
+            coming = iter(tries[:count])
+
+            def attempt(_stage, _work, _domain, _fine, path, coming=coming):
+                nodes, badness, missed = next(coming)
+                made = quality.Mesh(np.full((nodes, 3), badness), np.zeros((1, 4), int), np.array([0]), ["gland"])
+                with open(path, "w", encoding="ascii"):
+                    return meshing.Attempt(made, {}, {"gland": missed})
+            with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(meshing, "TRIES", count), \
+                    unittest.mock.patch.object(quality.Mesh, "badness", lambda mesh: mesh.points[0, 0]):
+                found = meshing.search(self.sphere, 1500, self.path)
+            self.assertEqual(len(found.mesh.points), [1490, 1480, 1200, 1200][count - 1])
+
+    def test_another_number_of_nodes_is_told_and_twice_as_many_refused(self):
+        corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+        mesh = quality.Mesh(corners, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"])
+        gland = pipeline.organ_of_rings("Gland", "gland", False, ellipsoid(20, 20, 20, 5))
+        domain, _ = pipeline.domain_of([gland], 570, None)
+        for nodes, words in ((4, None), (7, "has 4 nodes instead of 7, the closest that was found$"), (3, "instead of 3, .*: the surface of gland alone has 4$")):
+            with self.search(mesh):
+                made = meshing.generate(domain, nodes, self.path).mesh
+            told = meshing.remarks_on_number(made, nodes)
+            self.assertEqual(len(told), 0 if words is None else 1)
+            self.assertRegex("".join(told), words or "^$")
+        with self.search(mesh), self.assertRaisesRegex(contours.Unusable, "no mesh has 9 nodes; the closest has 4$"):
+            meshing.generate(domain, 9, self.path)
 
     def test_a_search_whose_every_try_fails_says_why(self):
         for tries in (1, 2, meshing.TRIES):
@@ -158,8 +187,8 @@ class Crossing(unittest.TestCase):
         rois = patient.outlines(patient.Gland())
         organs = [pipeline.organ_of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
         with unittest.mock.patch.object(meshing, "TRIES", 2), \
-                self.assertRaisesRegex(contours.Unusable, r'"urethra": no mesh has 200 nodes; the closest has \d+: its surface alone has \d+'):
-            pipeline.mesh_of(organs, 200, None, self.path)
+                self.assertRaisesRegex(contours.Unusable, r'"prostate": no mesh has 60 nodes; the closest has \d+: its surface alone has \d+'):
+            pipeline.mesh_of(organs, 60, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 
 

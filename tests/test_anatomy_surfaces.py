@@ -110,12 +110,22 @@ class Surfaces(unittest.TestCase):
         self.assertIn("as long as usual", " ".join(pipeline.organ_of_surface("x", "x", False, sphere).notes))
 
     def test_a_unit_that_is_not_likely_is_told_and_one_that_is_not_possible_refused(self):
-        sphere = self.coarse_sphere()
-        self.assertEqual(pipeline.organ_of_surface("x", "x", False, sphere).notes, [])
-        self.assertIn("is its unit right?", pipeline.organ_of_surface("x", "x", False, sphere.scaled(0.2)).notes[0])
+        def sized(*factors, unit=None):
+            organs = [pipeline.organ_of_surface("abc"[n], "x", False, self.coarse_sphere().scaled(factor)) for n, factor in enumerate(factors)]
+            pipeline.check_sizes(organs, unit)
+            return [" ".join(organ.notes) for organ in organs]
+        self.assertEqual(sized(1), [""])
+        self.assertIn("is the file's unit right?", sized(0.2)[0])
+        self.assertEqual(sized(0.2, unit="mm"), [""])
         for factor in (0.05, 1000):
-            with self.assertRaisesRegex(contours.Unusable, "is its unit right"):
-                pipeline.organ_of_surface("x", "x", False, sphere.scaled(factor))
+            with self.assertRaisesRegex(contours.Unusable, "is the file's unit right"):
+                sized(factor)
+        large, small = sized(1, 0.05)      # a lesion of 4 mm^3 beside an organ
+        self.assertEqual(large, "")
+        self.assertRegex(small, "few of the mesh's elements are in it")
+        self.assertRegex(sized(0.05, unit="mm")[0], "few of the mesh's elements are in it")
+        with self.assertRaisesRegex(contours.Unusable, 'region "b": .* too small to be meshed: leave it out'):
+            sized(1, 0.02)
 
 
 def shared(found, a, b):

@@ -76,6 +76,22 @@ static void shifts_are_along_the_axes_of_the_start(void **state) {
     }
 }
 
+static void a_deeper_script_is_as_fast(void **state) {
+    (void)state;
+    const motion *insert = motion_find("insert");
+    motion deep = motion_to_depth(insert, 0.150);
+    double factor = 0.150 / 0.066, dt = 1e-6, fastest[2] = {0, 0};
+    assert_near(motion_pose(&deep, start, 1.5 * factor).position, v3(0.005, 0.003, -0.201 + 0.150));
+    assert_near(motion_pose(&deep, start, deep.duration).position, start.position);
+    assert_true(fabs(deep.duration - factor * insert->duration) < 1e-12);
+    for (double t = 0; t < deep.duration; t += 1e-3) {
+        const motion *both[] = {insert, &deep};
+        for (int i = 0; i < 2; i++)
+            fastest[i] = fmax(fastest[i], (motion_pose(both[i], start, t + dt).position.z - motion_pose(both[i], start, t).position.z) / dt);
+    }
+    assert_true(fabs(fastest[1] / fastest[0] - 1) < 1e-4);
+}
+
 static void unknown_script_is_not_found(void **state) {
     (void)state;
     assert_null(motion_find("figure9"));
@@ -90,6 +106,7 @@ int main(void) {
         cmocka_unit_test(all_scripts_are_smooth_and_return),
         cmocka_unit_test(roll_turns_about_the_needles_axis),
         cmocka_unit_test(shifts_are_along_the_axes_of_the_start),
+        cmocka_unit_test(a_deeper_script_is_as_fast),
         cmocka_unit_test(unknown_script_is_not_found),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -113,6 +113,15 @@ class PatientCoordinates(unittest.TestCase):
         run("trocar-replay", "--quiet", "--scene", self.scene, "--poses", moved, "--csv", csv)
         np.testing.assert_allclose(columns(table(csv), "base_x [m]", "base_y [m]", "base_z [m]")[0], START + [0.002, 0, 0], atol=1e-11)
 
+    def test_a_scene_says_how_deep_scripts_go(self):
+        scene, log, csv = self.out / "deep.yaml", self.out / "deep.log", self.out / "deep.csv"
+        scene.write_text(self.scene.read_text().replace("start: {", "start: {depth: 0.11, ", 1))
+        run("trocar-device", "--scene", scene, "--script", "insert", "--write-log", log, "--rate", 250)
+        run("trocar-replay", "--quiet", "--scene", scene, "--poses", log, "--csv", csv)
+        way = columns(table(csv), "base_x [m]", "base_y [m]", "base_z [m]") - START
+        self.assertAlmostEqual((way @ AXIS).max(), 0.11, places=12)
+        self.assertAlmostEqual(table(csv)["t [s]"].max(), 3.0 * 0.11 / 0.066, delta=0.01)
+
     def test_refusals_say_what_is_missing(self):
         plain = SOURCE / "meshes/template.yaml"
         said = run("trocar-device", "--scene", plain, "--write-log", self.out / "none.log", status=2)

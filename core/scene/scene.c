@@ -81,6 +81,7 @@ void scene_defaults(scene *s) {
     s->device = device_defaults();
     s->rate_hz = 1000;
     s->start = (pose){v3(NAN, NAN, NAN), {1, 0, 0, 0}};
+    s->start_depth = 0.066;
     s->patient_to_mesh[0] = NAN;
 }
 

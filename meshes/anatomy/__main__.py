@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from . import approach, contours, limits, materials, options, picture, pipeline, quality, reading, scene, voxels
+from . import approach, contours, limits, materials, meshing, options, picture, pipeline, quality, reading, scene, voxels
 
 
 def pick(name, available, path):
@@ -15,28 +15,53 @@ def pick(name, available, path):
     raise reading.BadFile(f"{path}: has no region \"{name}\"; it has: {', '.join(available)}")
 
 
+def read(path, work, *arguments):
+    """work(path, *arguments), as a stage. A library raises whatever it likes on a damaged file, or crashes: the file is named."""
+    try:
+        return limits.run(f"reading {path}", work, path, *arguments)
+    except (reading.BadFile, contours.Unusable, limits.TooLong):
+        raise
+    except limits.Crashed as error:
+        raise reading.BadFile(f"{path}: damaged, or not what its name says: {error}") from error
+    except Exception as error:  # of any kind
+        raise reading.BadFile(f"{path}: damaged, or not what its name says: {type(error).__name__}: {error}") from error
+
+
+def refuse_options(given, *names):
+    """Those of these options that are given, as this kind of file has no use for them."""
+    for name in names:
+        if getattr(given, name):
+            raise reading.BadFile(f"{given.input[0]}: --{name} has no meaning for this kind of file: leave it out")
+
+
 def read_all(given):
     """ROI name -> rings, (surface, remarks), or what its code says; in the files' order. And the label map, or None."""
     kinds, first = {reading.kind_of(path) for path in given.input}, given.input[0]
+    for path in given.input:
+        if not os.path.isfile(path):
+            raise reading.BadFile(f"{path}: no such file")
     names = voxels.read_names(given.names) if given.names else {}
     if kinds <= set(reading.IMAGES):
-        maps = {path: limits.run(f"reading {path}", reading.read_image, path, given.unit, names, given.frame) for path in given.input}
+        refuse_options(given, "labels")
+        maps = {path: read(path, reading.read_image, given.unit, names, given.frame) for path in given.input}
         found = voxels.together(maps) if len(maps) > 1 else maps[first]
         return {name: segment.code for name, segment in found.segments.items()}, found
     unit = given.unit or "mm"
-    if len(given.input) == 1 and kinds <= set(reading.MESHES) and not limits.run(f"reading {first}", reading.is_surface, first):
-        return limits.run(f"reading {first}", reading.read_mesh, first, given.unit, given.frame, given.labels, names), None
+    if len(given.input) == 1 and kinds <= set(reading.MESHES) and not read(first, reading.is_surface):
+        return read(first, reading.read_mesh, given.unit, given.frame, given.labels, names), None
     if kinds <= {*reading.SURFACES, ".vtk"}:
+        refuse_options(given, "names", "labels")
         paths = {}
         for path in given.input:
             stem = reading.stem_of(path)
             if stem in paths:
                 raise reading.BadFile(f"{path}: its region would have the same name as that of {paths[stem]}: rename one of the files")
             paths[stem] = path
-        return {stem: limits.run(f"reading {path}", reading.read_surface, path, reading.UNITS[unit], given.frame) for stem, path in paths.items()}, None
+        return {stem: read(path, reading.read_surface, reading.UNITS[unit], given.frame) for stem, path in paths.items()}, None
     if len(given.input) > 1:
         raise reading.BadFile("give either one file of outlines, labels or a volume mesh, or any number of surfaces or of label maps")
-    found = limits.run(f"reading {first}", reading.read_outlines, first)
+    refuse_options(given, "unit", "frame", "names", "labels")
+    found = read(first, reading.read_outlines)
     if isinstance(found, voxels.LabelMap):
         return {name: segment.code for name, segment in found.segments.items()}, found
     return found, None
@@ -63,6 +88,7 @@ def organs_of(given, available, labels):
         came.update({name: (found[name], labels.segments[name].code) for name in inner})
         came.update({name: (limits.run(f"surface of {name}", voxels.body_of, labels, name), "") for name in body})
     organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, came[name]) for name in chosen]
+    pipeline.check_sizes(organs, given.unit)
     skin = organs.pop() if body else None
     if skin:
         skin.shells = limits.run(f"surface of \"{skin.roi}\"", pipeline.skin_surfaces, skin)
@@ -83,6 +109,9 @@ def organ_of(roi, name, bone, came):
 def run(given):
     """What was made: the organs, the mesh, the domain, the outlines' volumes; None if only the regions were listed."""
     limits.SECONDS, limits.TELL = given.time_limit, given.progress
+    folder = os.path.dirname(given.output) or "."
+    if not given.list and not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
+        raise reading.BadFile(f"{given.output}: the folder {folder} does not exist, or cannot be written to")
     own = materials.read(given.materials) if given.materials else {}
     available, labels = read_all(given)
     if given.list:
@@ -131,7 +160,8 @@ def write_texts(given, own, organs, domain, made):
     write(given.output + ".yaml", scene.text(source, title + ".msh", soft, bones, walls, found=found, matrix=matrix, start=start, template=plate,
                                              wall_of={organ.name: pipeline.surface_name(organ, organs) for organ in organs}))
     quality.draw(mesh, given.output + "-quality.svg")
-    notes = [note for organ in organs + skin for note in organ.notes]
+    notes = [f"needle: {start.remark}"] if start.misses else []
+    notes += meshing.remarks_on_number(mesh, given.nodes) + [note for organ in organs + skin for note in organ.notes]
     entered = ", ".join(f"{value:.1f}" for value in pipeline.patient(start.entry, domain.origin))
     rows.append(("needle", f"enters at ({entered}) mm, {start.remark}", ""))
     write(given.output + "-quality.md", quality.markdown(f"Quality of {title}.msh", rows, notes, title + "-quality.svg",

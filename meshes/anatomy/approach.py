@@ -8,7 +8,10 @@ from . import shells
 from .contours import Unusable
 
 AHEAD = 1e-3            # m from the tip to the skin before the insertion
-NEEDLE = 0.2            # m, length of the scene's needle
+NEEDLE = 0.2            # m, length of the scene's needle, unless the target is deeper:
+LONGER, LONGEST = 0.05, 0.5     # then it has the next multiple of this, up to that
+PUSH = 0.066            # m that the scripts of trocar-device insert the needle unless the scene says more
+BEYOND = 0.010          # m past the target: tissue gives way before the tip
 SAMPLES = 14            # along each side of a region's box, to find its deepest point
 CANDIDATES = 400        # entries that are tried, nearest first
 FAR = 1e3               # mm: longer than any path
@@ -62,7 +65,8 @@ def first_hit(shell, start, end):
 
 def hit_in(locator, start, end):
     share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-    met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), 0.0, share, point, local, sub)
+    edge = 1e-6 * np.linalg.norm(end - start)     # a tolerance, or segments slip through between two triangles
+    met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), edge, share, point, local, sub)
     return np.array(point) if met else None
 
 
@@ -126,12 +130,17 @@ def on_skin(skin, entry, target):
     return min(met, key=lambda point: (point - entry) @ way)
 
 
-def through_face(target, low, high, bones):
-    """The path through a box's low z face: along z, or with the least tilt at which no bone is in the way."""
-    x, y = np.meshgrid(np.linspace(low[0] + 5, high[0] - 5, 15), np.linspace(low[1] + 5, high[1] - 5, 15))
-    places = np.vstack([[target[0], target[1], low[2]], np.column_stack([x.ravel(), y.ravel(), np.full(x.size, low[2])])])
+def through_face(target, low, high, bones, face):
+    """The path through a face of a box (axis, and side: -1 low, 1 high) on which no bone is in the way: straight, or with the least tilt; or None."""
+    axis, side = face
+    aside = [a for a in range(3) if a != axis]
+    grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
+    places = np.empty((1 + grid[0].size, 3))
+    places[0] = target
+    places[1:, aside] = np.column_stack([each.ravel() for each in grid])
+    places[:, axis] = (low if side < 0 else high)[axis]
     entry = nearest_free(target, places, bones)
-    return Path(places[0] if entry is None else entry, target, False)
+    return None if entry is None else Path(entry, target, False)
 
 
 def orientation(direction):
@@ -150,6 +159,9 @@ class Start:
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # on the mesh's skin
     remark: str
+    depth: float = PUSH      # that a scripted motion must push the needle to come to the target
+    length: float = NEEDLE   # of the needle
+    misses: bool = False     # the region, or bone is in the way
 
 
 def start_in(mesh, entry, target, gland):
@@ -161,14 +173,17 @@ def start_in(mesh, entry, target, gland):
     if skin is None or before:
         raise Unusable("needle", "the line from --entry to --target does not come through the mesh's skin first: move the entry, raise --margin, "
                        "or take the patient's own skin with --skin")
-    met = first_hit(mesh.boundary(gland), skin, skin + NEEDLE * way)
+    push = max(PUSH, AHEAD + np.linalg.norm(target - skin) + BEYOND)
+    length = max(NEEDLE, LONGER * np.ceil(push / LONGER - 1e-9))
+    if length > LONGEST:
+        raise Unusable("needle", f"its target is {1e3 * np.linalg.norm(target - skin):.0f} mm below the skin, and no needle is longer than {1e3 * LONGEST:g} mm: "
+                       "move --entry or --target")
+    met = first_hit(mesh.boundary(gland), skin, skin + push * way)
     depth = f"meets {gland} {1e3 * np.linalg.norm(met - skin):.0f} mm below the skin" if met is not None else f"does not meet {gland}"
     bone = first_hit(mesh.surfaces["bone"], skin, target) if "bone" in mesh.surfaces else None
     if bone is not None:
         depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the way with --entry and --target"
-    if np.linalg.norm(target - skin) > NEEDLE:
-        depth += f"; its target is {1e3 * np.linalg.norm(target - skin):.0f} mm deep, and the needle {1e3 * NEEDLE:.0f} mm long"
-    return Start(skin - (NEEDLE + AHEAD) * way, orientation(way), skin, depth)
+    return Start(skin - (length + AHEAD) * way, orientation(way), skin, depth, push, length, met is None or bone is not None)
 
 
 def check_template(template, skin):

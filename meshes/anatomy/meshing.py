@@ -1,6 +1,5 @@
 """Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes. Each try runs in
 a separate process with a time limit."""
-import collections
 import dataclasses
 import math
 import os
@@ -23,12 +22,14 @@ FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
 TRIES = 16
 MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
 LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes while none is near
-MOST_MISSED = 0.02      # of a region's surface
+MOST_MISSED = 0.02      # of a region's surface: a mesh in which more is missing is taken only if there is no other,
+REFUSED_MISSED = 0.10   # and refused above this
 FAILURES = 3            # of Gmsh, after which no other element sizes are tried
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
 SMOOTH = 5000           # nodes: in larger meshes their number follows the element size without leaps
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
-OFF = 0.10              # of the wanted number of nodes: meshes further off are refused
+OFF = 0.10              # of the wanted number of nodes: meshes further off are remarked on,
+MOST_OFF = 2.0          # and refused if they have so many times more or fewer nodes
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
 CUT = 1.5               # voxels: a triangle this close to a face of the block, and
 FACING = 0.7            # cosine: turned to it, is a cut through the body
@@ -200,7 +201,8 @@ def fixed_faces(front):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the surfaces in it, and the regions' losses."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the regions' losses to each other, and the share of each one's
+    surface that is missing."""
     formula = size_formula(domain, fine)
     if domain.regions:
         image, lost = domain.image
@@ -211,24 +213,24 @@ def build(domain, fine):
             raise Failure("nothing is left of it: it lies inside other regions or is too thin", gone)
         if domain.skin:
             missed.pop(len(domain.regions) - 1, None)
-        if max(missed.values(), default=0) > MOST_MISSED:
+        missed = {domain.regions[k].name: share for k, share in missed.items()}
+        if max(missed.values(), default=0) > REFUSED_MISSED:
             most = max(missed, key=missed.get)
-            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes",
-                          [domain.regions[most].name])
+            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes", [most])
         patches, hollow = patches_of_complex(domain, found, fine), [k != labels.OUTSIDE and domain.regions[k].hollow for k in found.cells]
         names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
         owners, shells = domain.regions, [found.surface(k) for k in range(len(domain.regions))]
         lost = {(domain.regions[k].name, domain.regions[winner].name if winner != labels.OUTSIDE else None): share
                 for (k, winner), share in lost.items() if not (domain.skin and k == len(domain.regions) - 1)}
     else:
-        shells, lost = [coarse(body, formula) for body in domain.bodies], {}
+        shells, lost, missed = [coarse(body, formula) for body in domain.bodies], {}, {}
         points, patches = patches_of_bodies(domain, shells)
         owners, names, hollow = domain.bodies, [body.name for body in domain.bodies], [body.hollow for body in domain.bodies]
     try:
         fill(domain, found.points if domain.regions else points, patches, names, hollow, formula)
     except Exception as error:  # Gmsh raises no more specific class
         raise failure_of(owners, shells, error) from error
-    return shells, lost
+    return lost, missed
 
 
 @dataclasses.dataclass
@@ -351,19 +353,24 @@ def first_size(extent, nodes):
 class Attempt:
     """A mesh and its source data."""
     mesh: quality.Mesh
-    shells: list         # surfaces of the bodies or regions
     lost: dict           # (region, region that has it now, or None for the box): share
+    missed: dict = dataclasses.field(default_factory=dict)      # region -> share of its surface that is not in the mesh
+
+    def rank(self, nodes):
+        """Lower is better: usable angles, no surface missing, a number of nodes close to the wanted one, and then the angles, or the number."""
+        off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
+        return badness > WORST, max(self.missed.values(), default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
 
 def attempt(domain, fine, path):
     """Runs in a separate process."""
     session.start()
-    shells, lost = build(domain, fine)
+    lost, missed = build(domain, fine)
     mesh = current_mesh()
     if domain.regions:
         move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
     gmsh.write(path)
-    return Attempt(mesh, shells, lost)
+    return Attempt(mesh, lost, missed)
 
 
 def held_points(domain, mesh):
@@ -390,8 +397,8 @@ def generate(domain, nodes, path):
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
-        if abs(len(made.mesh.points) / nodes - 1) > OFF:
-            raise too_far_off(nodes, len(made.mesh.points), domain.regions or domain.bodies, made.shells)
+        if not 1 / MOST_OFF <= len(made.mesh.points) / nodes <= MOST_OFF:
+            raise too_far_off(nodes, made.mesh)
         if made.mesh.badness() > WORST:
             angles = made.mesh.dihedral_angles()
             raise Unusable('" and "'.join(sorted({owner.name for owner in domain.regions or domain.bodies})),
@@ -404,14 +411,15 @@ def generate(domain, nodes, path):
 def search(domain, nodes, path):
     """The best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
-    best, best_rank, close_size, failures, work, tries = None, (2, math.inf), None, 0, 0, []
+    limit = min(FAILURES, TRIES)
+    best, best_rank, close_size, failures, work, tries = None, (), None, 0, 0, []
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
     if domain.regions:
         domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
                                   (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
         near = best and abs(len(best.mesh.points) / nodes - 1) <= OFF
-        if best and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
+        if best and not best_rank[1] and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
             break
         try:
             try:
@@ -420,19 +428,27 @@ def search(domain, nodes, path):
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if best is None and failures == min(FAILURES, TRIES):
+            if failures == limit and best is None:
                 raise
+            if failures == limit and best_rank[1]:
+                break
             fine *= 0.98
             continue
         mesh = made.mesh
+        rank = made.rank(nodes)
+        if best is None or rank < best_rank:
+            best, best_rank = made, rank
+            os.replace(path + ".try.msh", path)
+        if rank[1]:      # part of a surface is missing: a makeshift, if all tries fail
+            failures += 1
+            if failures == limit and best_rank[1]:
+                break
+            fine *= 0.98
+            continue
         count = len(mesh.points)
         work += count
         off = abs(count / nodes - 1)
-        rank = (0, mesh.badness()) if off <= CLOSE else (1, off)
-        if rank < best_rank:
-            best, best_rank = made, rank
-            os.replace(path + ".try.msh", path)
-        if rank[0] == 0 and rank[1] <= 1:
+        if rank <= (False, False, False, 1.0):
             break
         centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
         tries.append((fine, count))
@@ -453,10 +469,24 @@ def size_between(tries, nodes):
     return fine * (coarse / fine) ** (math.log(most / nodes) / math.log(most / least))
 
 
-def too_far_off(nodes, count, bodies, shells):
-    taken = collections.Counter()
-    for body, shell in zip(bodies, shells):
-        taken[body.name] += len(shell.points)
-    name, most = taken.most_common(1)[0]
+def remarks_on_number(mesh, nodes):
+    """What the report says if the mesh has far more or fewer nodes than wanted."""
+    count = len(mesh.points)
+    if abs(count / nodes - 1) <= OFF:
+        return []
+    name, most = most_on_surface(mesh)
+    return [f"the mesh has {count} nodes instead of {nodes}, the closest that was found" + (f": the surface of {name} alone has {most}" if count > nodes else "")]
+
+
+def too_far_off(nodes, mesh):
+    count, (name, most) = len(mesh.points), most_on_surface(mesh)
     return Unusable(name, f"no mesh has {nodes} nodes; the closest has {count}"
                     + (f": its surface alone has {most}: raise --nodes, or leave it out" if count > nodes else ""))
+
+
+def most_on_surface(mesh):
+    """The region, or the bones, with the most nodes on its surface, and their number."""
+    surfaces = {name: mesh.boundary(name) for name in mesh.regions if name != "surrounding"}
+    if "bone" in mesh.surfaces:
+        surfaces["bone"] = mesh.surfaces["bone"]
+    return max(((name, len(np.unique(surface.triangles))) for name, surface in surfaces.items()), key=lambda pair: pair[1])

@@ -36,13 +36,13 @@ def parse(arguments, version=None):
     """Arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("input", nargs="+", metavar="FILE", help="one file of contours (.dcm, .csv), labels (.dcm, .nii, .nii.gz, .nrrd) or a volume mesh (.vtu, .vtk, .msh); or any number of files with "
+    add("input", nargs="+", metavar="FILE", help="one file of contours (.dcm, .csv), labels (.dcm, .nii, .nii.gz, .nrrd, .nhdr) or a volume mesh (.vtu, .vtk, .msh); or any number of files with "
         "one region each, named after the file: surfaces (.stl, .ply, .obj, .vtp, .vtk) or label maps")
     add("--list", action="store_true", help="list the regions of interest and exit")
     add("--roi", action="append", default=[], metavar="NAME", help="soft region, the one of interest first; may be repeated")
     add("--bone", action="append", default=[], metavar="NAME", help="region that no needle can enter; may be repeated")
     add("--output", default="patient", metavar="PREFIX", help="write PREFIX.msh, .yaml, -quality.md and -quality.svg (default patient)")
-    add("--nodes", type=int, default=570, metavar="N", help="number of nodes, met within 10 %% (default 570)")
+    add("--nodes", type=int, default=570, metavar="N", help="number of nodes, met within 10 %% where the anatomy allows it (default 570)")
     add("--corridor", type=float, nargs="+", metavar="MM",
         help="halve the element size in a cylinder along z; mm, in the mesh's frame. One number: RADIUS around the needle's path")
     add("--crop", action="store_true", help="limit the box to the first region and the bones; what sticks out is cut off and reported")

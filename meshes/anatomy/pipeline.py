@@ -20,13 +20,17 @@ LOSS = 0.03             # of a region's volume: if keeping the gap costs more, r
 MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
 TOLD = 0.01             # of a bone's surface: if more is missing, it is reported; more than MOST_LOSS is refused
 MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
-SMALL, LARGE = 20.0, 2000.0     # mm: a surface with a longest side beyond these is probably in another unit
+SHORT = 20.0            # mm: if the largest region is shorter, the unit may be another one,
+SMALL = 100.0           # mm^3: and if that is smaller,
+LARGE = 2000.0          # mm: or one is longer, it probably is
+LEAST = 1.0             # mm^3: smaller regions are refused
 STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
 FEW = 4                 # edges that may be longer
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
 LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
 FEET = 2, -1            # axis and side of a box: its face toward the feet
+FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # in the order in which they are tried as the skin, on which no bone may be in the way
 SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
 
 
@@ -86,14 +90,7 @@ def organ_of_rings(roi, name, bone, rings):
 
 def organ_of_surface(roi, name, bone, surface, notes=()):
     """`notes`: repairs of it."""
-    notes = [f"{roi}: {note}" for note in notes]
-    size = np.ptp(surface.points, axis=0)
-    measures = " x ".join(f"{side:.3g}" for side in size)
-    if surface.volume() < 100 or size.max() > LARGE:
-        raise Unusable(roi, f"the surface measures {measures} mm and encloses {surface.volume():.3g} mm^3: is its unit right? (--unit)")
-    if size.max() < SMALL:
-        notes.append(f"{roi}: it measures {measures} mm: is its unit right? (--unit)")
-    organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=notes)
+    organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=[f"{roi}: {note}" for note in notes])
     note_parts(organ)
     note_long_edges(organ)
     mend_crossings(organ)
@@ -105,10 +102,6 @@ def organ_of_label(roi, name, bone, label, kind=""):
     notes = [f"{roi}: {note}" for note in label.notes]
     if not label.shells:
         raise Unusable(roi, f"nothing is left of its {label.volume:.3g} mm^3 at the resolution of the other regions: leave it out")
-    size = np.ptp(np.vstack([shell.points for shell in label.shells]), axis=0)
-    measures = " x ".join(f"{side:.3g}" for side in size)
-    if label.volume < 100 or size.max() > LARGE:
-        raise Unusable(roi, f"it measures {measures} mm and has {label.volume:.3g} mm^3: are the file's voxels right? (--unit)")
     largest = max(shell.volume() for shell in label.shells)
     kept = [shell for shell in label.shells if shell.volume() > shells.SPLINTER * largest]
     organ = Organ(roi, name, bone, label.points, shells=kept, volume=label.volume, notes=notes, read=label.volume, kind=kind)
@@ -119,6 +112,21 @@ def organ_of_label(roi, name, bone, label, kind=""):
                    f"are left out, {-100 * dropped / label.volume:+.2f} %" if few else ""))
     organ.volume -= dropped
     return organ
+
+
+def check_sizes(organs, unit=None):
+    """Refuses regions in what is probably another unit, unless `unit` was given. The largest region tells: beside it, small ones may be lesions."""
+    for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
+        size = np.ptp(organ.points, axis=0)
+        measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
+        if size.max() > LARGE or n == 0 and organ.volume < SMALL and not unit:
+            raise Unusable(organ.roi, f"{measured}: is the file's unit right? (--unit; if it is, --unit mm)")
+        if organ.volume < LEAST:
+            raise Unusable(organ.roi, f"{measured}: too small to be meshed: leave it out")
+        if organ.volume < SMALL:
+            organ.note(f"{measured}: few of the mesh's elements are in it")
+        elif n == 0 and size.max() < SHORT and not unit:
+            organ.note(f"{measured}: is the file's unit right? (--unit)")
 
 
 def note_parts(organ):
@@ -216,9 +224,19 @@ def path_and_block(surfaces, bones, others, plan):
         ends = np.array([path.entry, target])
         return path, np.minimum(points.min(axis=0), ends.min(axis=0)) - plan.margin, np.maximum(points.max(axis=0), ends.max(axis=0)) + plan.margin, FEET
     if entry is None:
-        low, high = box_around(surfaces, bones, others, plan.margin)
-        return approach.through_face(target, low, high, bones), low, high, FEET
+        return path_through_box(target, plan.margin, (surfaces, bones, others))
     return path_through_face(entry, target, plan.margin, (surfaces, bones, others))
+
+
+def path_through_box(target, margin, found):
+    """The box whose skin is the face toward the feet, or the first one without bones in the way. `found`: surfaces, bones and others."""
+    for face in FACES:
+        low, high = box_around(*found, margin, face)
+        path = approach.through_face(target, low, high, found[1], face)
+        if path:
+            return path, low, high, face
+    low, high = box_around(*found, margin)
+    return approach.Path(np.append(target[:2], low[2]), target, False), low, high, FEET      # the report says that bone is in the way
 
 
 def path_through_face(entry, target, margin, found):
@@ -384,6 +402,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None):
             give_way([organ for organ in organs if organ.name in failure.names], failure, domain)
             continue
         note_losses(organs, made.lost, outlined)
+        note_missed(organs, made.missed)
         try:
             check_volumes(organs, made.mesh, outlined)
             check_bones(organs, distances_to_outlines(organs, domain, made.mesh, outlined))
@@ -403,6 +422,12 @@ def note_losses(organs, lost, outlined):
             organ.note(f"{100 * share:.1f} % of it lie outside the mesh's box and are left out")
         elif share >= 5e-4:
             organ.note(f"{100 * share:.1f} % of it overlap {called[winner].roi} and are assigned to that")
+
+
+def note_missed(organs, missed):
+    for organ in organs:
+        if missed.get(organ.name, 0) > meshing.MOST_MISSED:
+            organ.note(f"{100 * missed[organ.name]:.0f} % of its surface are missing in the mesh, where it is too thin for this number of nodes: try more --nodes")
 
 
 def check_volumes(organs, mesh, outlined):

@@ -112,7 +112,7 @@ def markdown(title, rows, notes, histogram, more=()):
     lines += more
     lines += ["", f"![Dihedral angles, edges, tetrahedra around a node]({histogram})"]
     if notes:
-        lines += ["", "Remarks on the outlines:", ""] + [f"- {note}" for note in notes]
+        lines += ["", "Remarks:", ""] + [f"- {note}" for note in notes]
     return "\n".join(lines) + "\n"
 
 

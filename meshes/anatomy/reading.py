@@ -14,7 +14,7 @@ from . import quality, session, shells, voxels
 from .contours import Rings, Unusable
 from .trouble import BadFile
 
-OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd"), (".stl", ".ply", ".obj", ".vtp")
+OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nhdr"), (".stl", ".ply", ".obj", ".vtp")
 MESHES = (".vtk", ".vtu", ".msh")                           # .vtk may be a surface as well
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
 CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
@@ -41,7 +41,7 @@ def read_image(path, unit=None, names=None, frame=None):
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     scale = UNITS[unit] if unit else None
-    if kind_of(path) == ".nrrd":
+    if kind_of(path) in (".nrrd", ".nhdr"):
         return voxels.read_nrrd(path, scale, names or {}, frame)
     if frame == "LPS":
         raise BadFile(f"{path}: NIfTI is always RAS: leave --frame out")
@@ -205,6 +205,7 @@ def vtk_mesh(path, array, names):
     grid = data_of(path)
     if not isinstance(grid, vtk.vtkUnstructuredGrid) or grid.GetNumberOfCells() == 0:
         raise BadFile(f"{path}: contains no cells of a volume mesh")
+    check_points(path, grid)
     split = shells.pipe(grid, shells.configured(vtk.vtkDataSetTriangleFilter(), TetrahedraOnly=True))
     if split.GetNumberOfCells() == 0:
         raise BadFile(f"{path}: contains no tetrahedra or other volumes")
@@ -229,9 +230,15 @@ def cell_labels(path, data, array):
     return arrays[chosen[0]]
 
 
+def check_points(path, data):
+    if data.GetNumberOfPoints() and not np.all(np.isfinite(vtk_to_numpy(data.GetPoints().GetData()))):
+        raise BadFile(f"{path}: some of its points have no place: their coordinates are not finite numbers")
+
+
 def read_surface(path, scale, frame=None):
     """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or None."""
     surface = data_of(path)
+    check_points(path, surface)
     if surface.GetNumberOfPolys() + surface.GetNumberOfStrips() < 4:
         raise BadFile(f"{path}: contains {surface.GetNumberOfPolys()} triangles: is it a surface of triangles?")
     scaled, sign = vtk.vtkTransform(), 1 if frame_of(path, frame) == "LPS" else -1

@@ -24,10 +24,12 @@ def listed(values):
 def place(matrix, start):
     """Lines of the transform (4, 4) from the patient's coordinates, and the needle."""
     rows = [listed(row) for row in matrix]
+    deep = f", depth: {start.depth:.3f}" if start.depth > approach.PUSH else ""
     return ["", "patient_to_mesh: [" + rows[0] + ",    # from DICOM's patient coordinates, mm"] + [
         " " * 18 + row + end for row, end in zip(rows[1:], (",", ",", "]"))], [
-        "", "needle:                         # 18 G, 200 mm",
-        f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]}}    # m, the tip is 1 mm before the skin"]
+        "", f"needle:                         # 18 G, {1e3 * start.length:g} mm",
+        *([f"  length: {start.length:g}                # m"] if start.length > approach.NEEDLE else []),
+        f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]{deep}}}    # m, the tip is 1 mm before the skin"]
 
 
 def guide(template, matrix):

@@ -43,13 +43,13 @@ def current_mesh():
 def read(path):
     """The mesh in a file; groups without a name are numbered."""
     gmsh.open(path)
+    gmsh.model.mesh.setOrder(1)
+    if len(gmsh.model.mesh.getElementsByType(4)[0]) == 0:
+        raise ValueError("it has none")
     if not gmsh.model.getPhysicalGroups(3):
         for _, volume in gmsh.model.getEntities(3):
             gmsh.model.addPhysicalGroup(3, [volume], volume)
     for _, group in gmsh.model.getPhysicalGroups(3):
         if not gmsh.model.getPhysicalName(3, group):
             gmsh.model.setPhysicalName(3, group, str(group))
-    mesh = current_mesh()
-    if mesh.tets.size == 0:
-        raise ValueError("it has none")
-    return mesh
+    return current_mesh()

@@ -3,6 +3,7 @@
 Between two slices shapes are interpolated by their signed distances (Raya and Udupa 1990). A surface between two labels is where their distances
 are equal, so that labels which touch in the image share it.
 """
+import bz2
 import dataclasses
 import json
 import os
@@ -56,7 +57,11 @@ class LabelMap:
 
 def numbered(values, names):
     """name -> Segment for each value other than 0 in the first layer."""
-    return {names.get(int(value), str(int(value))): Segment(0, int(value)) for value in np.unique(values) if value}
+    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane: sorting needs memory
+    segments = {}
+    for value in map(int, found[found > 0]):
+        segments[unique(names.get(value, str(value)), segments)] = Segment(0, value)
+    return segments
 
 
 def whole(path, values):
@@ -74,7 +79,7 @@ def whole(path, values):
         raise BadFile(f"{path}: its values reach from {values.min()} to {values.max()}: labels are 0 to 65535")
     if not values.any():
         raise BadFile(f"{path}: has no label: all voxels are 0")
-    return np.ascontiguousarray(values.T).astype(np.uint16)
+    return np.ascontiguousarray(values.T, np.uint8 if values.max() < 256 else np.uint16)
 
 
 def check_place(path, place):
@@ -114,7 +119,7 @@ NRRD_SPACES = {"left-posterior-superior": 1, "lps": 1, "right-anterior-superior"
 
 
 def nrrd_header(path, file):
-    """Fields of a NRRD file's header, and the position of its data."""
+    """Fields of a NRRD file's header; a detached one ends with its file."""
     if not file.readline(16).startswith(b"NRRD"):
         raise BadFile(f"{path}: not a NRRD file")
     fields = {}
@@ -127,6 +132,8 @@ def nrrd_header(path, file):
         key, sign, value = text.partition(":=") if ":=" in text and ": " not in text.partition(":=")[0] else text.partition(":")
         if sign:
             fields[key.strip().lower() if sign == ":" else key.strip()] = value.strip()
+    if "data file" in fields or "datafile" in fields:
+        return fields
     raise BadFile(f"{path}: its header has no end")
 
 
@@ -135,9 +142,23 @@ def nrrd_data(path, fields, rest, size):
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
         return zlib.decompressobj(wbits=31).decompress(rest, size)
+    if encoding in ("bzip2", "bz2"):
+        return bz2.BZ2Decompressor().decompress(rest, size)
     if encoding == "raw":
         return rest
     raise BadFile(f"{path}: its encoding is {encoding or 'not given'}: save it with gzip or raw")
+
+
+def nrrd_beside(path, fields):
+    """The bytes of a file that a header names in place of its own."""
+    named = fields.get("data file", fields.get("datafile"))
+    if named.upper().startswith("LIST") or len(named.split()) > 1 or any(float(fields.get(key, 0)) for key in ("line skip", "lineskip", "byte skip", "byteskip")):
+        raise BadFile(f"{path}: its data are in several files, or after other data: save it as one file (.nrrd)")
+    try:
+        with open(os.path.join(os.path.dirname(path), named), "rb") as file:
+            return file.read()
+    except OSError as error:
+        raise BadFile(f"{path}: its data should be in {named}, beside it: {error.strerror}") from error
 
 
 def read_nrrd(path, unit, names, frame):
@@ -152,10 +173,10 @@ def read_nrrd(path, unit, names, frame):
         if not vectors and "spacings" in fields:
             vectors = list(np.diag([float(v) for v in fields["spacings"].split()][-3:]))
         origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
+        if "data file" in fields or "datafile" in fields:
+            rest = nrrd_beside(path, fields)
     except (KeyError, ValueError, TypeError) as error:
-        raise BadFile(f"{path}: its header is incomplete: {error}") from error
-    if "data file" in fields or "datafile" in fields:
-        raise BadFile(f"{path}: its data are in another file: save it as one file (.nrrd)")
+        raise BadFile(f"{path}: its header is incomplete, or of an unknown kind: {error}") from error
     if len(vectors) != 3 or any(v.shape != (3,) for v in vectors) or origin.shape != (3,):
         raise BadFile(f"{path}: it does not say the directions of three axes (space directions)")
     if len(sizes) not in (3, 4) or min(sizes) < 1 or np.prod(sizes, dtype=float) > MOST_SIZE:
@@ -163,7 +184,7 @@ def read_nrrd(path, unit, names, frame):
     count = int(np.prod(sizes)) * kind.itemsize
     try:
         data = nrrd_data(path, fields, rest, count)
-    except zlib.error as error:
+    except (zlib.error, OSError) as error:      # OSError: of bzip2
         raise BadFile(f"{path}: damaged: {error}") from error
     if len(data) < count:
         raise BadFile(f"{path}: cut off: it has {len(data)} of {count} bytes")
@@ -186,7 +207,7 @@ def nrrd_segments(fields, layers, names):
     segments = {}
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", 0))
-        name = fields.get(f"Segment{n}_Name", f"Segment {n}")
+        name = fields.get(f"Segment{n}_Name") or f"Segment {n}"
         code = re.search(r"TerminologyEntry:[^~]*~[^~]*~([^~|]*)", fields.get(f"Segment{n}_Tags", ""))
         if layer < len(layers) and np.any(layers[layer] == value):
             segments[unique(names.get(value, name), segments)] = Segment(layer, value, code[1].replace("^", " ") if code else "")
@@ -318,7 +339,7 @@ def together(maps):
         if len(each.segments) > 1:
             raise BadFile(f"{name}: has {len(each.segments)} labels: give either one file of labels, or any number of files with one each")
         (segment,) = each.segments.values()
-        stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd)$", "", os.path.basename(name), flags=re.I)
+        stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr)$", "", os.path.basename(name), flags=re.I)
         joined.segments[unique(stem, joined.segments)] = Segment(len(joined.layers), segment.value)
         joined.layers.append(each.layers[segment.layer])
         joined.notes += [note for note in each.notes if note not in joined.notes]

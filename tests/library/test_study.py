@@ -29,6 +29,7 @@ import h5py
 import numpy as np
 
 import trocar
+from trocar import _definition as definition
 from trocar import _runs as runs
 from trocar import motion, sensitivity
 from trocar import study as studies
@@ -120,6 +121,23 @@ class Motions(Case):
             self.assertEqual(numbers[0], seconds, name)
             ours = [number for leg in legs for number in (leg.start, leg.end, *leg.shift, *leg.turn)]
             self.assertEqual(numbers[3:], ours or [0.0] * 8, name)
+
+    def test_a_script_starts_where_the_patient_is_told_and_goes_as_deep_as_the_scene_says(self):
+        text = SCENE.read_text().replace("mesh: ", f"mesh: {SCENE.resolve().parent}/")
+        text = text.replace("needle:", "needle:\n  start: {position: [0, 0, -0.201], orientation: [0.8, 0.6, 0, 0], depth: 0.12}", 1)
+        (self.out / "scene.yaml").write_text(text + "\npatient_to_mesh: [-1e-3, 0, 0, 0.05, 0, -1e-3, 0, 0.02, 0, 0, 1e-3, -0.3, 0, 0, 0, 1]\n")
+        chosen = {"scene": (os.path.relpath(SCENE, "/"), "scene.yaml")}
+        straight = "{straight: {depth: 0.006, speed: 0.1}}"
+        study = definition.read(self.write(motion=(straight, "{script: insert, start: [20, 30, 130], coordinates: patient}"), **chosen))
+        poses = study.motion.poses(study.motion.start, 0.01)
+        np.testing.assert_allclose(poses[0], [0.03, -0.01, -0.17, 0.8, 0.6, 0, 0], atol=1e-12)
+        way = (poses[:, :3] - poses[0, :3]) @ [0, -0.96, 0.28]     # (0.8, 0.6, 0, 0) turns z to this
+        self.assertAlmostEqual(way.max(), 0.12, places=9)
+        self.assertAlmostEqual(study.motion.duration(), 3.0 * 0.12 / 0.066, places=9)
+        for wrong, word in (("{script: insert, coordinates: patient}", "beside start"), ("{script: insert, start: [1, 2, 3, 1, 0, 0, 0], coordinates: patient}", "three numbers"),
+                            ("{script: insert, start: [1, 2, 3], coordinates: feet}", "mesh .m. or patient")):
+            with self.assertRaisesRegex(definition.BadStudy, word):
+                definition.read(self.write(motion=(straight, wrong), **chosen))
 
     def test_a_run_is_what_replay_computes(self):
         subprocess.run([BUILD / "clients/trocar-device", "--script", "roll", "--speed=4", "--write-log", self.out / "poses.log"], check=True, stdout=subprocess.DEVNULL)

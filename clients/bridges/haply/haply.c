@@ -313,13 +313,14 @@ int main(int count, char **arguments) {
     playing_heed_signals();
     b.choice = b.set.choice;
     b.limit = (limiter){.max_force = b.set.max_force, .max_rate = b.set.max_force_rate};
+    trocar_status status = haply_place(&b.set, &why);
     mapping_init(&b.map, &b.set.mapping);
     b.part.begin = b.whole.begin = monotonic_ns();
     b.service = (websocket){.address = b.set.host, .port = b.set.port, .retry = 0.5, .context = &b, .opened = on_opened, .closed = on_closed,
                             .received = on_state, .write = write_message};
     b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .retry = 10, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
                            .received = on_event, .write = write_nothing};
-    trocar_status status = run(&b, &why);
+    if (status == TROCAR_OK) status = run(&b, &why);
     if (status == TROCAR_OK) return EXIT_SUCCESS;
     fprintf(stderr, "trocar-haply: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "options.h"
+#include "patient.h"
 #include "profile.h"
 
 static const char STANDARD_PORT[] = "10001";
@@ -11,7 +12,7 @@ static const double STANDARD_LENGTH = 0.2; /* m, of the needles of this project'
 
 enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION_URL, OPTION_NEEDLE, OPTION_RATE, OPTION_REALTIME, OPTION_REPORT,
        OPTION_PROFILE, OPTION_ROTATION, OPTION_SCALE, OPTION_START, OPTION_OFFSET, OPTION_POINT, OPTION_LENGTH, OPTION_ORIENTATION, OPTION_DIRECTION,
-       OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY };
+       OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY, OPTION_SCENE, OPTION_PATIENT };
 
 static const struct argp_option option_list[] = {
     {"profile", OPTION_PROFILE, "FILE", 0, "Read options from a YAML file: long names and values; the command line overrides it", 0},
@@ -27,6 +28,8 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "Workspace, in the scene's frame unless said otherwise:", 2},
     {"rotation", OPTION_ROTATION, "W,X,Y,Z", 0, "From the device's frame to the scene's (default 0,0,0.7071068,0.7071068: forward is z, up is y)", 2},
     {"scale", OPTION_SCALE, "FACTOR", 0, "Motion of the needle per motion of the hand (default 1)", 2},
+    {"scene", OPTION_SCENE, "FILE", 0, "Take start, direction and length of the needle from the server's scene", 2},
+    {"patient", OPTION_PATIENT, 0, 0, "--start and --offset are in the patient's coordinates: mm, DICOM axes; needs --scene", 2},
     {"point", OPTION_POINT, "POINT", 0, "The needle's point at the cursor: base or tip (default base)", 2},
     {"length", OPTION_LENGTH, "M", 0, "Length of the scene's needle, for --point tip (default 0.2)", 2},
     {"start", OPTION_START, "X,Y,Z", 0, "Where that point is when the bridge begins, m (default 0.005,0.003,-0.201 for the base, 0.005,0.003,-0.001 for the tip)", 2},
@@ -115,7 +118,14 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_ROTATION: m->rotation = parse_rotation(state, "rotation", text); break;
     case OPTION_SCALE: m->scale = parse_number(state, "scale", text, 0.01, 10); break;
     case OPTION_POINT: m->tip = parse_word(state, "point", text, "base", "tip"); break;
-    case OPTION_LENGTH: m->length = parse_number(state, "length", text, 0.001, 1); break;
+    case OPTION_LENGTH:
+        m->length = parse_number(state, "length", text, 0.001, 1);
+        o->length_given = true;
+        break;
+    case OPTION_SCENE:
+        parse_text(state, "scene", text, sizeof o->scene, o->scene);
+        break;
+    case OPTION_PATIENT: o->patient = true; break;
     case OPTION_START:
         m->start = parse_vector(state, "start", text);
         o->start_given = true;
@@ -127,6 +137,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_ORIENTATION: m->fixed = parse_word(state, "orientation", text, "handle", "fixed"); break;
     case OPTION_DIRECTION:
         m->direction = parse_vector(state, "direction", text);
+        o->direction_given = true;
         if (!(v3_norm(m->direction) > 1e-6)) argp_error(state, "--direction: %s: has no length", text);
         break;
     case OPTION_TOOL: m->tool = parse_rotation(state, "tool", text); break;
@@ -140,6 +151,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (o->start_given && m->has_offset) argp_error(state, "--start and --offset exclude each other");
+        if (o->patient && !o->scene[0]) argp_error(state, "--patient needs --scene");
         if (!o->start_given && m->tip) m->start.z += STANDARD_LENGTH;
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -169,4 +181,31 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
                     .tool = MAPPING_Y_TO_Z}};
     argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first: the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
+}
+
+static trocar_status place_in(const trocar_scene *scene, haply_settings *o, report *why) {
+    mapping_settings *m = &o->mapping;
+    patient_frame patient;
+    pose start = {m->start, {1, 0, 0, 0}};
+    trocar_status status = o->patient ? patient_frame_read(scene, &patient, why) : TROCAR_OK;
+    if (status == TROCAR_OK && !o->length_given) status = trocar_scene_get_number(scene, "needle.length", &m->length, why);
+    if (status != TROCAR_OK) return status;
+    bool known = find_start(scene, NULL, NULL, &start);
+    if (!known && !o->start_given && !m->has_offset)
+        return fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", trocar_scene_path(scene));
+    if (known && !o->direction_given) m->direction = q_axis(start.orientation);
+    if (known && !o->start_given) m->start = m->tip ? v3_axpy(m->length, q_axis(start.orientation), start.position) : start.position;
+    if (o->patient && o->start_given) m->start = patient_to_mesh(&patient, m->start);
+    if (o->patient && m->has_offset) m->offset = patient_to_mesh(&patient, m->offset);
+    return TROCAR_OK;
+}
+
+trocar_status haply_place(haply_settings *settings, report *why) {
+    trocar_scene *scene;
+    if (!settings->scene[0]) return TROCAR_OK;
+    trocar_status status = trocar_scene_load(settings->scene, &scene, why);
+    if (status != TROCAR_OK) return status;
+    status = place_in(scene, settings, why);
+    trocar_scene_free(scene);
+    return status;
 }

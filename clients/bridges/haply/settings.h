@@ -4,6 +4,7 @@
 
 #include "mapping.h"
 #include "message.h"
+#include "base/report.h"
 
 typedef struct {
     char host[256];
@@ -14,7 +15,9 @@ typedef struct {
     int needle;
     double rate;             /* Hz */
     double report;           /* s; 0: at the end only */
-    bool realtime, start_given;
+    bool realtime, start_given, length_given, direction_given;
+    bool patient;            /* start and offset are in the patient's coordinates, mm */
+    char scene[1024];        /* path; empty: none */
     mapping_settings mapping;
     double max_force;        /* N */
     double max_force_rate;   /* N/s */
@@ -24,5 +27,8 @@ typedef struct {
 
 /* Exits if an option is wrong. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
+
+/* What the options leave open is as the scene says: where the needle starts, in which direction, and how long it is. */
+trocar_status haply_place(haply_settings *settings, report *why);
 
 #endif

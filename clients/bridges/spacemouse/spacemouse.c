@@ -29,7 +29,7 @@ static const double LONGEST_STEP = 0.01; /* s */
 typedef struct {
     const char *scene_path, *lcm_url, *axes, *buttons;
     vec3 start;
-    bool start_given, use_joystick, realtime;
+    bool start_given, patient, use_joystick, realtime;
     const char *force_option;           /* that only a joystick has, NULL: none was given */
     int needle;
     double rate, max_speed, max_turn;   /* Hz, m/s, rad/s */
@@ -41,7 +41,7 @@ typedef struct {
 /* ---- command line ------------------------------------------------------------------------------------------------ */
 
 enum { OPTION_AXES = 256, OPTION_BUTTONS, OPTION_DEAD_ZONE, OPTION_FULL_SCALE, OPTION_SPEED, OPTION_TURN, OPTION_FORCE, OPTION_LIMIT, OPTION_DIRECTION,
-       OPTION_URL, OPTION_START, OPTION_REALTIME, OPTION_NEEDLE, OPTION_SCENE };
+       OPTION_URL, OPTION_START, OPTION_REALTIME, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT };
 
 static const struct argp_option option_list[] = {
     {"joystick", 'j', "FILE", OPTION_ARG_OPTIONAL, "A joystick instead of a 3Dconnexion device: /dev/input/event..., or the first in /dev/input/by-id", 0},
@@ -57,6 +57,7 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "The needle:", 1},
     {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction", 1},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 1},
+    {"patient", OPTION_PATIENT, 0, 0, "--start is in the patient's coordinates: mm, DICOM axes; needs --scene", 1},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 1},
     {0, 0, 0, 0, "Force feedback of a joystick:", 2},
     {"full-force", OPTION_FORCE, "N", 0, "Axial force of the needle that is rendered by the joystick's full force (default 10); negative: reversed", 2},
@@ -97,6 +98,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         o->start = parse_vector(state, "start", text);
         o->start_given = true;
         break;
+    case OPTION_PATIENT: o->patient = true; break;
     case OPTION_NEEDLE: o->needle = parse_index(state, "needle", text); break;
     case OPTION_FORCE:
         o->force_option = "--full-force";
@@ -116,6 +118,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:
         if (o->force_option && !o->use_joystick) argp_error(state, "%s needs --joystick", o->force_option);
+        if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
         parse_lists(o, state);
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -254,8 +257,10 @@ static trocar_status read_scene(const options *o, pose *start, double *length, r
     }
     trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
     if (status != TROCAR_OK) return status;
+    patient_frame patient;
     status = trocar_scene_get_number(scene, "needle.length", length, why);
-    if (status == TROCAR_OK && !find_start(scene, NULL, o->start_given ? &o->start : NULL, start))
+    if (status == TROCAR_OK && o->patient) status = patient_frame_read(scene, &patient, why);
+    if (status == TROCAR_OK && !find_start(scene, o->patient ? &patient : NULL, o->start_given ? &o->start : NULL, start))
         status = fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", o->scene_path);
     trocar_scene_free(scene);
     return status;

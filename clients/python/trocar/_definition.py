@@ -190,31 +190,51 @@ class _StudyReader:
         except Error as error:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
-    def pose(self, node: Any, place: str) -> npt.NDArray[np.float64]:
+    def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
+        """Pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's needle.start; or with
+        a quaternion, in the mesh. None if the motion does not say."""
+        if "coordinates" in given:
+            if "start" not in given or self.reader.text(given["coordinates"], "motion.coordinates") not in ("mesh", "patient"):
+                raise self.reader.fail(given["coordinates"], "motion.coordinates: write mesh (m) or patient (mm), beside start")
+        if "start" not in given:
+            return None
+        numbers = lambda key: [float(text) for text in str(scene[key]).strip("[]").split(",") if text.strip()]
+        pose = self.pose(given["start"], "motion.start", numbers("needle.start.orientation"))
+        if "coordinates" not in given or given["coordinates"].value == "mesh":
+            return pose
+        matrix = np.array(numbers("patient_to_mesh"))
+        if not len(matrix):
+            raise self.reader.fail(given["coordinates"], "motion.coordinates: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+        if len(self.reader.items(given["start"], "motion.start")) == 7:
+            raise self.reader.fail(given["start"], "motion.start: in the patient's coordinates, write three numbers")
+        pose[:3] = matrix.reshape(4, 4)[:3] @ np.append(pose[:3], 1.0)
+        return pose
+
+    def pose(self, node: Any, place: str, orientation: list[float]) -> npt.NDArray[np.float64]:
         items = self.reader.items(node, place)
         numbers = self.reader.numbers(node, place, 7 if len(items) == 7 else 3)
         if len(numbers) == 7 and abs(math.hypot(*numbers[3:]) - 1.0) > 1e-3:
             raise self.reader.fail(node, f"{place}: the quaternion has length {math.hypot(*numbers[3:]):.4g}: write w, x, y, z of length 1")
-        return np.array(numbers if len(numbers) == 7 else [*numbers, 1.0, 0.0, 0.0, 0.0])
+        return np.array(numbers if len(numbers) == 7 else [*numbers, *orientation])
 
-    def motion(self, node: Any, study: Study) -> Any:
+    def motion(self, node: Any, study: Study, scene: Scene) -> Any:
         kinds = ("script", "straight", "poses", "plan")
-        given = self.reader.mapping(node, "motion", (), (*kinds, "start", "speed"))
+        given = self.reader.mapping(node, "motion", (), (*kinds, "start", "coordinates", "speed"))
         chosen = [kind for kind in kinds if kind in given]
         if len(chosen) != 1:
             raise self.reader.fail(node, f"motion: write one of {', '.join(kinds)}")
         kind = chosen[0]
-        allowed = {"script": ("start", "speed"), "straight": ("start",), "poses": (), "plan": ("speed",)}[kind]
-        for key in ("start", "speed"):
+        allowed = {"script": ("start", "coordinates", "speed"), "straight": ("start", "coordinates"), "poses": (), "plan": ("speed",)}[kind]
+        for key in ("start", "coordinates", "speed"):
             if key in given and key not in allowed:
                 raise self.reader.fail(given[key], f"motion.{key}: not with \"{kind}\"{': write it below straight' if kind == 'straight' else ''}")
-        start = self.pose(given["start"], "motion.start") if "start" in given else None
+        start = self.start(given, scene)
         speed = self.reader.number(given["speed"], "motion.speed") if "speed" in given else None
         if kind == "script":
             name = self.reader.text(given[kind], "motion.script")
             if name not in motions.SCRIPTS:
                 raise self.reader.fail(given[kind], f"motion.script: no script \"{name}\": there are {', '.join(motions.SCRIPTS)}")
-            found = motions.script(name, speed or 1.0, start)
+            found = motions.script(name, speed or 1.0, start).to_depth(float(scene["needle.start.depth"]))
         elif kind == "straight":
             keys_ = self.reader.mapping(given[kind], "motion.straight", ("depth", "speed"), ("hold", "back"))
             number = lambda key, **limit: self.reader.number(keys_[key], f"motion.straight.{key}", **limit)
@@ -366,7 +386,7 @@ class _StudyReader:
                 study.settings[key.value] = text
         study.inverse = str(scene["inverse"])
         self.digest(study, "mesh", str(scene["mesh"]))
-        study.motion = self.motion(given["motion"], study)
+        study.motion = self.motion(given["motion"], study, scene)
         samples = reader.mapping(given["samples"], "samples", ("method",), ("count", "seed"))
         study.method = reader.text(samples["method"], "samples.method")
         if study.method not in METHODS:

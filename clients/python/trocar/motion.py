@@ -44,6 +44,7 @@ class Leg(NamedTuple):
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+DEPTH = 0.066  # m that the scripts insert the needle
 _HALF_TURN = (0.0, 0.0, math.pi)
 SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/motion.c
     "figure8": (2.4, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.3, 1.6, (0, 0.010, 0)), Leg(1.4, 2.1, (0, 0, -0.066)), Leg(2.4, 2.7, (0, -0.010, 0)))),
@@ -171,6 +172,12 @@ class Script(_Motion):
 
     def duration(self) -> float:
         return self.seconds / self.speed
+
+    def to_depth(self, depth: float) -> Script:
+        """The script that inserts the needle this far (m) in place of DEPTH, at the same speed; trocar-device does so for a scene with needle.start.depth."""
+        factor = depth / DEPTH
+        deep = tuple(Leg(factor * leg.start, factor * leg.end, (*leg.shift[:2], factor * leg.shift[2]), leg.turn) for leg in self.legs)
+        return replace(self, legs=deep, seconds=factor * self.seconds)
 
     def poses(self, start: Array, dt: float) -> Array:
         count = _ticks(self.duration(), dt)

@@ -62,6 +62,8 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])
+        if len(there) > 200:    # a picture shows no more
+            there = np.quantile(there, np.linspace(0.0, 1.0, 201))
         if len(there):
             axis.step(there, np.arange(1, len(there) + 1) / len(there), where="post", color="#0072B2")
         axis.set_xlabel(column, fontsize=8)

@@ -69,6 +69,7 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
         axis.set_xlabel(column, fontsize=8)
         axis.set_ylim(0, 1)
         axis.tick_params(labelsize=7)
+        axis.xaxis.get_offset_text().set_size(7)
         axis.grid(color="0.9")
     for axis in axes.flat[len(columns):]:
         axis.axis("off")

@@ -100,4 +100,10 @@ study collect study.yaml --out study >/dev/null || fail "collect"
 grep -q 'incomplete last line' study/slurm-2.txt || fail "the torn line is not reported"
 cmp study/result.csv local/result.csv || fail "the results differ"
 [ "$(rows)" -eq 12 ] || fail "$(rows) rows: some runs were done twice"
+
+# Submission, waiting and collecting in one command, of a study that is done but for two runs.
+sed -i 2,3d study/rows-3-of-4.csv
+rm study/result.csv
+study run study.yaml --out study --engine slurm --tasks 4 --wait >wait.log || fail "--wait: $(cat wait.log)"
+cmp study/result.csv local/result.csv || fail "the results differ after --wait"
 echo "passed: $before runs before the cancellation"

@@ -7,9 +7,10 @@
 
 #include <stdbool.h>
 
+#include "base/cache_line.h"
 #include "base/lanes.h"
 
-enum { PANEL_ROWS = 8, TILE_ROWS = 4, TILE_COLUMNS = 2 * LANES, MOST_COLUMNS = 252 };
+enum { PANEL_ROWS = 8, TILE_ROWS = 4, TILE_COLUMNS = 2 * LANES, MOST_COLUMNS = 264 };
 
 /* Columns that a system of so many unknowns takes, with the right-hand side and padding; at most MOST_COLUMNS. */
 #define ELIMINATION_COLUMNS(order) ((order) / LANES * LANES + TILE_COLUMNS)
@@ -22,7 +23,7 @@ typedef struct {
 /* Rows that are eliminated together, as they were before they were divided by their pivots. */
 typedef struct {
     int begin, end;          /* at most PANEL_ROWS */
-    double undivided[PANEL_ROWS][MOST_COLUMNS];
+    _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];
 } elimination_panel;
 
 /* Makes the columns after the right-hand side zero, which are computed with, too: to be called first. RT */
